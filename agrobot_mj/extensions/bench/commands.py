@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def rig(
-    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="A tyre kind, e.g. magic_formula, or a TOML file.")],
+    tyre: Annotated[str, typer.Argument(metavar="TYRE", help="Kind of a tyre, e.g. magic_formula, or a TOML file.")],
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -30,7 +30,7 @@ def rig(
 
 def validate(
     out: Out = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Shorter manoeuvres, half a minute in all.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Run shorter manoeuvres, half a minute in total.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare manoeuvres with their theoretical results.
@@ -42,7 +42,7 @@ def validate(
     def tell(name: str, checks: "list[Check]", duration: float) -> None:
         passed = sum(check.passed for check in checks)
         if not quiet:
-            say(f"{name:20} {passed:3} of {len(checks):3} as they should be, {duration:.0f} s")
+            say(f"{name:20} {passed:3} of {len(checks):3} checks passed, {duration:.0f} s")
 
     folder = results_folder(out, "validation")
     failed = [check for check in drive_all(folder, quick, tell) if not check.passed]
@@ -55,7 +55,7 @@ def validate(
 
 
 def machine(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A name from `agrobot-mj list --machines`, or a file.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name from `agrobot-mj list --machines`, or a file.")],
 ) -> Answer:
     """Print the data sheet of a machine.
 

@@ -15,7 +15,7 @@ def validation_page(folder: Path) -> Document:
     failed = [check for check in judged if not check["passed"]]
     fact = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands"
     page = Document("Validation against theory", [fact, f"{len(checks) - len(judged)} more are reported"])
-    page.section("Where numbers lie in their bands", "0 is the middle of a band with two ends, -1 and 1 are its ends.")
+    page.section("Positions in the bands", "0 is the middle of a band with two ends; -1 and 1 are the ends.")
     page.grid([("All numbers with a band", _bands(judged))])
     for manoeuvre in dict.fromkeys(check["manoeuvre"] for check in checks):
         page.section(manoeuvre.capitalize())
@@ -38,7 +38,7 @@ def _bands(judged: list[dict[str, Any]]) -> Chart:
     ends = {"type": "line", "y0": 0, "y1": 1, "yref": "paper", "line": {"dash": "dot", "color": INK}}
     shapes = [{**ends, "x0": x, "x1": x} for x in (-1, 1)]
     data = [trace for trace in data if trace["x"]]
-    return {"data": data, "layout": layout("place in the band [-]", "", shapes=shapes, yaxis=CATEGORIES)}
+    return {"data": data, "layout": layout("position in the band [-]", "", shapes=shapes, yaxis=CATEGORIES)}
 
 
 def _place(check: dict[str, Any]) -> float | None:

@@ -230,11 +230,11 @@ class AdaptiveLoop(AngleLoop):
         """Columns of the learned valve map and the number of resets."""
         about = (("rad/(s V)", "steering rate per volt beyond the dead band"), ("V", "dead band"))
         valve = [
-            Column(f"{name}_{side}", unit, f"learnt {text} of the valve, steering {side}")
+            Column(f"{name}_{side}", unit, f"learned {text} of the valve, steering {side}")
             for name, (unit, text) in zip(_NAMES, about, strict=True)
             for side in SIDES
         ]
-        return (*valve, Column("valve_resets", "-", "how often the learnt valve was given up for the first one"))
+        return (*valve, Column("valve_resets", "-", "number of resets of the learned valve to the initial one"))
 
     def report(self, state: AdaptiveState) -> Sequence[float]:
         """Return the values of `columns`."""

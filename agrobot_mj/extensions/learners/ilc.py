@@ -98,8 +98,8 @@ class Ilc(AngleLearner, PlaceLearner):
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),
-            Column("learning_returns", "-", "how often a map that was worse was given up for the best one"),
-            Column("xte_here", "m", "cross-track error, root mean square over some 2 m"),
+            Column("learning_returns", "-", "number of times a worse map was replaced by the best one"),
+            Column("xte_here", "m", "cross-track error, root mean square over about 2 m"),
             Column("xte_best", "m", "cross-track error of the best lap, root mean square; null before it is known"),
         )
         return (*self.inner.columns, *own)

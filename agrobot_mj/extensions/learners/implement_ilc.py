@@ -181,10 +181,10 @@ class ImplementIlc(PlaceLearner):
     def columns(self) -> tuple[Column, ...]:
         """Columns of the inner law, the shifted line and the offset of the implement from the path."""
         own = (
-            Column(self.quantity, "m", "learnt offset of the tractor's line from the path, left positive"),
-            Column("implement_offset_hat", "m", "offset of the implement from the path as learnt from, left positive"),
-            Column("line_learning", "-", "1 while the line is learnt, else 0"),
-            Column("line_returns", "-", "how often a line that was worse was given up for the best one"),
+            Column(self.quantity, "m", "learned offset of the tractor's line from the path, left positive"),
+            Column("implement_offset_hat", "m", "offset of the implement used for learning, left positive"),
+            Column("line_learning", "-", "1 while the line is learned, else 0"),
+            Column("line_returns", "-", "number of times a worse line was replaced by the best one"),
         )
         return (*self.inner.columns, *own)
 

@@ -99,8 +99,8 @@ class AngleLearner(LearningLaw):
 
 
 ANGLE_COLUMNS = (
-    Column("steer_learned", "rad", "steering angle of the learnt map, left positive"),
-    Column("steer_feedback", "rad", "steering angle that the feedback law added, left positive"),
+    Column("steer_learned", "rad", "steering angle of the learned map, left positive"),
+    Column("steer_feedback", "rad", "steering angle added by the feedback law, left positive"),
     Column("learning", "-", "1 while the map learns, else 0"),
 )
 """Additional columns of an `AngleLearner`."""

@@ -120,8 +120,8 @@ class AgOpenGps(GuidanceLaw):
         """Columns of the values sent by the host."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
-            Column("link_steer", "rad", "set point of the host, left positive; alive also while it does not steer"),
-            Column("link_cross_track", "m", "the host's own distance from its line, left positive; null without"),
+            Column("link_steer", "rad", "setpoint of the host, left positive; also valid while disengaged"),
+            Column("link_cross_track", "m", "cross-track error of the host, left positive; null without"),
         )
 
     def report(self, state: Actuation) -> Sequence[float]:

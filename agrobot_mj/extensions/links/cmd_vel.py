@@ -74,9 +74,9 @@ class CmdVel(GuidanceLaw):
     def columns(self) -> tuple[Column, ...]:
         """Columns of the velocity commands."""
         return (
-            Column("cmd_speed", "m/s", "speed asked for on /cmd_vel; null before the first request"),
-            Column("cmd_yaw_rate", "rad/s", "yaw rate asked for on /cmd_vel, left positive; null before the first"),
-            Column("cmd_age", "s", "age of that request; null before the first"),
+            Column("cmd_speed", "m/s", "speed requested on /cmd_vel; null before the first request"),
+            Column("cmd_yaw_rate", "rad/s", "yaw rate requested on /cmd_vel; null before the first request"),
+            Column("cmd_age", "s", "time since the latest request; null before the first request"),
         )
 
     def report(self, state: VelocityRequest) -> Sequence[float]:

@@ -36,14 +36,14 @@ def link(
         Literal["heard", "engaged", "now"], typer.Option(help="Event that starts the clock of the run.")
     ] = "heard",
     wait: Annotated[
-        float, typer.Option(min=0, callback=number, help="Maximum wait for that event [s], or inf.")
+        float, typer.Option(min=0, callback=number, help="Maximum wait for the event of --start [s], or inf.")
     ] = 60.0,
-    pace: Annotated[Literal["real_time", "answered"], typer.Option(help="What paces the run.")] = "real_time",
+    pace: Annotated[Literal["real_time", "answered"], typer.Option(help="Time base of the run.")] = "real_time",
     nmea: Annotated[
         str | None, typer.Option(metavar="ADDRESS:PORT", help="Also send GGA, RMC and VTG to this address.")
     ] = None,
     replay: Annotated[
-        Path | None, typer.Option(metavar="LINK.parquet", help="Replay the record of an earlier run.")
+        Path | None, typer.Option(metavar="LINK.parquet", help="Recorded messages of an earlier run, to replay.")
     ] = None,
     out: Out = None,
     no_rrd: NoRrd = False,
@@ -70,15 +70,15 @@ def link(
 def ros2(
     source: Source,
     sets: Sets = None,
-    pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="What paces the run.")] = "real_time",
+    pace: Annotated[Literal["real_time", "lock_step"], typer.Option(help="Time base of the run.")] = "real_time",
     every: Annotated[int, typer.Option(min=1, help="Ticks per /cmd_vel message in lock-step mode.")] = 1,
     start: Annotated[Literal["heard", "now"], typer.Option(help="Event that starts the clock of the run.")] = "heard",
     wait: Annotated[float, typer.Option(min=0, callback=number, help="Maximum wait for /cmd_vel [s], or inf.")] = 60.0,
     duration: Duration = None,
-    stamped: Annotated[bool, typer.Option("--stamped", help="/cmd_vel is a TwistStamped.")] = False,
+    stamped: Annotated[bool, typer.Option("--stamped", help="Use TwistStamped messages on /cmd_vel.")] = False,
     domain: Annotated[int | None, typer.Option(help="ROS_DOMAIN_ID")] = None,
     namespace: Annotated[str, typer.Option(metavar="NAME", help="Namespace of the node and its topics.")] = "",
-    network: Annotated[bool, typer.Option("--network", help="Give other computers access to the topics.")] = False,
+    network: Annotated[bool, typer.Option("--network", help="Make the topics available to other computers.")] = False,
     out: Out = None,
     no_rrd: NoRrd = False,
     live: Live = False,
@@ -110,11 +110,11 @@ def export(
     Foxglove and `ros2 bag` open MCAP files; needs the extra mcap, but not ROS.
     """
     if not mcap:
-        raise ScenarioError("export: name a format: --mcap")
+        raise ScenarioError("export: no format is specified; add --mcap")
     from agrobot_mj.extensions.links.ros2.bag import FILE, export_run
 
     if out is not None and out.suffix == ".mcap":
-        raise ScenarioError(f"--out {out}: names a folder, as for every command; {FILE} is written into it")
+        raise ScenarioError(f"--out {out}: specify a folder; {FILE} is written into it")
     file, count = export_run(folder, folder if out is None else results_folder(out, ""))
     if not quiet:
         say(f"{file}: {count} messages")

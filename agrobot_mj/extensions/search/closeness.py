@@ -58,7 +58,7 @@ class Closeness:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
         if self.signal not in log.rows.columns:
             known = ", ".join(log.rows.columns)
-            raise ScenarioError(f"--score {self.signal}: no such signal in these runs (known: {known})")
+            raise ScenarioError(f"--score {self.signal}: there is no such signal in these runs (known: {known})")
         return _magnitude(view.column(self.signal))
 
 
@@ -100,7 +100,7 @@ class _Ticks:
         if isinstance(node, ast.UnaryOp):
             return -self.close(node.operand)
         if not isinstance(node, ast.Compare):
-            raise TypeError(f"not valid in a condition: {ast.unparse(node)}")
+            raise TypeError(f"unsupported expression in a condition: {ast.unparse(node)}")
         sides = pairwise([node.left, *node.comparators])
         found = [self._compared(op, *pair) for op, pair in zip(node.ops, sides, strict=True)]
         return np.asarray(np.min(found, axis=0))
@@ -131,7 +131,7 @@ class _Ticks:
         if source is None:
             firsts = ", ".join(f"{first}..." for first in SIGNALS)
             raise ScenarioError(
-                f"--until: no signal is known that leads to {name} (they are to {firsts}); name one with --score"
+                f"--until: no signal is known for {name} (only for {firsts}); specify a signal with --score"
             )
         size = _magnitude(source(self.view))
         values = _over(size, name, self.planned)

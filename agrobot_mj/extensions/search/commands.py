@@ -35,21 +35,23 @@ if TYPE_CHECKING:
 def limit(
     source: Source,
     key: Annotated[str, typer.Option(metavar="KEY", help="Dotted key to vary, e.g. terrain.grade_deg.")],
-    range_: Annotated[str, typer.Option("--range", metavar="A:B", help="From A, where it should hold, to B.")],
-    until: Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")],
+    range_: Annotated[
+        str, typer.Option("--range", metavar="A:B", help="Range from A, where laws should succeed, to B.")
+    ],
+    until: Annotated[str, typer.Option(metavar="CONDITION", help="Condition for a failed run.")],
     guidance: Annotated[
         list[str] | None,
-        typer.Option(metavar="KIND,KIND", help="Guidance laws; repeatable. Default: that of the scenario."),
+        typer.Option(metavar="KIND,KIND", help="Guidance laws; repeatable. Default: the law of the scenario."),
     ] = None,
-    max_seeds: Annotated[int, typer.Option(min=1, help="Maximum seeds per value; the final two get 12 or more.")] = 12,
+    max_seeds: Annotated[int, typer.Option(min=1, help="Maximum seeds per value; the last two use at least 12.")] = 12,
     reliability: Annotated[float, typer.Option(callback=finite, help="Fraction of runs that must succeed.")] = 0.8,
-    confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of that statement.")] = 0.8,
+    confidence: Annotated[float, typer.Option(callback=finite, help="Confidence of the result.")] = 0.8,
     tolerance: Annotated[
         float | None, typer.Option(callback=finite, help="Final bracket width. Default: range / 50.")
     ] = None,
     beside: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Override of the baseline without the disturbance; repeatable."),
+        typer.Option(metavar="KEY=VALUE", help="Override for the baseline without the disturbance; repeatable."),
     ] = None,
     jobs: Jobs = None,
     sets: Sets = None,
@@ -91,7 +93,7 @@ def _ends(text: str) -> tuple[float, float]:
             return float(first), float(last)
     except ValueError:
         pass
-    raise ScenarioError(f"--range {text}: give two numbers, such as 0:25")
+    raise ScenarioError(f"--range {text}: specify two numbers, such as 0:25")
 
 
 def importance(
@@ -115,22 +117,22 @@ def importance(
         say(importance_text(found, metric))
 
 
-Until = Annotated[str, typer.Option(metavar="CONDITION", help="When a run counts as failed.")]
+Until = Annotated[str, typer.Option(metavar="CONDITION", help="Condition for a failed run.")]
 
 
 Score = Annotated[
     str | None,
-    typer.Option(metavar="SIGNAL", help="Signal that measures the margin. Default: that of CONDITION."),
+    typer.Option(metavar="SIGNAL", help="Signal that measures the margin. Default: from CONDITION."),
 ]
 
 
 def risk(
     source: Source,
     until: Until,
-    particles: Annotated[int, typer.Option(min=2, max=10_000, help="Runs that are split together.")] = 50,
-    repeats: Annotated[int, typer.Option(min=2, max=1000, help="Independent splittings, for the interval.")] = 10,
+    particles: Annotated[int, typer.Option(min=2, max=10_000, help="Number of simultaneous runs.")] = 50,
+    repeats: Annotated[int, typer.Option(min=2, max=1000, help="Number of repetitions.")] = 10,
     score: Score = None,
-    least: Annotated[float, typer.Option(callback=finite, help="Probability below which to give up.")] = 1e-6,
+    least: Annotated[float, typer.Option(callback=finite, help="Probability below which the search stops.")] = 1e-6,
     jobs: Jobs = None,
     sets: Sets = None,
     out: Out = None,
@@ -152,7 +154,7 @@ def risk(
 
     def tell(population: "Population") -> None:
         if not quiet and (found := population.split):
-            say(f"{population.number + 1} of {repeats}: probability {found.probability:.2g}, by {found.paths} runs")
+            say(f"{population.number + 1} of {repeats}: probability {found.probability:.2g} from {found.paths} runs")
 
     question = RiskQuestion(until, particles, repeats, score, least)
     found = search(scenario, question, folder, jobs, tell, quiet)
@@ -166,7 +168,7 @@ def falsify(
         typer.Option(metavar="KEY=MILD:HARD", help="A key and its range, or KEY={normal=[MEAN, SD]}; repeatable."),
     ],
     until: Until,
-    budget: Annotated[int, typer.Option(min=20, help="Combinations of the search.")] = 150,
+    budget: Annotated[int, typer.Option(min=20, help="Number of combinations in the search.")] = 150,
     seeds: Seeds = 3,
     score: Score = None,
     jobs: Jobs = None,
@@ -213,19 +215,19 @@ def _varied(text: str) -> "Varied":
         first, second = map(float, numbers)
     except (AttributeError, LookupError, TypeError, ValueError):
         form = "KEY=MILD:HARD, or as 'KEY={normal=[MEAN, SD]}'"
-        raise ScenarioError(f"--vary {shortened(text)}: write it as {form}") from None
+        raise ScenarioError(f"--vary {shortened(text)}: the range must have the form {form}") from None
     return made(key, first, second)
 
 
 def tune(
     source: Source,
     guidance: Annotated[
-        str | None, typer.Option(metavar="KIND", help="Guidance law. Default: that of the scenario.")
+        str | None, typer.Option(metavar="KIND", help="Guidance law. Default: the law of the scenario.")
     ] = None,
     cases: Annotated[
         str,
         typer.Option(
-            metavar="TUNING", help="Cases: surfaces, gains (those of the gain search over all laws), or a file."
+            metavar="TUNING", help="Cases: surfaces, gains (used for the gain search of all laws), or a file."
         ),
     ] = "surfaces",
     budget: Annotated[

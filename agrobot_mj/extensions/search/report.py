@@ -25,7 +25,7 @@ def limit_page(folder: Path) -> Document:
         page.text(law["statement"])
     page.section("Success", f"Bars: {100 * found['confidence']:g} % interval. Grey: interval of the limit.")
     page.grid([(law["law"], _success(law, found)) for law in found["laws"]])
-    page.section("Every value tried")
+    page.section("All evaluated values")
     head = ("law", found["key"], "runs", "failed", "outcomes")
     rows = [
         (law["law"], f"{t['value']:g}", t["runs"], t["failed"], _counts(t["outcomes"]))
@@ -70,9 +70,9 @@ def importance_section(page: Document, folder: Path, metric: str | None) -> list
     except ScenarioError as error:
         if metric is not None:
             raise
-        page.section("Importance", f"Not known. {error}")
+        page.section("Importance", f"Not available. {error}")
         return []
-    page.section("Importance", f"Share of the variance of {shown} for which each number may be responsible.")
+    page.section("Importance", f"Fraction of the variance of {shown} attributed to each number.")
     page.table(*importance_rows(found))
     for each in found:
         page.text(influence_text(each, shown, f"{each.group}: " if len(found) > 1 else ""))
@@ -91,17 +91,17 @@ def _shares(each: Influence, metric: str) -> Chart:
          "error_x": error_bars(middle, [(low, high) for _, low, high in ends])}
         for k, (name, ends) in enumerate(parts.items())
     ]  # fmt: skip
-    return {"data": data, "layout": layout(f"share of the variance of {metric} [-]", "", yaxis=CATEGORIES)}
+    return {"data": data, "layout": layout(f"fraction of the variance of {metric} [-]", "", yaxis=CATEGORIES)}
 
 
 REPORTS = Reports(
     pages={
         "limit.json": limit_page,
         **{
-            f"{name}.json": f"{name} has no report; its answer is in {name}.json and {name}.png"
+            f"{name}.json": f"{name} has no report; its results are in {name}.json and {name}.png"
             for name in ("risk", "falsify")
         },
-        "tuning.json": "tune has no report; its answer is in tuning.json",
+        "tuning.json": "tune has no report; its result is in tuning.json",
     },
     sections={"sweep.parquet": importance_section},
 )

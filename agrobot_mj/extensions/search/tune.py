@@ -71,7 +71,7 @@ def tunable(scenario: Scenario) -> dict[str, Limits]:
     if driving is not law:
         found |= {f"controller.{key}": limits for key, limits in controller.tunable.items()}
     if not (found and driving.follows_path):
-        raise ScenarioError(f"guidance.kind: {law.kind!r} has no tunable gains; name a law with tunable gains")
+        raise ScenarioError(f"guidance.kind: {law.kind!r} has no tunable gains; specify another law")
     return found
 
 
@@ -81,8 +81,8 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
     runs = of_one["training"] * (max(budget, POPULATION) + 2) + 2 * of_one["test"]
     if runs > MOST_RUNS:
         raise ScenarioError(
-            f"--budget {shortened(str(budget), 20)} --seeds {shortened(str(seeds), 20)}: more than {MOST_RUNS:,} runs; "
-            "take fewer"
+            f"--budget {shortened(str(budget), 20)} --seeds {shortened(str(seeds), 20)}: this needs more than "
+            f"{MOST_RUNS:,} runs; reduce the budget or the seeds"
         )
 
 
@@ -179,11 +179,11 @@ def search(
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
-            f"{scenario.name}: expects {scenario.expected_outcome}, and only a run that completes has an error to make "
-            f"small; add --set expected_outcome={COMPLETED}"
+            f"{scenario.name}: the scenario expects {scenario.expected_outcome}, but only completed runs have an "
+            f"error to minimise; add --set expected_outcome={COMPLETED}"
         )
     if not training:
-        raise ScenarioError(f"{scenario.name}: none of the cases of this tuning fits this scenario")
+        raise ScenarioError(f"{scenario.name}: no case of this tuning fits the scenario")
     present = {key: attrgetter(key)(scenario) for key in ranges}
     trace: list[tuple[dict[str, float], float]] = []
 

@@ -178,7 +178,7 @@ def test_written_curves_cover_every_load_and_speed_of_both_axles(done):
         ('kind = "soil"\ncone_index_kpa = -1\nconeindex = 3', "coneindex: unknown key; did you mean 'cone_index_kpa'?"),
         ('[tyre]\nkind = "sol"', "tyre.kind: unknown kind 'sol'; did you mean 'soil'?"),
         ('[plant.tyre]\nkind = "soil"\nply = 3', "plant.tyre.ply: must be one of 'bias' or 'radial'"),
-        ("trail_m = 1", "kind: is missing; name one of contact, linear"),
+        ("trail_m = 1", "kind: is missing; set it to one of contact, linear"),
         ("tyre = 3", "tyre: must be a table, got 3"),
         ('kind = "soil"\n[tractor]\nmass_kg = -1', "tractor.mass_kg: must be at least 50, got -1"),
         ("kind = ", "not valid TOML"),

@@ -234,7 +234,9 @@ def test_learned_values_initialise_the_next_run(tmp_path) -> None:
     assert hints(load_scenario(tmp_path / "second" / "scenario.toml")) == []
     (hint,) = hints(load_scenario("figure_eight", {**keys, "guidance.file": file, "path.radius_m": 8}))
     lap = SampledRoute(sim.scenario.path).lap()
-    assert hint.startswith(f"guidance.file: learnt on a lap of {lap:.4g} m, that of this path is 104.5 m")
+    assert hint.startswith(
+        f"guidance.file: the file was learned on a lap of {lap:.4g} m, but the lap of this path is 104.5 m"
+    )
 
 
 @pytest.mark.parametrize("law", ["ilc", "implement_ilc"])
@@ -250,7 +252,7 @@ def test_initial_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
 
 
 def test_implement_receiver_without_an_implement_is_rejected() -> None:
-    with pytest.raises(ScenarioError, match=r"sensors.implement_gnss: there is no implement"):
+    with pytest.raises(ScenarioError, match=r"sensors.implement_gnss: the scenario has no implement"):
         load_scenario("circle", {"sensors.implement_gnss.enabled": True})
 
 

@@ -57,7 +57,7 @@ def driven(channel, duration, start="heard", **keys):
 
 def test_host_that_stops_responding_is_not_reported_as_disengaged():
     done, said = driven(Gap(guide(), 4.0, 99.0), 12.0)
-    assert any("the host is silent; the board has let go" in line for line in said)
+    assert any("the host is silent; the board has disengaged" in line for line in said)
     assert not any("the host has let go" in line for line in said)
     assert done.session.state.tally.hellos > 100
     assert done.log.outcome == "host_lost"
@@ -71,11 +71,11 @@ def test_host_that_never_engaged_does_not_end_the_run():
 def test_run_with_a_host_returning_engaged_is_reported_as_latched():
     done, said = driven(Gap(guide(), 4.0, 7.5), 14.0)
     (back,) = (line for line in said if "is back" in line)
-    assert back.endswith("the host is back, but the board is latched: press its button off and on")
+    assert back.endswith("the host is back, but the board is latched; switch its button off and on")
     assert done.log.outcome == done.log.metrics["outcome"] == "latched"
     latched = done.log.metrics["link"]["latched_s"]
     assert latched == pytest.approx(14.0 - float(back.split()[0]), abs=0.11)
-    assert said[-1] == f"for {latched:.1f} s the host believed that it steers, but the board was latched"
+    assert said[-1] == f"for {latched:.1f} s the host reported active steering, but the board was latched"
 
 
 @pytest.mark.parametrize("latch", [6.25, "never"])
@@ -85,7 +85,7 @@ def test_board_with_a_longer_latch_time_keeps_steering(latch):
     assert done.log.metrics["link"]["latched_s"] == 0.0
     assert [line.partition(": ")[2] for line in said[1:-1]] == [
         "the host steers",
-        "the host is silent; the board has let go",
+        "the host is silent; the board has disengaged",
         "the host steers",
     ]
     assert said[-1].startswith("only 7")
@@ -114,7 +114,7 @@ class Bridge:
 @pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO is there"), ("agopenweb", "AgOpenWeb is there")])
 def test_error_after_waiting_for_the_host_reports_received_hellos(host, named):
     said = []
-    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* is not: open it, simulator off"):
+    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* does not: open it, with its simulator off"):
         run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
     assert len(said) == 1
     assert named in said[0]
@@ -240,7 +240,7 @@ def test_a_slow_or_lossy_link_is_reported():
     (slow,) = health(well | {"real_time_factor": 0.42})
     assert slow.startswith("slow: 0.42 x real time")
     (deaf,) = health(well | {"answered_fraction": 0.61})
-    assert deaf.startswith("only 61% of the positions were answered")
+    assert deaf.startswith("the host answered only 61% of the positions")
     assert health({"answered_fraction": None, "latched_s": 0.0}) == []
 
 
@@ -255,7 +255,7 @@ class Deaf(Direct):
 def test_fraction_of_answered_positions_is_a_metric():
     done, said = driven(Deaf(guide()), 9.0)
     assert done.log.metrics["link"]["answered_fraction"] == pytest.approx(1 / 3, abs=0.03)
-    assert said[-1].startswith("only 33% of the positions were answered")
+    assert said[-1].startswith("the host answered only 33% of the positions")
     done, _ = driven(Direct(guide()), 3.0)
     assert done.log.metrics["link"]["answered_fraction"] == 1.0
 
@@ -274,10 +274,10 @@ def test_replay_with_a_different_scenario_is_rejected(recorded, tmp_path):
     replay = LinkOptions(replay=recorded / "link.parquet")
     link(scenario(2.0), tmp_path, replay)
     with pytest.raises(
-        ScenarioError, match=r"recorded with path\.speed_m_s = 1\.5, here it is 2\.0; replay it with the"
+        ScenarioError, match=r"the record has path\.speed_m_s = 1\.5, but the scenario has 2\.0; replay it with the"
     ):
         link(scenario(3.0, path__speed_m_s=2.0), tmp_path, replay)
-    with pytest.raises(ScenarioError, match=r"recorded with .* \(and \d+ more\)"):
+    with pytest.raises(ScenarioError, match=r"the record has .* \(and \d+ more\)"):
         link(scenario(3.0, plant__kind="mujoco", terrain__kind="slope"), tmp_path, replay)
 
 
@@ -287,12 +287,12 @@ def test_recording_without_metadata_is_checked_against_its_scenario(recorded, tm
     replay = LinkOptions(replay=tmp_path / "link.parquet")
     link(scenario(1.0, seed=4), tmp_path / "out", replay)
     (tmp_path / "scenario.toml").write_text(scenario(3.0).portable()[0])
-    with pytest.raises(ScenarioError, match="recorded with seed = 1, here it is 4"):
+    with pytest.raises(ScenarioError, match="the record has seed = 1, but the scenario has 4"):
         link(scenario(1.0, seed=4), tmp_path / "out", replay)
 
 
 def test_scenario_with_other_guidance_is_rejected_before_opening_a_port(tmp_path):
     said = []
-    with pytest.raises(ScenarioError, match="is not driven over a link"):
+    with pytest.raises(ScenarioError, match="is not supported by a link"):
         link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))
     assert said == []

@@ -336,12 +336,12 @@ def test_invalid_link_arguments_are_reported(arguments, message, tmp_path):
 
 
 def test_run_command_rejects_guidance_that_needs_a_link():
-    with pytest.raises(ScenarioError, match="is driven by another program; use `agrobot-mj link`"):
+    with pytest.raises(ScenarioError, match="needs an external program; use `agrobot-mj link`"):
         run(scenario(duration_s=1.0))
     compared = variants(["a: guidance.kind=agopengps"])
     with pytest.raises(ScenarioError, match=r"--variant 'a': .*; use `agrobot-mj link`"):
         plan(load_scenario("circle", {"plant.kind": "bicycle"}), variants=compared, plants=["bicycle"])
-    with pytest.raises(ScenarioError, match=r'guidance\.kind: "kinematic" is not driven over a link'):
+    with pytest.raises(ScenarioError, match=r'guidance\.kind: "kinematic" is not supported by a link'):
         run_link(load_scenario("straight_line"), Replayed([]), LinkOptions())
 
 

@@ -122,7 +122,7 @@ def test_reset_options_override_keys_for_one_episode():
         ({"randomise": {"tractor.mas_kg": (1, 2)}}, r"tractor\.mas_kg: unknown key"),
         ({"randomise": {"tractor.mass_kg": (2, 1)}}, r"tractor\.mass_kg: must be \(low, high\)"),
         ({"randomise": {"path.radius_m": []}}, r"path\.radius_m: must be \(low, high\) for a range or a list"),
-        ({"randomise": {"seed": (1, 2)}}, "seed: differs in every episode; omit it"),
+        ({"randomise": {"seed": (1, 2)}}, "seed: the seed differs in every episode; omit this key"),
         ({"terrain": "slopes"}, r"terrain\.kind: unknown kind 'slopes'"),
     ],
 )
@@ -228,7 +228,7 @@ def test_invalid_actions_and_a_step_before_reset_are_rejected():
         env.step(np.zeros(1))
     env.reset(seed=1)
     for wrong in (np.zeros(0), np.zeros(2)):
-        with pytest.raises(TypeError, match="action: must hold 1 numbers, got "):
+        with pytest.raises(TypeError, match="action: must have 1 numbers, got "):
             env.step(wrong)
     with pytest.raises(ValueError, match="action: must be finite"):
         env.step(np.array([np.nan]))
@@ -330,7 +330,7 @@ def test_missing_opengl_message_names_the_setting():
     surroundings = {"MUJOCO_GL": "glfw", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
     done = python(DRAW, **surroundings)
     assert done.returncode == 1
-    assert "no display: MuJoCo found no OpenGL for rendering" in done.stderr
+    assert "no display: MuJoCo finds no OpenGL for rendering" in done.stderr
     assert "MUJOCO_GL=egl" in done.stderr
 
 

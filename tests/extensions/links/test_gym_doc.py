@@ -39,7 +39,7 @@ def test_program_of_the_page_draws_its_figure():
     imports = PROGRAMS[0].split("\n\n")[0]
     done = python(f"{imports}\n{PICTURE}\nprint(picture.shape)")
     if "MuJoCo has no OpenGL" in done.stderr:
-        pytest.skip("MuJoCo found no OpenGL for rendering")
+        pytest.skip("MuJoCo finds no OpenGL for rendering")
     assert done.stdout == "(480, 640, 3)\n", done.stderr
 
 

@@ -58,7 +58,7 @@ def test_text_in_a_recording_names_guidance_program_and_metrics():
         metrics={**log.metrics, "link": {"host": "agopengps", "engaged_s": 12.5, "cross_track_rms": None}},
     )
     told = summary(driven)
-    assert "guidance **agopengps**, a program outside (`agrobot-mj link`)" in told
+    assert "guidance **agopengps**, external program (`agrobot-mj link`)" in told
     assert "## link" in told
     assert "| host | agopengps | - |" in told
     assert "| engaged_s | 12.5 | s |" in told

@@ -123,7 +123,7 @@ def test_results_folder_of_a_run_is_exported(log, tmp_path):
 
 
 def test_folder_without_a_run_is_reported(tmp_path):
-    with pytest.raises(ScenarioError, match=r"holds no scenario.toml; name the folder of a run"):
+    with pytest.raises(ScenarioError, match=r"the folder has no scenario.toml; specify the folder of a run"):
         export_run(tmp_path)
 
 
@@ -187,7 +187,7 @@ def test_export_overwrites_only_its_own_files(call, log, tmp_path):
     ("out", "words"),
     [
         ("", "name a folder"),
-        ("a.mcap", "--out a.mcap: names a folder, as for every command; run.mcap is written into it\n"),
+        ("a.mcap", "--out a.mcap: specify a folder; run.mcap is written into it\n"),
         ("file", "is a file"),
     ],
 )

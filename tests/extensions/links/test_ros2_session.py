@@ -84,7 +84,7 @@ def test_program_that_stops_sending_ends_a_lock_step_run():
     assert log.outcome == "host_lost"
     assert len(log.column("t")) == 14
     assert "nothing on /cmd_vel for 0.2 s; lock-step needs a message every 0.05 s" in told[-1]
-    assert "larger --every than 1" in told[-1]
+    assert "set --every above 1" in told[-1]
 
 
 def test_missing_command_program_is_reported():
@@ -95,7 +95,9 @@ def test_missing_command_program_is_reported():
 def test_error_names_publishers_of_the_wrong_message_type():
     told, program = [], Program(lambda _: None, ["geometry_msgs/msg/TwistStamped"])
     options = LOCK_STEP._replace(wait_s=(ASK_TURNS + 2) * TICK_S, notify=told.append)
-    expected = r"its publishers send geometry_msgs/TwistStamped, the node takes geometry_msgs/Twist; add --stamped"
+    expected = (
+        r"the publishers send geometry_msgs/TwistStamped, but the node expects geometry_msgs/Twist; add --stamped"
+    )
     with pytest.raises(NoProgramError, match=expected):
         run_over(load_scenario("straight_line", KEYS), program, options)
     assert [text for text in told if "add --stamped" in text], "before the wait is over"
@@ -104,12 +106,17 @@ def test_error_names_publishers_of_the_wrong_message_type():
 @pytest.mark.parametrize(
     ("types", "stamped", "refused", "expected"),
     [
-        ([], False, 0, "no program publishes it"),
+        ([], False, 0, "no program publishes this topic"),
         (["geometry_msgs/msg/Twist"], False, 0, ""),
         (["geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"], False, 0, ""),
         (["geometry_msgs/msg/Twist"], True, 0, "leave out --stamped"),
-        (["std_msgs/msg/String"], False, 0, "send std_msgs/String, the node takes geometry_msgs/Twist; change the"),
-        (["geometry_msgs/msg/Twist"], False, 5, "5 messages had a velocity that is not finite"),
+        (
+            ["std_msgs/msg/String"],
+            False,
+            0,
+            "send std_msgs/String, but the node expects geometry_msgs/Twist; change the",
+        ),
+        (["geometry_msgs/msg/Twist"], False, 5, "5 messages with a non-finite velocity"),
     ],
 )
 def test_error_for_missing_commands_gives_the_reason(types, stamped, refused, expected):

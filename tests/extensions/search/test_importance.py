@@ -121,7 +121,7 @@ def test_results_unusable_for_importance_are_reported(plan, tmp_path, monkeypatc
     with pytest.raises(ScenarioError, match="--metric xte_rmss: no such column; did you mean 'xte_rms'"):
         importance(whole, "xte_rmss")
     for name in ("outcome", "seed", "run", *KEYS):
-        with pytest.raises(ScenarioError, match=f"--metric {name}: is no result of a run"):
+        with pytest.raises(ScenarioError, match=f"--metric {name}: is not a result of a run"):
             importance(whole, name)
     monkeypatch.setitem(sys.modules, "SALib.analyze.sobol", None)
     with pytest.raises(ScenarioError, match=r'importance needs SALib; pip install "agrobot-mj\[studies\]"'):
@@ -137,10 +137,12 @@ def test_error_metrics_of_failed_runs_are_not_used(plan, tmp_path):
         row |= {"outcome": "rolled_over" if lost else "completed", "expected": not lost, "error": None, "wall_s": 1.0}
     pq.write_table(pa.Table.from_pylist(rows), folder / "sweep.parquet")
     lost = sum(not row["expected"] for row in rows)
-    with pytest.raises(ScenarioError, match=rf"{lost} of 640 runs have none \({lost} rolled_over\).*--metric expected"):
+    with pytest.raises(
+        ScenarioError, match=rf"{lost} of 640 runs have no value \({lost} rolled_over\).*--metric expected"
+    ):
         importance(folder)
     assert not (folder / "importance.json").exists()
-    with pytest.raises(ScenarioError, match="--metric wall_s: is no result of a run"):
+    with pytest.raises(ScenarioError, match="--metric wall_s: is not a result of a run"):
         importance(folder, "wall_s")
     found = importance(folder, "expected")[0]
     assert found.mean == pytest.approx(1 - lost / len(rows), abs=0.02)
@@ -212,10 +214,10 @@ def test_shipped_designs_rank_known_functions_correctly(name, function):
     assert flawed <= 2  # an index of 0 may be missed by chance; then nothing is claimed
     if (name, function) == ("importance", "ishigami"):  # no straight line shows it: nothing may be claimed
         assert told == 0
-        assert "tell no two numbers apart: there is no ranking" in importance_text([found], "xte_rms")
+        assert "distinguish no two numbers, so there is no ranking" in importance_text([found], "xte_rms")
     else:
         assert told > 20 * 2
-        assert f" of {d * (d - 1) // 2} pairs are told apart" in importance_text([found], "xte_rms")
+        assert f" of {d * (d - 1) // 2} pairs are distinguished" in importance_text([found], "xte_rms")
 
 
 def test_linear_effects_are_not_ranked_above_stronger_nonlinear_ones():
@@ -265,8 +267,8 @@ def test_indices_that_are_impossible_or_from_few_samples_are_not_ranked(plan, tm
     assert all(share.rank == "1-3" for each in found for share in each.shares)
     assert [share.key for share in found[0].shares] == list(KEYS)
     text = importance_text(found, "xte_rms")
-    assert f"16 samples are too few for intervals; {FEWEST} or more tell" in text
-    assert "So there is no ranking." in text
+    assert f"16 samples are too few for intervals; use at least {FEWEST}" in text
+    assert "Therefore there is no ranking." in text
     assert "| ? |" in importance_table(found)
     below = Share("mine.key", 0.5, 0.2, 0.9, effect=-0.46, half=0.41)
     text = "mine.key: the first-order index is from -0.87 to -0.05: no index can be there"

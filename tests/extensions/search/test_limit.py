@@ -211,7 +211,7 @@ def test_limit_result_reports_unexpected_outcomes():
     assert found.verdict == "limit"
     assert 1.0 < found.limit <= 2.0
     assert (
-        "Not every run ended as expected: 12 rolled_over at 2; 2 rolled_over at 3; 2 rolled_over at 4"
+        "Some runs did not end as expected: 12 rolled_over at 2; 2 rolled_over at 3; 2 rolled_over at 4"
         in found.statement
     )
     assert {t.ends for t in told if t.unexpected} == {"2 rolled_over", "12 rolled_over"}
@@ -241,7 +241,7 @@ def test_law_that_succeeds_again_above_its_limit_is_reported():
     found = search(lambda v: not 0.9 < v < 1.2)
     assert found.verdict == "not_monotone"
     assert found.limit == pytest.approx(0.9, abs=0.08)
-    assert "works again at 2, 3, 4" in found.statement
+    assert "succeeds again at 2, 3, 4" in found.statement
 
 
 def test_random_variation_of_the_success_rate_is_not_a_second_limit():
@@ -254,7 +254,7 @@ def test_random_variation_of_the_success_rate_is_not_a_second_limit():
 def test_result_from_too_few_seeds_is_not_reported_as_certain():
     found = search(lambda v: v < 2.345, seeds=3)
     assert found.limit == pytest.approx(2.345, abs=0.08)
-    assert "Values on the way are judged by the rates of 3 runs; certainty needs 12" in found.statement
+    assert "Intermediate values are classified by 3 runs each; the confidence needs 12" in found.statement
     assert [t.runs for t in found.tried if t.certain and t.holds] == [SHOWN_RUNS]
 
 
@@ -284,12 +284,13 @@ def test_end_of_a_range_without_failure_is_checked_by_more_runs():
 def test_limit_result_states_evaluated_values_and_gaps_between_them():
     found = search(lambda v: not 1.1 < v < 1.9)  # an island between two values of the scan
     assert found.verdict == "never_fails"
-    assert "Held at 0, 1, 2, 3, 4; nothing was tried between, where an island of up to 1 would not be seen" in (
-        found.statement
+    assert (
+        "Succeeded at 0, 1, 2, 3, 4; no value in between was evaluated; an interval of up to 1 with another result"
+        in (found.statement)
     )
-    assert "does not fail at the values tried" in found.statement
+    assert "does not fail at evaluated values" in found.statement
     found = search(lambda v: v < 2.345, tolerance=0.5)
-    assert "Held at 0, 1, 2; failed at 2.5, 3, 4; nothing was tried between" in found.statement
+    assert "Held at 0, 1, 2; failed at 2.5, 3, 4; no value in between was evaluated" in found.statement
 
 
 def test_runs_independent_of_the_seed_count_once_and_have_no_interval():
@@ -302,10 +303,10 @@ def test_runs_independent_of_the_seed_count_once_and_have_no_interval():
     assert found.limit == pytest.approx(2.345, abs=0.08)
     assert {(t.runs, t.independent, t.certain) for t in found.tried} == {(1, False, True)}
     assert all(t.low == t.high == 1 - t.failed for t in found.tried)
-    assert "Seeds change nothing: one run is all there is to know, without an interval" in found.statement
+    assert "Seeds have no effect: one run gives the result, without an interval" in found.statement
     random = search(lambda v: v < 2.345)
     assert all(t.independent for t in random.tried)
-    assert "Seeds change nothing" not in random.statement
+    assert "Seeds have no effect" not in random.statement
 
 
 def hard_and_sound(limits):
@@ -326,9 +327,9 @@ def hard_and_sound(limits):
 @pytest.mark.parametrize(
     ("limits", "text"),
     [
-        ({"flat": 3.0, "rough": 2.0}, "; the hardship takes 1"),
-        ({"flat": 2.0, "rough": 2.0}, "; the hardship takes nothing that steps of 0.08 can tell"),
-        ({"flat": 9.0, "rough": 2.0}, "; compare the two: one of them has no limit in the range"),
+        ({"flat": 3.0, "rough": 2.0}, "; the disturbance reduces the limit by 1"),
+        ({"flat": 2.0, "rough": 2.0}, "; the disturbance reduces the limit by less than the resolution of 0.08"),
+        ({"flat": 9.0, "rough": 2.0}, "; not comparable: one limit is out of range"),
     ],
 )
 def test_limit_is_reported_with_the_undisturbed_baseline(limits, text):
@@ -421,7 +422,7 @@ def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
 @pytest.mark.parametrize(
     ("option", "value", "text"),
     [
-        ("--range", "1-8", "--range 1-8: give two numbers, such as 0:25"),
+        ("--range", "1-8", "--range 1-8: specify two numbers, such as 0:25"),
         ("--until", "os.system('x') > 1", "write comparisons of metrics and outcome"),
         ("--beside", "terain.kind=flat", "unknown key"),
         ("--beside", "flat", "--beside flat: write it as key=value"),
@@ -429,7 +430,7 @@ def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
         (
             "--key",
             "seed",
-            "--key seed: is not a parameter to search; every value is run with several seeds, up to --max-seeds",
+            "--key seed: the seed is not a parameter to search; every value is run with up to --max-seeds seeds",
         ),
         ("--guidance", "lqqr", "unknown kind 'lqqr'"),
         ("--range", "1:-8", "path.speed_m_s: must be at least"),

@@ -51,7 +51,7 @@ def test_damaged_result_file_is_reported(tmp_path, content):
     ("file", "said"),
     [
         ("falsify.json", r"falsify has no report.*falsify\.json and falsify\.png"),
-        ("tuning.json", r"tune has no report; its answer is in tuning\.json"),
+        ("tuning.json", r"tune has no report; its result is in tuning\.json"),
     ],
 )
 def test_error_for_a_search_without_report_names_its_result_files(tmp_path, file, said):

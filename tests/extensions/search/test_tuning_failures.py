@@ -31,4 +31,4 @@ def test_law_that_stands_still_is_reported_as_always_failing(call, request, tmp_
     (law,) = json.loads((tmp_path / "out" / "limit.json").read_text())["laws"]
     assert law["verdict"] == "always_fails"
     assert "0 of 2 runs succeed (2 unfinished)" in out
-    assert "Not every run ended as expected: 12 unfinished at 12; 2 unfinished at 10.5" in out
+    assert "Some runs did not end as expected: 12 unfinished at 12; 2 unfinished at 10.5" in out

@@ -73,7 +73,7 @@ def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
     if not isinstance(tyre, dict):
         raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")
     if "kind" not in tyre:
-        raise ScenarioError(f"{source}: {prefix}kind: is missing; name one of {known}")
+        raise ScenarioError(f"{source}: {prefix}kind: is missing; set it to one of {known}")
     try:
         scenario = resolve({"plant": {"kind": "mujoco", "tyre": tyre}, **data}, source)
     except ScenarioError as error:

@@ -89,7 +89,7 @@ def _keys(scenario: Scenario) -> AgOpenGps:
     """Return the keys of the link. Raises `ScenarioError` for any other guidance."""
     if not isinstance(scenario.guidance, AgOpenGps):
         kind = scenario.guidance.kind
-        raise ScenarioError(f'guidance.kind: "{kind}" is not driven over a link; set it to "agopengps"')
+        raise ScenarioError(f'guidance.kind: "{kind}" is not supported by a link; set it to "agopengps"')
     return scenario.guidance
 
 
@@ -101,8 +101,8 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
         key = min(other)
         more = f" (and {len(other) - 1} more)" if len(other) > 1 else ""
         raise ScenarioError(
-            f"--replay {path}: recorded with {key} = {there[key]!r}, here it is {here[key]!r}{more}; "
-            "replay it with the scenario.toml and the keys of its run"
+            f"--replay {path}: the record has {key} = {there[key]!r}, but the scenario has {here[key]!r}{more}; "
+            "replay it with the scenario.toml and the overrides of its run"
         )
 
 
@@ -110,5 +110,5 @@ def endpoint(text: str, option: str) -> tuple[str, int]:
     """Return address and port of a text such as `127.0.0.1:10110`. Raises `ScenarioError` for invalid text."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
-        raise ScenarioError(f"{option} {text}: write it as 127.0.0.1:10110")
+        raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")
     return str(address_of(host, option)), int(port)

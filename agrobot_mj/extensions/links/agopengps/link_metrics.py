@@ -73,11 +73,11 @@ def health(block: dict[str, Any]) -> list[str]:
     """Return one line of text for each problem in the metrics of a link."""
     found = []
     if (pace := block.get("real_time_factor", 1.0)) < LEAST_PACE:
-        found.append(f"slow: {pace:.2f} x real time; the host saw a tractor that stands still between its turns")
+        found.append(f"the run was slow, {pace:.2f} x real time; for the host the tractor stops between messages")
     if (share := block["answered_fraction"]) is not None and share < LEAST_ANSWERED:
-        found.append(f"only {share:.0%} of the positions were answered; is the host's computer busy?")
+        found.append(f"the host answered only {share:.0%} of the positions; check the load of its computer")
     if block["latched_s"]:
-        found.append(f"for {block['latched_s']:.1f} s the host believed that it steers, but the board was latched")
+        found.append(f"for {block['latched_s']:.1f} s the host reported active steering, but the board was latched")
     return found
 
 

@@ -90,7 +90,7 @@ class Session:
                 self.ended = "host_lost"
                 return
         if self.started < 0:
-            raise NoHostError(f"interrupted before a guidance program answered{self._missing()}")
+            raise NoHostError(f"interrupted before the first answer of a guidance program{self._missing()}")
         if not self.sim.done:
             return
         if self.state.silent and self.state.tally.lost:
@@ -124,11 +124,11 @@ class Session:
         when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
         if refuses(after) and not refuses(before):
             back = "is back" if after.tally.lost else "is engaged already"
-            self.options.notify(f"{when}: the host {back}, but the board is latched: press its button off and on")
+            self.options.notify(f"{when}: the host {back}, but the board is latched; switch its button off and on")
         elif after.tally.lost != before.tally.lost and not after.engaged:
-            self.options.notify(f"{when}: the host is silent{'; the board has let go' if before.engaged else ''}")
+            self.options.notify(f"{when}: the host is silent{'; the board has disengaged' if before.engaged else ''}")
         elif after.engaged != before.engaged:
-            self.options.notify(f"{when}: the host {'steers' if after.engaged else 'has let go'}")
+            self.options.notify(f"{when}: the host {'has engaged' if after.engaged else 'has disengaged'}")
 
     def _position_is_due(self) -> bool:
         return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
@@ -175,9 +175,9 @@ class Session:
         """Return a text about the messages that the host has not sent yet."""
         tally, (carrier, program) = self.state.tally, PROGRAMS[self.spec.host]
         if tally.steer_data:
-            return f": {program} is there, but has not engaged"
+            return f": {program} answers, but has not engaged"
         if tally.hellos:
-            return f": {carrier} is there ({tally.hellos} hellos), {program} is not: open it, simulator off"
+            return f": {carrier} answers ({tally.hellos} hellos), {program} does not: open it, with its simulator off"
         return ""
 
     def _host_is_gone(self) -> bool:

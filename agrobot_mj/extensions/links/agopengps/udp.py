@@ -43,7 +43,7 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
     try:
         return IPv4Address(text)
     except AddressValueError:
-        raise ScenarioError(f"{option}: {text!r} is not an IPv4 address; 127.0.0.1 is this computer") from None
+        raise ScenarioError(f"{option}: {text!r} is not an IPv4 address; use 127.0.0.1 for this computer") from None
 
 
 class UdpSockets:
@@ -122,7 +122,7 @@ def _bound(address: str, port: int) -> socket.socket:
 
 def _why(address: str, port: int, error: OSError) -> str:
     if error.errno == errno.EADDRINUSE:
-        return f"{address}:{port} is in use: another link or a real module runs; stop it, or choose another with --port"
+        return f"{address}:{port} is in use by another link or a module; stop it, or choose another port with --port"
     if error.errno == errno.EACCES:
-        return f"{address}:{port} may not be opened by this user; choose a port above 1023 with --port"
+        return f"{address}:{port} cannot be opened without privileges; choose a port above 1023 with --port"
     return f"{address}:{port} cannot be opened: {error.strerror}"

@@ -52,7 +52,7 @@ class Camera:
             self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
         except Exception as error:  # the exception type depends on the OpenGL library
             raise NoDisplayError(
-                f"MuJoCo found no OpenGL for rendering ({error}); set MUJOCO_GL=egl, or MUJOCO_GL=osmesa, in the "
+                f"MuJoCo finds no OpenGL for rendering ({error}); set MUJOCO_GL=egl or MUJOCO_GL=osmesa in the "
                 "environment before Python starts"
             ) from None
 

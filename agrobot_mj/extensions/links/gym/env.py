@@ -115,7 +115,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
         if len(values) != (wanted := 2 if self.speed else 1):
-            raise TypeError(f"action: must hold {wanted} numbers, got {len(values)}")
+            raise TypeError(f"action: must have {wanted} numbers, got {len(values)}")
         if not all(map(isfinite, values)):
             raise ValueError(f"action: must be finite, got {action}")
         with held_back():

@@ -17,7 +17,7 @@ def check(ranges: Mapping[str, Range]) -> None:
     """Raise `ScenarioError` unless every value is a range or a list of values."""
     for key, values in ranges.items():
         if key == "seed":
-            raise ScenarioError("randomise: seed: differs in every episode; omit it")
+            raise ScenarioError("randomise: seed: the seed differs in every episode; omit this key")
         pair = isinstance(values, tuple) and len(values) == 2 and all(isinstance(v, int | float) for v in values)
         if not (pair and values[0] <= values[1]) and not (isinstance(values, list) and values):
             raise ScenarioError(

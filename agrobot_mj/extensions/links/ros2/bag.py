@@ -50,7 +50,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
     """
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
-            raise ScenarioError(f"{folder}: holds no {name}; name the folder of a run")
+            raise ScenarioError(f"{folder}: the folder has no {name}; specify the folder of a run")
     with results(out or folder, [FILE]) as place:
         scenario, signals = load_scenario(folder / "scenario.toml"), _signals(folder / "signals.parquet")
         return place / FILE, write_mcap(scenario, signals, place / FILE, _waited(folder / "metrics.json"))
@@ -70,14 +70,14 @@ def _signals(file: Path) -> pa.Table:
     try:
         schema = pq.read_schema(file.absolute())
     except (pa.ArrowException, OSError, ValueError):
-        raise ScenarioError(f"{file}: is not the Parquet file of a run") from None
+        raise ScenarioError(f"{file}: the file is not the Parquet file of a run") from None
     there = {field.name for field in schema if not pa.types.is_null(field.type)}  # null if the run ended at once
     columns = read_columns(file, ["t", *(name for name in TickSample._fields if name in there)])
     check_time(file.name, "t", columns["t"])
     for name, values in columns.items():
         if (bad := np.flatnonzero(np.abs(values) >= LARGEST)).size:
             raise ScenarioError(
-                f"{file.name}: {name!r} is {values[bad[0]]:g} in row {bad[0] + 1}; no tractor reaches this value"
+                f"{file.name}: {name!r} is {values[bad[0]]:g} in row {bad[0] + 1}, which is not plausible for a tractor"
             )
     return pa.table(columns)
 

@@ -129,13 +129,11 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
     """
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:
-        fix = (
-            f"{'leave out' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"
-        )
-        return f"its publishers send {', '.join(sent)}, the node takes {TWISTS[stamped]}; {fix}"
+        fix = f"{'omit' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"
+        return f"the publishers send {', '.join(sent)}, but the node expects {TWISTS[stamped]}; {fix}"
     if refused:
-        return f"{refused} messages had a velocity that is not finite and were ignored; check the program"
-    return "" if sent else "no program publishes it"
+        return f"{refused} messages with a non-finite velocity were ignored; check the program"
+    return "" if sent else "no program publishes this topic"
 
 
 def message_class(kind: str) -> Any:

@@ -57,7 +57,7 @@ def loopback_only() -> Iterator[None]:
     other = os.environ.get("RMW_IMPLEMENTATION", MIDDLEWARE)
     if other != MIDDLEWARE:
         raise ScenarioError(
-            f"RMW_IMPLEMENTATION={other}: cannot be restricted to this computer; unset it or add --network"
+            f"RMW_IMPLEMENTATION={other}: it cannot be restricted to this computer; unset the variable or add --network"
         )
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "loopback.xml"

@@ -111,7 +111,7 @@ class RosSession:
         """Create the session. Raises `ScenarioError` if the guidance is not `cmd_vel`."""
         spec: GuidanceLaw = sim.scenario.guidance
         if not isinstance(spec, CmdVel):
-            raise ScenarioError(f'guidance.kind: "{spec.kind}" is not driven over /cmd_vel; set it to "cmd_vel"')
+            raise ScenarioError(f'guidance.kind: "{spec.kind}" is not controlled by /cmd_vel; set it to "cmd_vel"')
         self.sim, self.spec, self.port, self.options = sim, spec, port, options
         self.place = full_topic(options.namespace, "/cmd_vel")
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
@@ -138,7 +138,7 @@ class RosSession:
                 self._starts()
             self._turn(sample)
             if self.port.refused and not self.refused:
-                self.options.notify("a velocity on /cmd_vel is not finite and is ignored; metrics.json counts them")
+                self.options.notify("a non-finite velocity on /cmd_vel is ignored; metrics.json gives their number")
             self.refused = self.port.refused
             if self.ended:
                 return
@@ -184,8 +184,8 @@ class RosSession:
             port.spin(now + self.options.wait_s, lambda: port.heard > heard)
             if port.heard == heard:
                 wait, every = self.options.wait_s, self.options.every
-                text = f"nothing on /cmd_vel for {wait:g} s; lock-step needs a message every {every * TICK_S:g} s"
-                self.options.notify(f"{text}: give a slower program a larger --every than {every}")
+                text = f"no message on /cmd_vel for {wait:g} s; lock-step needs a message every {every * TICK_S:g} s"
+                self.options.notify(f"{text}; for a slower program set --every above {every}")
                 self.ended = "host_lost"
         if port.last is not None and port.heard > heard:
             self.answered = self.turn
@@ -245,7 +245,7 @@ def ros2(
         reach = "the network" if options.network else "this computer only"
         node = stack.enter_context(RosNode(options.stamped, options.domain, options.namespace))
         name, asked = (full_topic(options.namespace, each) for each in ("tractor", "cmd_vel"))
-        options.notify(f"node {name}, on {reach}; waits for {asked}")
+        options.notify(f"node {name}, on {reach}, waits for {asked}")
         log = run_over(scenario, node, options, watchers, should_stop)
     write_log(log, folder, recorded=options.recorded)
     return log

@@ -54,14 +54,14 @@ class Varied(NamedTuple):
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
         """Return a key with a range. Raises `ScenarioError` for invalid ends."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
-            raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: give two different numbers, the mild one first")
+            raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: specify two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
         """Return a key with mean and standard deviation. Raises `ScenarioError` for invalid numbers."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
-            raise ScenarioError(f"--vary {key}: normal = [mean, standard deviation], the second above 0")
+            raise ScenarioError(f"--vary {key}: write normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
 
 
@@ -82,7 +82,7 @@ class FalsifyQuestion(NamedTuple):
         """Raise `ScenarioError` if the question is invalid for a scenario."""
         keys = [each.key for each in self.varied]
         if not keys or len(set(keys)) < len(keys):
-            raise ScenarioError("--vary: name each key once, as --vary KEY=MILD:HARD")
+            raise ScenarioError("--vary: specify each key once, as in --vary KEY=MILD:HARD")
         if self.budget < FEWEST or self.seeds < 1:
             raise ScenarioError(f"--budget must be {FEWEST} or more, --seeds 1 or more")
         for each in self.varied:
@@ -281,14 +281,14 @@ def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
     """Return the result as sentences."""
     best = found.mildest
     if found.verdict == "fails_at_start":
-        return f"{name} fails where all is mild ({best.shown}: {best.share} runs fail); begin where it holds"
+        return f"{name} fails at the mild ends of all ranges ({best.shown}: {best.share} runs fail); use milder values"
     if found.verdict == NOT_FOUND:
-        closest = f"{best.shown} comes close ({best.share} runs fail, closeness {best.close:.2g}; 0 is the condition)"
-        return f"{name}: none of the {len(found.tried)} combinations tried fails in most of its runs; {closest}"
-    text = f"{name}: the mildest combination found that fails is {best.shown}, at a distance of {best.distance:.2f}"
+        closest = f"the closest is {best.shown} ({best.share} fail, closeness {best.close:.2g}; 0 is the condition)"
+        return f"{name}: none of the {len(found.tried)} evaluated combinations fails in most runs; {closest}"
+    text = f"{name}: the mildest failing combination found is {best.shown}, at a distance of {best.distance:.2f}"
     text += f" ({best.share} runs fail)"
     holds = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if not tried.fails]
     fails = [f"{key} = {tried.values[key]:g}" for key, tried in found.alone.items() if tried.fails]
     if holds and len(q.varied) > 1:
-        text += f". Alone, it holds at {', '.join(holds)}" + (f", and fails at {', '.join(fails)}" if fails else "")
+        text += f". It succeeds with only {', '.join(holds)}" + (f", and fails at {', '.join(fails)}" if fails else "")
     return text

@@ -39,7 +39,7 @@ def importance_table(found: Sequence[Influence]) -> str:
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
     """Return head and rows of the table in `importance_table`."""
     screening = found[0].unexplained is not None
-    columns = ["rank", "share of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
+    columns = ["rank", "fraction of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
     rows = []
     for leading in found[0].shares:
@@ -64,23 +64,23 @@ def importance_text(found: Sequence[Influence], metric: str) -> str:
 def influence_text(each: Influence, metric: str, group: str) -> str:
     """Return sentences about one group; the first begins with the text `group`."""
     noise = (
-        "one seed does not tell how much of it is noise"
+        "one seed does not identify the noise"
         if each.noise is None
-        else f"noise of the seeds is {each.noise:.0%} of that variance"
+        else f"the noise of the seeds is {each.noise:.0%} of this variance"
     )
     lines = [f"{group}{metric} {each.mean:.4g}, standard deviation {each.deviation:.2g} over the points; {noise}."]
     if each.unexplained is not None:
         lines.append(
-            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise; it may be anyone's, and is in "
-            "the upper end of each interval."
+            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise; it is not attributed, and "
+            "is in the upper end of each interval."
         )
     if each.flaws:
-        return "\n".join([*lines, *(f"{flaw}." for flaw in each.flaws), "So there is no ranking."])
+        return "\n".join([*lines, *(f"{flaw}." for flaw in each.flaws), "Therefore there is no ranking."])
     if not each.ordered_pairs:
-        return "\n".join([*lines, "These samples tell no two numbers apart: there is no ranking."])
-    lines.append(f"{each.ordered_pairs} of {each.pairs} pairs are told apart; numbers whose ranks overlap are tied.")
+        return "\n".join([*lines, "These samples distinguish no two numbers, so there is no ranking."])
+    lines.append(f"{each.ordered_pairs} of {each.pairs} pairs are distinguished; overlapping ranks are tied.")
     if small := [share.key for share in each.shares if share.high < NEGLIGIBLE]:
-        lines.append(f"Less than {NEGLIGIBLE:.0%} each: {', '.join(small)}.")
+        lines.append(f"Contributions below {NEGLIGIBLE:.0%}: {', '.join(small)}.")
     return "\n".join(lines)
 
 
@@ -98,7 +98,7 @@ def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
             if not screening:
                 axes.barh(y - 0.18, share.effect, 0.36, xerr=share.half, color=ORANGE, error_kw=lines)
         axes.set_yticks(range(len(keys)), [f"{key}  [{_rank(found[0], key)}]" for key in keys])
-        axes.set(title=each.group if len(found) > 1 else "", xlabel=f"share of the variance of {metric} [-]")
+        axes.set(title=each.group if len(found) > 1 else "", xlabel=f"fraction of the variance of {metric} [-]")
         axes.set_xlim(min(-0.05, axes.get_xlim()[0]), max(1.05, axes.get_xlim()[1]))
         axes.axvline(0.0, color="black", linewidth=0.6)
     if not screening:
@@ -134,7 +134,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
         file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
         rows: Rows = read_rows(folder)
     except OSError:
-        raise ScenarioError(f"{folder}: has no results of a sweep (sweep.toml, sweep.parquet)") from None
+        raise ScenarioError(f"{folder}: the folder has no results of a sweep (sweep.toml, sweep.parquet)") from None
     code = code_of(rows, folder)
     check_folder(folder, ("importance.json", "importance.png"))
     if file.get("method") not in DESIGNS:
@@ -152,7 +152,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
     """Return the fractions of one group, from draws (points, d) and values (points, seeds). Raises `ScenarioError`."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
-        raise ScenarioError(f"--metric {metric}: does not vary in {name}")
+        raise ScenarioError(f"--metric {metric}: the metric does not vary in {name}")
     noise = noise_share(values)
     left, flaws = None, tuple[str, ...]()
     if file["method"] == "screening":
@@ -183,11 +183,11 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds
     if len(rows) < total:
-        raise ScenarioError(f"{folder}: {total - len(rows):,} of {total:,} runs are missing; run the sweep to its end")
+        raise ScenarioError(f"{folder}: {total - len(rows):,} of {total:,} runs are missing; complete the sweep")
     _check_metric(metric, rows)
     values = [row[metric] for row in rows]
     if lacking := sum(not isinstance(value, int | float) or not np.isfinite(value) for value in values):
-        raise ScenarioError(f"--metric {metric}: has no number in {lacking:,} of {total:,} runs; narrow the draws")
+        raise ScenarioError(f"--metric {metric}: it has no value in {lacking:,} of {total:,} runs; narrow the draws")
     table = np.array(values, dtype=float).reshape(-1, points, seeds)
     firsts = [rows[k * points * seeds : (k + 1) * points * seeds : seeds] for k in range(len(table))]
     numeric = file["method"] == "screening"  # the plan of a screening has numbers only
@@ -203,13 +203,13 @@ def _check_metric(metric: str, rows: Rows) -> None:
     names = list(rows[0])
     known = [name for name in names[names.index("outcome") + 1 :] if name not in ("error", *WALL, "version")]
     if metric not in known or metric not in names:
-        what = "is no result of a run" if metric in names else "no such column"
+        what = "is not a result of a run" if metric in names else "no such column"
         raise ScenarioError(f"--metric {metric}: {what}{suggestion(metric, known)}")
     without = [row for row in rows if not has_errors(row)]
     if without and metric not in OF_EVERY_RUN:
         raise ScenarioError(
-            f"--metric {metric}: {len(without):,} of {len(rows):,} runs have none ({reasons(without)}), and the design "
-            "can spare no point; narrow the draws, or ask for --metric expected, the share of successes"
+            f"--metric {metric}: {len(without):,} of {len(rows):,} runs have no value ({reasons(without)}), and the "
+            "design needs all points; narrow the draws, or use --metric expected, the fraction of successes"
         )
 
 

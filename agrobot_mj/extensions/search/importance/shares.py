@@ -182,8 +182,8 @@ def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share
 
 def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
     """Return reasons why the intervals are unreliable: too few samples, or impossible values of an index."""
-    few = [f"{samples} samples are too few for intervals; {FEWEST} or more tell"] if samples < FEWEST else []
-    return (*few, *(f"{text}: no index can be there" for share in shares for text in _impossible(share)))
+    few = [f"{samples} samples are too few for intervals; use at least {FEWEST}"] if samples < FEWEST else []
+    return (*few, *(f"{text}, outside the possible range" for share in shares for text in _impossible(share)))
 
 
 def _impossible(share: Share) -> list[str]:

@@ -43,13 +43,13 @@ class Condition:
         """Read a condition; `metrics` are the allowed names, in addition to `outcome`."""
         self.text, self.metrics, self._names = text, metrics, set[str]()
         if len(text) > LONGEST:
-            self._refuse(f"has more than {LONGEST} characters")
+            self._refuse(f"the text has more than {LONGEST} characters")
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")  # parser warnings, such as for numbers followed by letters
                 tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            self._refuse("cannot be read")
+            self._refuse("the condition cannot be parsed")
         self._holds = self._read(tree)
 
     @property
@@ -100,11 +100,11 @@ class Condition:
         kinds = [kind for kind, _ in sides]
         if kinds[0] in ("outcome", "word"):
             if sorted(kinds) != ["outcome", "word"] or not set(operators) <= {ast.Eq, ast.NotEq}:
-                self._refuse("compare outcome with one word, by == or !=")
+                self._refuse("compare outcome with one word, using == or !=")
         elif not set(kinds) <= {"metric", "number"}:
             self._refuse("compare metrics with numbers or with each other")
         elif "metric" not in kinds:
-            self._refuse("compares no metric")
+            self._refuse("the condition compares no metric")
 
         def holds(numbers: Numbers) -> bool:
             pairs = pairwise([value(numbers) for _, value in sides])

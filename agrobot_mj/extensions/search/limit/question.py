@@ -139,12 +139,12 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
     q = question
     if q.key == "seed":
         raise ScenarioError(
-            "--key seed: is not a parameter to search; every value is run with several seeds, up to --max-seeds"
+            "--key seed: the seed is not a parameter to search; every value is run with up to --max-seeds seeds"
         )
     if not (isfinite(q.start) and isfinite(q.stop)) or q.start == q.stop:
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: name two numbers, the first where laws should hold")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: specify two numbers, the first where laws should succeed")
     if not isfinite(q.stop - q.start):
-        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: is too wide")
+        raise ScenarioError(f"--range {q.start:g}:{q.stop:g}: the range is too wide")
     if not (0 < q.resolution < inf and 0 < q.reliability < 1 and 0 < q.confidence <= MOST_CONFIDENT):
         raise ScenarioError(
             f"--tolerance must be above 0, --reliability between 0 and 1, --confidence between 0 and {MOST_CONFIDENT}"
@@ -160,7 +160,7 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
-            f"--until {until!r}: only a run that completes has an error, and {scenario.name} expects "
+            f"--until {until!r}: only completed runs have an error, but {scenario.name} expects "
             f"{scenario.expected_outcome}; add --set expected_outcome={COMPLETED}, or "
             f'"or outcome == ..." to the condition'
         )
@@ -191,7 +191,7 @@ def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
-        parts.append(f"Not every run ended as expected: {'; '.join(unexpected)}")
+        parts.append(f"Some runs did not end as expected: {'; '.join(unexpected)}")
     return found._replace(statement=". ".join(parts))
 
 
@@ -201,17 +201,17 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     works, fails = [t for t in tried if t.holds], [t for t in tried if not t.holds]
     if not fails:
         text = (
-            f"{name} does not fail at the values tried of {q.key} ({tried[-1].share} at {tried[-1].value:g}; {terms})"
+            f"{name} does not fail at evaluated values of {q.key} ({tried[-1].share} at {tried[-1].value:g}; {terms})"
         )
         return found(verdict="never_fails", limit=None, interval=None, statement=text)
     if not works:
-        text = f"{name} fails at all values tried, from {q.key} = {tried[0].value:g} on ({tried[0].share} there)"
+        text = f"{name} fails at all evaluated values, starting at {q.key} = {tried[0].value:g} ({tried[0].share})"
         return found(verdict="always_fails", limit=None, interval=None, statement=text)
     if not tried[0].holds:
         first, there = tried[0], ", ".join(f"{t.value:g}" for t in works)
-        advice = "turn the range round?" if first.certain else "more seeds, or begin where it holds"
+        advice = "check the direction of the range" if first.certain else ("use more seeds or another start")
         begin = f"{q.key} = {first.value:g} ({first.share} succeed)"
-        text = f"{name} does not hold at the start, {begin}, but at {there}; {advice}"
+        text = f"{name} does not succeed at the start, {begin}, but at {there}; {advice}"
         return found(verdict="fails_at_start", limit=None, interval=None, statement=text)
     first_bad = next(k for k, t in enumerate(tried) if not t.holds)
     good, bad = tried[first_bad - 1], tried[first_bad]
@@ -219,12 +219,12 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     # With few runs, the rate varies by chance.
     few = q.seeds < runs_needed(q.reliability, q.confidence)
     again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or few)]
-    text = f"{name} holds up to {q.key} = {good.value:g} ({good.share})"
-    text += f", fails from {bad.value:g} on ({bad.share}; {terms})"
+    text = f"{name} succeeds up to {q.key} = {good.value:g} ({good.share})"
+    text += f"and fails from {bad.value:g} ({bad.share}; {terms})"
     if (good.value, bad.value) != interval:
-        text += f"; for certain, it holds at {interval[0]:g} and fails at {interval[1]:g}"
+        text += f"; at this confidence it succeeds at {interval[0]:g} and fails at {interval[1]:g}"
     if again:
-        text += f", but works again at {', '.join(f'{value:g}' for value in again)}: one number does not describe it"
+        text += f", but succeeds again at {', '.join(f'{value:g}' for value in again)}, so there is no single limit"
     verdict = "not_monotone" if again else "limit"
     return found(verdict=verdict, limit=(good.value + bad.value) / 2, interval=interval, statement=text)
 
@@ -240,11 +240,11 @@ def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
 def _coverage(tried: Sequence[Tried]) -> list[str]:
     """Describe the evaluated values and the width of an undetected island between them."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
-    seen = [*([f"Held at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
+    seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
     text = "; ".join(seen)
-    text = f"{text[0].upper()}{text[1:]}; nothing was tried between"
-    return [f"{text}, where an island of up to {max(gaps):g} would not be seen" if gaps else text]
+    text = f"{text[0].upper()}{text[1:]}; no value in between was evaluated"
+    return [f"{text}; an interval of up to {max(gaps):g} with another result would not be detected" if gaps else text]
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
@@ -252,9 +252,9 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"
-        return [f"Seeds change nothing{where}: one run is all there is to know, without an interval"]
+        return [f"Seeds have no effect{where}: one run gives the result, without an interval"]
     if q.seeds < (needed := runs_needed(q.reliability, q.confidence)):
-        return [f"Values on the way are judged by the rates of {q.seeds} runs; certainty needs {needed}"]
+        return [f"Intermediate values are classified by {q.seeds} runs each; the confidence needs {needed}"]
     return []
 
 
@@ -268,11 +268,11 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
     """Describe the shift of the limit by the fault or disturbance."""
     if found.limit is None or sound.limit is None:
         same = found.verdict == sound.verdict
-        return "the same without the hardship" if same else "compare the two: one of them has no limit in the range"
+        return "the same result without the disturbance" if same else "not comparable: one limit is out of range"
     taken = abs(sound.limit - q.start) - abs(found.limit - q.start)
     if abs(taken) <= q.resolution:
-        return f"the hardship takes nothing that steps of {q.resolution:g} can tell"
-    return f"the hardship {'takes' if taken > 0 else 'adds'} {abs(taken):.3g}"
+        return f"the disturbance reduces the limit by less than the resolution of {q.resolution:g}"
+    return f"the disturbance {'reduces' if taken > 0 else 'increases'} the limit by {abs(taken):.3g}"
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
@@ -280,7 +280,7 @@ def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Cou
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:
-        text += "; it fails without the hardship, too"
+        text += "; it also fails without the disturbance"
     return Counterpart(dict(overrides), "fixed", None, text, (runs,))
 
 

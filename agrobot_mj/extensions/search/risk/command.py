@@ -81,16 +81,16 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
     """Return the result of the finished splittings."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
-    driven = f"{len(runs):,} runs, as long as {worth:,.0f} whole ones"
+    driven = f"{len(runs):,} runs with the duration of {worth:,.0f} complete ones"
     if found.probability:
         text = f"a run fails with a probability of {found.probability:.2g}"
-        text += f" ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g}), by {driven}"
+        text += f" ({CONFIDENCE:.0%} interval {found.low:.2g} to {found.high:.2g}), from {driven}"
         crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
-        text += f"; plain runs would need {crude:,.0f} for this interval" if crude else ""
+        text += f"; plain Monte Carlo would need {crude:,.0f} runs for this interval" if crude else ""
         flaws = Counter(run.flaw for run in runs if run.flaw)
         text += f"; of these {', '.join(f'{n} {flaw}' for flaw, n in flaws.items())}" if flaws else ""
     else:
-        text = f"no failure in {driven}; the probability of a run is below about {found.high:.1g}"
+        text = f"no failure in {driven}; the probability of failure is below about {found.high:.1g}"
     plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)
     failure = next((run for run in runs if run.failed and run.ticks), None)
     statement = f"{scenario.name}: {q.until}: {text}"
@@ -139,7 +139,7 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
         chances.annotate(f"fail: {fail:.2g}", (0.02, fail), xycoords=("axes fraction", "data"), va="bottom")
         least = min(least, fail)
     label = score or f"closeness, {AHEAD_S:g} s ahead [-]"
-    chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="chance of a run to come closer [-]")
+    chances.set(yscale="log", ylim=(0.7 * least, 1.4), xlabel=label, ylabel="probability of a run to come closer [-]")
     return drawn
 
 

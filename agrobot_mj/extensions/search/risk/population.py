@@ -99,7 +99,7 @@ def populations(
         errors = [row["error"] for row in rows if row["outcome"] == ERROR]
         if len(errors) == len(rows) and not found[0].runs:
             raise ScenarioError(
-                f"{scenario.name}: every run raised an error, so there is no risk to estimate; fix it: {errors[0]}"
+                f"{scenario.name}: every run raised an error, so the risk is unknown; fix this error: {errors[0]}"
             )
         driven = iter([_run(*one, row, condition) for one, row in zip(due, rows, strict=True)])
         for each in going:

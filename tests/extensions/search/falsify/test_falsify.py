@@ -59,7 +59,7 @@ def test_interaction_missed_by_single_key_limits_is_found():
     assert found.mildest.failed == found.mildest.runs == CONFIRMED
     assert found.mildest.distances == pytest.approx((0.5, 0.5), abs=0.08)
     assert found.mildest.distance == pytest.approx(sqrt(0.5), rel=0.03)
-    assert "Alone, it holds at steering.valve.dead_band_v = 1.2, sensors.gnss.sigma_m = 0.5" in found.statement
+    assert "It succeeds with only steering.valve.dead_band_v = 1.2, sensors.gnss.sigma_m = 0.5" in found.statement
     for key in (A, B):
         question = Question(key, *RANGES[key], UNTIL)
         along = find_limit("law", SCENARIO, question, CONDITION, plant(planted), lambda tried: None)
@@ -150,7 +150,7 @@ def test_equal_inputs_give_equal_search_results():
 @pytest.mark.parametrize(
     ("varied", "said"),
     [
-        ([(A, 0.2, 1.2)] * 2, "name each key once"),
+        ([(A, 0.2, 1.2)] * 2, "specify each key once"),
         ([("tractor.mas_kg", 0.2, 1.2)], "tractor.mas_kg"),
         ([(C, 700.0, -5.0)], "tractor.mass_kg"),
     ],
@@ -188,7 +188,7 @@ def test_falsify_command_resumes_and_records_the_failure(call, tmp_path, monkeyp
     words = [*WORDS, *vary, "--until", "longitudinal_rms > 0.2", "--budget", "20", "--seeds", "1", "--jobs", "1"]
     status, said, _ = call(*words, "--out", "f")
     assert status == 0
-    assert "the mildest combination found that fails is path.speed_m_s=" in said
+    assert "the mildest failing combination found is path.speed_m_s=" in said
     left = {path.name for path in (tmp_path / "f").iterdir()}
     assert left >= {"falsify.json", "falsify.png", "failure.rrd", "failure.parquet", "failure.toml"}
     found = json.loads((tmp_path / "f" / "falsify.json").read_text())

@@ -133,7 +133,7 @@ def test_runs_that_raise_count_as_failed_and_are_reported(until):
 
 
 def test_search_is_aborted_if_every_run_raises_an_error():
-    with pytest.raises(ScenarioError, match="every run raised an error, so there is no risk to estimate; fix it: E: x"):
+    with pytest.raises(ScenarioError, match="every run raised an error, so the risk is unknown; fix this error: E: x"):
         raising("xte_abs_max > 1", 5)
 
 
@@ -215,7 +215,7 @@ def test_failure_from_a_missing_metric_is_reported(call, tmp_path):
         (["--until", "xte_abs_max"], "--until 'xte_abs_max'"),
         (["--until", "xte_abs_max > 1e999"], "is too large a number"),
         (["--until", f"xte_abs_max > {10**400}"], "is too large a number"),
-        (["--until", "position_nees > 3"], "no signal is known that leads to position_nees"),
+        (["--until", "position_nees > 3"], "no signal is known for position_nees"),
         (["--until", "xte_rms > 1", "--score", "rol"], "--score rol: no such signal"),
         (["--until", "xte_rms > 1", "--set", "seed=9223372036854775800"], "seed"),
         (["--until", "xte_rms > 1", "--least", "2"], "--least must be between 0 and 1"),
