@@ -59,7 +59,7 @@ class Cascade(GuidanceLaw):
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(
-                f"speed {speed_ref} m/s and yaw rate {yaw_rate_ref} rad/s, made by the guidance law ({self.law.kind})"
+                f"speed {speed_ref} m/s, yaw rate {yaw_rate_ref} rad/s, returned by the guidance law ({self.law.kind})"
             )
         e_yaw_rate = yaw_rate_ref - situation.estimate.yaw_rate
         limit = situation.steer_limit(self.law.lateral_acceleration_m_s2)
@@ -67,7 +67,7 @@ class Cascade(GuidanceLaw):
         controller, command = self.controller.update(state.controller, situation.t, scaled, dt, limit)
         if not isfinite(command.steer + command.tau_c + command.tau_n):
             steer, tau_c, tau_n, _ = command
-            maker = f"made by the controller ({self.controller.kind})"
+            maker = f"returned by the controller ({self.controller.kind})"
             raise NotFiniteError(f"steer {steer} rad, tau_c {tau_c} rad, tau_n {tau_n} rad, {maker}")
         ahead = self.law.feedforward(situation)
         steer = clip(command.steer + ahead, -limit, limit)

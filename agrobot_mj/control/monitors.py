@@ -195,10 +195,10 @@ class SupervisorLimits(Reporting):
         waiting = 0.0 if acquired else w.closing_s
         return (
             Monitor(w.fix_age, self.max_fix_age_s, 0.0, "no GNSS fix for {:.1f} s"),
-            Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position uncertain by {:.2f} m"),
+            Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position standard deviation of {:.2f} m"),
             Monitor(e.nis_mean, self.max_nis, 0.0, "fixes contradict the estimate (NIS {:.0f})"),
             Monitor(off, farthest, 0.0, "{:.2f} m off the path"),
-            Monitor(waiting, self.max_acquiring_s, 0.0, "not closer to the path after {:.0f} s"),
+            Monitor(waiting, self.max_acquiring_s, 0.0, "no closer to the path after {:.0f} s"),
             Monitor(w.aligning_s, aligning, 0.0, "heading unknown after {:.0f} s"),
         )
 
@@ -209,19 +209,19 @@ class SupervisorLimits(Reporting):
         return (
             Monitor(
                 *(steer, self.max_steer_mismatch_deg, self.steer_mismatch_s),
-                "wheels {:.0f} deg off the steering command",
+                "wheel angle {:.0f} deg off the steering command",
             ),
             Monitor(
                 *(max(u, agreed), top, self.overspeed_s),
-                *("speed of {:.1f} m/s, faster than commanded", True),
+                *("speed of {:.1f} m/s above the command", True),
             ),
-            Monitor(agreed - u, lag, self.outvoted_s, "estimate {:.1f} m/s slower than wheels and fixes"),
+            Monitor(agreed - u, lag, self.outvoted_s, "estimated speed {:.1f} m/s below wheels and fixes"),
             Monitor(
                 *(pedal, self.max_pedal_mismatch, self.pedal_mismatch_s),
-                *("pedal {:.2f} off its command", True),
+                *("pedal position {:.2f} off the command", True),
             ),
             Monitor(
-                abs(w.pedal_rate), self.max_pedal_rate_per_s, 0.0, "pedal measurement jumps at {:.1f} 1/s", cut=True
+                abs(w.pedal_rate), self.max_pedal_rate_per_s, 0.0, "pedal measurement changes by {:.1f} 1/s", cut=True
             ),
         )
 
@@ -233,13 +233,13 @@ class SupervisorLimits(Reporting):
         farthest = self.max_reckoning_sigma * reckoning.sigma
         return (
             Monitor(proof.repeated_s, self.max_repeat_s, 0.0, "fixes repeat one position for {:.1f} s"),
-            Monitor(proof.drift, drift, 0.0, "fixes {:.2f} m off the path of their velocity"),
+            Monitor(proof.drift, drift, 0.0, "fixes {:.2f} m off the track integrated from their velocity"),
             Monitor(
-                reckoning.distance, farthest, self.reckoning_s, "fixes {:.2f} m off dead reckoning by wheels and gyro"
+                reckoning.distance, farthest, self.reckoning_s, "fixes {:.2f} m off dead reckoning from wheels and gyro"
             ),
             Monitor(
                 *(speed - wheels, self._wheel_lag(speed), self.wheel_lag_s),
-                "wheels {:.1f} m/s slower than the fixes",
+                "wheel speed {:.1f} m/s below the speed of the fixes",
             ),
         )
 
@@ -251,13 +251,13 @@ class SupervisorLimits(Reporting):
         return (
             Monitor(
                 *(abs(turning - steer), angle, self.angle_mismatch_s),
-                "tractor turns as with wheels {:.0f} deg off the measured angle",
+                "turn rate implies a wheel angle {:.0f} deg off the measured one",
             ),
             Monitor(
                 *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
                 "gyro repeats one value in a turn of {:.1f} deg/s",
             ),
-            Monitor(degrees(w.turn.difference), course, 0.0, "course of the fixes {:.0f} deg off the gyro"),
+            Monitor(degrees(w.turn.difference), course, 0.0, "course of the fixes {:.0f} deg off the gyro heading"),
         )
 
     def _of_attitude(self, attitude: AttitudeEvidence) -> tuple[Monitor, ...]:
@@ -265,9 +265,9 @@ class SupervisorLimits(Reporting):
             Monitor(attitude.repeated_s, self.max_repeat_s, 0.0, "inertial unit repeats one angle for {:.1f} s"),
             Monitor(
                 *(degrees(attitude.tilt), self.max_tilt_mismatch_deg, 0.0),
-                "roll or pitch {:.0f} deg off the tilt of the specific force",
+                "roll or pitch {:.0f} deg off the tilt from the specific force",
             ),
-            Monitor(attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll and pitch for {:.1f} s"),
+            Monitor(attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll or pitch measurement for {:.1f} s"),
         )
 
     def _wheel_lag(self, speed: float) -> float:

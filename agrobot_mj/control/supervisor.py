@@ -208,7 +208,7 @@ class Supervisor(SupervisorLimits):
             return ()
         return (
             Column("supervisor_state", "-", "0 idle, 1 aligning, 2 tracking, 3 coasting, 4 stopping"),
-            Column("fix_age", "s", "age of the newest fix that the estimator has accepted"),
+            Column("fix_age", "s", "time since the newest fix accepted by the estimator"),
         )
 
     def report(self, state: SupervisorState) -> Sequence[float]:

@@ -61,7 +61,7 @@ class StateEstimator(Reporting):
 
 
 HEALTH_COLUMNS = (
-    Column("accepted_fix_age", "s", "age of the newest fix that the estimator accepted"),
+    Column("accepted_fix_age", "s", "time since the newest fix accepted by the estimator"),
     Column("position_sigma", "m", "maximum estimated standard deviation of the rear-axle position over all directions"),
     Column("nis_mean", "-", "NIS of the position, smoothed over 5 s; 2 for a consistent filter"),
 )

@@ -27,7 +27,7 @@ from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
 COLUMNS = (
-    Column("aligned", "-", "whether the yaw has been found, 0 or 1"),
+    Column("aligned", "-", "1 once the heading is initialised, else 0"),
     Column("sideslip_hat", "rad", "estimated course of R minus heading"),
     Column("gyro_bias_hat", "rad/s", "estimated bias of the gyro"),
     Column("mounting_hat", "rad", "estimated mounting error of two antennas"),

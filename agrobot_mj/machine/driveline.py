@@ -97,7 +97,7 @@ class Driveline(Spec):
             if getattr(self, key) is not None and not getattr(self, needs):
                 raise ValueError(f"{key}: has no effect without {needs}; set driveline.{needs} = true")
         if self.motor_front_share is not None and self.front_wheel_drive:
-            raise ValueError("motor_front_share: excludes front_wheel_drive, a shaft between the axles; omit one")
+            raise ValueError("motor_front_share: cannot be combined with front_wheel_drive; omit one of the two keys")
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":

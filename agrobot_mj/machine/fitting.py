@@ -45,16 +45,16 @@ def _light(tractor: TractorParameters) -> Iterator[str]:
     if tractor.mass_kg < least:
         wheel = tractor.rear_wheel
         has = f"{tractor.mass_kg:g} kg on rear wheels of {2 * wheel.radius:.2g} m by {wheel.width:.2g} m"
-        own = f"as machines of {least:.0f} kg or more have"
-        yield f"tractor.mass_kg: {has}, {own}; set the mass, or radius and width of the wheels"
+        own = f"a size found on machines of at least {least:.0f} kg"
+        yield f"tractor.mass_kg: {has}, {own}; set the mass, or the radius and width of the wheels"
 
 
 def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
     for load, wheel in zip(wheel_loads(machine.tractor, hitched), machine.tractor.wheels, strict=True):
         if load / wheel.stiffness > DEEPEST_SHARE * wheel.radius:
-            deflects = f"deflects by {1e3 * load / wheel.stiffness:.0f} mm of {1e3 * wheel.radius:.0f}"
+            deflects = f"deflects by {1e3 * load / wheel.stiffness:.0f} mm of its radius of {1e3 * wheel.radius:.0f} mm"
             key = "stiffness_n_m" if wheel.size is None else "pressure_bar"
-            yield f"tractor.{wheel.axle}_tyre_{key}: under {load:.0f} N the tyre {deflects}; it is flat"
+            yield (f"tractor.{wheel.axle}_tyre_{key}: under {load:.0f} N the tyre {deflects}; increase it")
         yield from _overloaded(f"tractor.{wheel.axle}_wheel_radius_m", load, wheel, DENSEST_KPA)
     if hitched is not None and (drawn := hitched.axle) is not None:
         yield from _overloaded("implement", drawn.wheel.load, drawn.wheel, DENSEST_DRAWN_KPA)
@@ -63,20 +63,20 @@ def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
 def _overloaded(key: str, load: float, wheel: AxleWheel, most_kpa: float) -> Iterator[str]:
     kpa = load / (2 * wheel.radius * wheel.width) / 1e3
     if kpa > most_kpa:
-        carries = f"{2 * wheel.radius:.2g} m by {wheel.width:.2g} m carries {load:.0f} N, {kpa:.0f} kPa over its size"
-        yield f"{key}: a wheel of {carries}; no tyre does beyond {most_kpa:g}: set radius and width"
+        carries = f"{2 * wheel.radius:.2g} m by {wheel.width:.2g} m carries {load:.0f} N, a pressure of {kpa:.0f} kPa"
+        yield f"{key}: a wheel of {carries}, above the limit of {most_kpa:g} kPa; set the radius and width of the wheel"
 
 
 def _steering(machine: Machine) -> Iterator[str]:
     tractor, cylinder = machine.tractor, machine.cylinder
     needed, relief = machine.linkage.parked_torque(tractor), cylinder.column(tractor, machine.linkage).relief_torque
     if relief < needed:
-        less = f"holds {relief:.0f} N m, the standing front wheels need {needed:.0f}"
-        yield f"steering.cylinder.relief_pressure_bar: {less}; they turn only while rolling"
+        less = f"the cylinder provides {relief:.0f} N m, and the front wheels need {needed:.0f} N m at standstill"
+        yield f"steering.cylinder.relief_pressure_bar: {less}; the wheels turn only while rolling"
     bar = relief / cylinder.displacement / 1e5
     if cylinder.relief_pressure_bar is None and bar > HIGHEST_BAR:
-        small = f"too small for this front axle, whose relief would be at {bar:.0f} bar"
-        yield f"steering.cylinder.bore_mm: {small}; enlarge it, and the flows of steering.valve alike"
+        small = f"too small for this front axle, with a relief pressure of {bar:.0f} bar"
+        yield (f"steering.cylinder.bore_mm: {small}; increase the bore and the flows of steering.valve")
 
 
 def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Iterator[str]:
@@ -89,10 +89,10 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
     strength = driveline.strength(tractor)
     pull = strength.torque / tractor.rear_wheel_radius_m / weight
     if pull < LEAST_PULL:
-        yield f"driveline.torque_limit_n_m: pulls {pull:.2g} of the weight of {weight:.0f} N, too little for a slope"
+        yield (f"driveline.torque_limit_n_m: {pull:.2g} times the weight of {weight:.0f} N is too low for a slope")
     if speed > 0.0 and (share := strength.power / speed / weight) < LEAST_POWER:
-        at = f"at {speed:g} m/s it pulls {share:.2g} of the weight of {weight:.0f} N"
-        yield f"driveline.power_limit_kw: {at}, hardly more than rolling takes"
+        at = f"at {speed:g} m/s the pull is {share:.2g} times the weight of {weight:.0f} N"
+        yield f"driveline.power_limit_kw: {at}, close to the rolling resistance"
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:

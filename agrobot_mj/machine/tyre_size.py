@@ -96,7 +96,7 @@ def tyre_size(code: str) -> TyreSize:
             _check(code, size)
             return size
     known = "520/85R42, 18.4-38 or 66x43.00R25"
-    raise ValueError(f"must be the size code of a tyre such as {known}, got {shortened(repr(code))}")
+    raise ValueError(f"must be a tyre size code such as {known}, got {shortened(repr(code))}")
 
 
 def _size(family: str, found: re.Match[str]) -> TyreSize:

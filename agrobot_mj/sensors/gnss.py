@@ -24,7 +24,7 @@ def _whole_ticks_apart(rate_hz: float) -> float:
     """Return `rate_hz` unchanged. Raises ValueError unless solutions are a whole number of ticks apart."""
     ticks = 1.0 / (rate_hz * TICK_S)
     if abs(ticks - round(ticks)) > 1e-9 * ticks:
-        raise ValueError(f"solutions must be whole ticks of {TICK_S:g} s apart, got {rate_hz:g}; try 20, 10 or 5")
+        raise ValueError(f"must give a period of whole ticks of {TICK_S:g} s, got {rate_hz:g}; try 20, 10 or 5")
     return rate_hz
 
 
@@ -107,7 +107,7 @@ class Gnss(Sensor):
     @property
     def columns(self) -> tuple[Column, ...]:
         """Log columns: height, and with two antennas the heading."""
-        height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without", drawn=False)
+        height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without a solution", drawn=False)
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
 

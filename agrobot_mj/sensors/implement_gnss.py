@@ -58,8 +58,8 @@ class ImplementGnss(Sensor):
         if not self.enabled:
             return ()
         return (
-            Column("implement_gnss_x", "m", "place where the implement works by its own receiver, east"),
-            Column("implement_gnss_y", "m", "place where the implement works by its own receiver, north"),
+            Column("implement_gnss_x", "m", "working point of the implement from its GNSS receiver, east"),
+            Column("implement_gnss_y", "m", "working point of the implement from its GNSS receiver, north"),
         )
 
     def report(self, reading: ImplementFix) -> tuple[float, ...]:

@@ -82,7 +82,7 @@ class Sensors(Spec):
         states, readings = state.states.copy(), state.readings.copy()
         for name in state.present or states:
             found = getattr(self, name).measure(states[name], truth, conditions, dt)
-            states[name], readings[name] = check_pair(found, "its state and a reading", "the sensor", name, "measure")
+            states[name], readings[name] = check_pair(found, "its state and measurement", "the sensor", name, "measure")
         lines = () if conditions is NOMINAL else _distort(readings, state, conditions, dt)
         gnss, imu = readings["gnss"], readings["imu"]
         measurement = Measurement(

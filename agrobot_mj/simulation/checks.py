@@ -78,8 +78,8 @@ class Numbers:
             value = getattr(message, field)
             if value is not None and not np.isfinite(value).all():
                 shown = np.ravel(value)
-                raise NotFiniteError(f"{self.name}.{field} is {shown[~np.isfinite(shown)][0]}, made by {maker}")
-        raise NotFiniteError(f"{self.name} overflows, made by {maker}")
+                raise NotFiniteError(f"{self.name}.{field} is {shown[~np.isfinite(shown)][0]}, returned by {maker}")
+        raise NotFiniteError(f"{self.name}, returned by {maker}, overflows")
 
 
 def _shape(hint: Any, default: Any) -> str:
@@ -190,7 +190,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
     except (TypeError, ValueError):
         numbers = []
     if len(numbers) != len(columns):
-        count = f"{len(columns)} numbers, one for each of its columns"
+        count = f"{len(columns)} numbers, one per column"
         raise ScenarioError(f"{maker}: report must return {count}, got {one_line(report)}")
 
 
@@ -206,9 +206,9 @@ def read_only(estimate: Estimate) -> Estimate:
 def steerable(s: Scenario, command: Command) -> Command:
     """Return the `limited` command of the guidance law. Raises `NotFiniteError` for an implausible angle."""
     if abs(command.steer) > ABSURD_STEER:
-        angle = f"{degrees(command.steer):.4g} deg, beyond a right angle"
+        angle = f"{degrees(command.steer):.4g} deg, more than 90 deg"
         raise NotFiniteError(
-            f"command.steer is {angle}, made by the guidance law ({s.guidance.kind}); it is in radians"
+            f"command.steer is {angle}, returned by the guidance law ({s.guidance.kind}); return radians"
         )
     return limited(command, s.tractor.steer_limit)
 

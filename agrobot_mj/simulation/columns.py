@@ -77,7 +77,7 @@ _REFERENCE = _signals(
     ("z_ref", "m", "height of the ground under the reference", "z_ref"),
     ("yaw_ref", "rad", "heading of the reference, from east, counter-clockwise", "reference.yaw"),
     ("curvature_ref", "1/m", "curvature of the path at the reference, left positive", "reference.curvature"),
-    ("curvature_rate_ref", "1/(m s)", "change of it in time, 0 at its steps", "reference.curvature_rate"),
+    ("curvature_rate_ref", "1/(m s)", "time derivative of ref.curvature, 0 at its steps", "reference.curvature_rate"),
 )
 _TRUTH = _signals(
     ("x", "m", "true CG, east", "truth.x"),
@@ -106,33 +106,33 @@ _ESTIMATE = _signals(
     ("p_yy", "m2", "estimated variance of R, north", lambda k: float(k.estimate.covariance[1, 1])),
     ("p_yaw", "rad2", "estimated variance of the heading", lambda k: float(k.estimate.covariance[2, 2])),
     ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", _nees),
-    ("position_nis", "-", "normalised innovation squared of the fix; null without", "estimate.nis"),
+    ("position_nis", "-", "normalised innovation squared of the fix; null without a fix", "estimate.nis"),
 )
 _CONDITIONS = _signals(
-    ("gnss_x", "m", "GNSS solution of the antenna, east; null without", lambda k: _fixed(k)[0]),
-    ("gnss_y", "m", "GNSS solution of the antenna, north; null without", lambda k: _fixed(k)[1]),
-    ("gnss_quality", "-", "quality of the GNSS: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
-    ("faults_active", "-", "number of scripted faults that act", "faults"),
+    ("gnss_x", "m", "GNSS solution of the antenna, east; null without a solution", lambda k: _fixed(k)[0]),
+    ("gnss_y", "m", "GNSS solution of the antenna, north; null without a solution", lambda k: _fixed(k)[1]),
+    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
+    ("faults_active", "-", "number of active scripted faults", "faults"),
 )
 _ERRORS = _signals(
-    ("e_longitudinal", "m", "reference less true CG, ahead positive (time-based)", lambda k: _behind(k)[0]),
-    ("e_lateral", "m", "reference less true CG, left positive (time-based)", lambda k: _behind(k)[1]),
+    ("e_longitudinal", "m", "reference minus true CG, ahead positive (time-based)", lambda k: _behind(k)[0]),
+    ("e_lateral", "m", "reference minus true CG, left positive (time-based)", lambda k: _behind(k)[1]),
     ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", "command.speed"),
 )
 _ACTUATION = _signals(
-    ("steer_ref", "rad", "angle that the steering loop steers to, left positive", "steer_ref"),
-    ("steer", "rad", "true angle of the bicycle's virtual wheel, left positive", "truth.steer"),
-    ("steer_measured", "rad", "steering potentiometer after its filter", "measured.steer"),
+    ("steer_ref", "rad", "setpoint of the steering loop, left positive", "steer_ref"),
+    ("steer", "rad", "true angle of the virtual wheel in the bicycle model, left positive", "truth.steer"),
+    ("steer_measured", "rad", "filtered measurement of the steering potentiometer", "measured.steer"),
     ("steer_saturated", "-", "1 where the steering command is at its limit, else 0", "saturated"),
-    ("valve_voltage", "V", "steering valve, neutral at 6 V, above steers left", "drive.steer_voltage"),
-    ("pedal_ref", "-", "pedal position that the speed loop asks for, -1 to 1", "pedal_ref"),
+    ("valve_voltage", "V", "voltage of the steering valve; neutral at 6 V, left above", "drive.steer_voltage"),
+    ("pedal_ref", "-", "pedal position commanded by the speed loop, -1 to 1", "pedal_ref"),
     ("pedal", "-", "true pedal position, forward positive", "truth.pedal"),
-    ("pedal_measured", "-", "pedal potentiometer after its filter", "measured.pedal"),
-    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above is forward; null without power", "drive.pedal_voltage"),
-    ("brake", "-", "share of the brake's torque that is applied, 0 to 1", "drive.brake"),
+    ("pedal_measured", "-", "filtered measurement of the pedal", "measured.pedal"),
+    ("pedal_voltage", "V", "voltage of the pedal valve, 6 V is neutral; null without power", "drive.pedal_voltage"),
+    ("brake", "-", "applied fraction of the brake torque, 0 to 1", "drive.brake"),
     ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", lambda k: k.actuation[0]),
     ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", lambda k: k.actuation[1]),
-    ("drive_torque", "N m", "torque on the driven wheels, sum; null without wheels", lambda k: k.actuation[2]),
+    ("drive_torque", "N m", "total torque on the driven wheels; null without wheels", lambda k: k.actuation[2]),
 )
 
 SIGNALS = (
@@ -155,7 +155,7 @@ WHEEL_SIGNALS = tuple(
         ),
         ("fx", "N", "force on the wheel, forward in the ground plane"),
         ("fy", "N", "force on the wheel, left in the ground plane"),
-        ("friction_use", "-", "force over what the ground can hold"),
+        ("friction_use", "-", "force divided by the maximum force of the ground"),
     )
     for wheel in WHEELS
 )

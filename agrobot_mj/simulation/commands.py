@@ -21,7 +21,7 @@ def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Comm
         if not isfinite(value):
             raise CommandError(f"{name}: must be a finite number, got {value}")
     if len(given) > 1:
-        raise CommandError(f"{' and '.join(given)}: give one of them")
+        raise CommandError(f"{' and '.join(given)}: specify only one of them")
     if not given:
         return loop.decide(*loop.now())._replace(speed=float(numbers["speed"]))
     situation, ((kind, value),) = loop.now()[1], given.items()
@@ -35,5 +35,5 @@ def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Comm
     machine = situation.machine
     angle = value if kind == "steer" else atan(machine.wheelbase_m * value)
     if abs(angle) > ABSURD_STEER:
-        raise CommandError(f"{kind}: is in radians and must be within a right angle, got {value}")
+        raise CommandError(f"{kind}: must be between -pi/2 and pi/2 rad, got {value}")
     return limited(Command(angle, along), machine.steer_limit)

@@ -25,9 +25,9 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
     if before.guidance.kind != scenario.guidance.kind:
         changed.append("guidance.kind")
     if changed:
-        raise CommandError(f"continued: {', '.join(changed)} may not change during a run; start another run")
+        raise CommandError(f"continued: {', '.join(changed)} must not change during a run; start another run")
     if state.rows.filled > scenario.ticks:
-        raise CommandError(f"continued: duration_s: must not lie before the present time, {t:g} s")
+        raise CommandError(f"continued: duration_s: must not be before the present time, {t:g} s")
     stages = {**state.loop.stages, "faults": _fault_states(state, scenario, t + TICK_S / 2)}
     return resumed(Simulation, state._replace(scenario=scenario, loop=state.loop._replace(stages=stages)))
 
@@ -41,7 +41,7 @@ def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[obje
         if ours is not None and theirs is not None and _same_past(ours, theirs, now):
             states[k] = kept[k]
         elif any(fault is not None and fault.start_s < now for fault in (ours, theirs)):
-            raise CommandError(f"continued: fault[{k}]: changes the past; let it begin after the present tick")
+            raise CommandError(f"continued: fault[{k}]: it changes the past; let it begin after the present tick")
     return tuple(states)
 
 

@@ -62,14 +62,14 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
     if nees > NEES_MOST or nis > NIS_MOST:
         cause, remedy = _named(s, cause_of(view, across=False), askew)
         about = f": {cause}" if cause else ""
-        numbers = f"position NEES {nees:.0f}, NIS {nis:.1f}, 2 if consistent"
+        numbers = f"position NEES {nees:.0f}, NIS {nis:.1f}, both 2 for a consistent filter"
         worth = rms(np.hypot(*(view.column(name) - view.column(f"{name}_hat") for name in "xy"))) or 0.0
         more = f"; {remedy}" if remedy not in ("", given) and worth > 2**0.5 * WORTH_M else ""
         yield f"the estimate contradicts its covariance ({numbers}){about}{more}"
     mounting = degrees(metrics.get("antenna_mounting") or 0.0)
     beta = degrees(metrics.get("level_sideslip") or 0.0)
     if abs(mounting) > SIDESLIP_MOST and s.sensors.gnss.dual_antenna.enabled:
-        yield f"the antennas point {mounting - beta:.1f} deg off the heading, which the estimator corrects; {CALIBRATE}"
+        yield (f"the antennas point {mounting - beta:.1f} deg off the heading, corrected by the estimator; {CALIBRATE}")
     if askew:
         reason = f": {MOUNTING}; {CALIBRATE}" if s.sensors.gnss.dual_antenna.enabled else ""
         yield f"a steady sideslip of {beta:.1f} deg on level ground is not plausible{reason}"

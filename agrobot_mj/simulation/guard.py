@@ -6,7 +6,7 @@ from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.interrupts import held_back
 
 IN_USE = (
-    "the simulation is in use by another thread, or by the call in which this one is made; give each thread a "
+    "the simulation is in use by another thread or by an enclosing call; give each thread a "
     "simulation of its own (copy.deepcopy)"
 )
 

@@ -28,7 +28,7 @@ except ImportError:  # pragma: no cover - Windows has no such locks; simultaneou
 
 MARK = ".agrobot-mj"
 """File name of the mark: a comment line, then one name per line."""
-HEAD = "# agrobot_mj wrote the files named here and may replace them; it leaves all others in this folder alone."
+HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
 PATIENCE_S = 60.0
 """Maximum time to wait for another process that prepares a shared folder [s]."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
@@ -69,8 +69,8 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
     """Raise `ScenarioError` unless files or folders of these names may be written to `folder`."""
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
-            f"{folder}: contains files, but no mark of agrobot-mj ({MARK}), so nothing is written there; name a new "
-            f"folder; if all that is in it may be replaced, as old results of agrobot-mj may, hand it over: "
+            f"{folder}: the folder contains files but no {MARK} of agrobot-mj, so nothing is written to it; specify "
+            f"a new folder, or allow agrobot-mj to replace the contents of this one with: "
             f"touch {shlex.quote(str(folder / MARK))}"
         )
     check_names(folder, names)
@@ -125,7 +125,7 @@ def atomic(path: Path) -> Iterator[Path]:
     file in a results folder.
     """
     if path.is_char_device() or path.is_block_device():
-        raise OSError(errno.EINVAL, "is a device; name a file", str(path))
+        raise OSError(errno.EINVAL, "is a device; specify a file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None:
         claim(path.parent, [path.name])
@@ -176,11 +176,11 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
             raise ScenarioError(f"{folder}: {name!r} is not a valid file name in a results folder; rename the file")
         path = folder / name
         if path.is_symlink() and path.is_dir():
-            raise ScenarioError(f"{path}: is a link to a folder, which is not followed; move it away")
+            raise ScenarioError(f"{path}: is a link to a folder, and links are not followed; remove the link")
         if name not in ours and (path.exists() or path.is_symlink()):
-            raise ScenarioError(f"{path}: was not written by agrobot-mj; move it away, or name another folder")
+            raise ScenarioError(f"{path}: was not written by agrobot-mj; move it, or specify another folder")
         if name == given and path.is_dir():
-            raise ScenarioError(f"{path}: is a folder; move it away, or name another folder with --out")
+            raise ScenarioError(f"{path}: is a folder, not a file; move it, or specify another folder with --out")
 
 
 def _is_torn_mark(path: Path) -> bool:
@@ -215,7 +215,7 @@ def _locked(folder: Path, patience: float) -> int | None:
                 continue
             os.close(handle)
             raise ScenarioError(
-                f"--out {folder}: another run is writing there; wait for its end or name another folder"
+                f"--out {folder}: another run is writing to this folder; wait for it to end, or specify another folder"
             ) from None
         except OSError:
             os.close(handle)

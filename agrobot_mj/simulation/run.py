@@ -50,7 +50,7 @@ def run(
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
-        raise ScenarioError(f'guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
+        raise ScenarioError(f'guidance.kind: "{kind}" needs an external program; use `agrobot-mj {command}`')
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
         for _ in _ticks(sim) if branches is None else steps(sim, branches):

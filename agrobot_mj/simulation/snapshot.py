@@ -65,6 +65,6 @@ def require_same_scenario(snapshot: Snapshot, scenario: Scenario) -> None:
         return
     keys = [key for key in Scenario.model_fields if getattr(theirs, key) != getattr(scenario, key)]
     raise CommandError(
-        f"restore: the state belongs to another scenario than this one ({', '.join(keys)} differ); restore it into a "
+        f"restore: the state belongs to a different scenario ({', '.join(keys)} differ); restore it into a "
         "Simulation of the same scenario with the same overrides"
     )

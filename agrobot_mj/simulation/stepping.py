@@ -65,7 +65,7 @@ class Simulation:
         self.loop, self.rows, self._watch, self.outcome, self.reason = loop, rows, Watch(plant), "", ""
         self._broken_off = False
         if not saved and plant.trouble() == "diverged":  # during settling
-            self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while it came to rest at the start")
+            self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while settling at the start")
 
     def __copy__(self) -> "Simulation":
         """Return an independent simulation in the same state."""
@@ -176,7 +176,7 @@ class Simulation:
             return
         loop.advance(tick.drive)
         if plant.trouble() == "diverged":  # sensors and filters need finite numbers
-            self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite, or faster than 100 m/s")
+            self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite or exceeds 100 m/s")
             return
         self._sense()
 
@@ -246,7 +246,7 @@ class Simulation:
         A state can be restored any number of times. Raises `CommandError` for another scenario, TypeError for another
         object.
         """
-        check_argument("state", state, isinstance(state, Snapshot), "what save() has returned")
+        check_argument("state", state, isinstance(state, Snapshot), "a return value of save()")
         require_same_scenario(state, self.scenario)
         with self._guard:
             self._restore(state)

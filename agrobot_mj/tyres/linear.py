@@ -21,8 +21,8 @@ def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
     low, high = STIFFNESS_PER_LOAD
     if low * load <= C_alpha <= high * load:
         return ""
-    share = f"{C_alpha:g} N/rad is {C_alpha / load:.2g} times the load of {load:.0f} N"
-    return f"{key}: {share}; tyres have {low:g} to {high:g}"
+    share = f"the stiffness of {C_alpha:g} N/rad is {C_alpha / load:.2g} times the load of {load:.0f} N"
+    return f"{key}: {share}; the ratio of real tyres is {low:g} to {high:g}"
 
 
 class LinearLaw(NamedTuple):

@@ -144,7 +144,7 @@ class AxleTyre(Spec):
             "stiffness": any(1 + curve.stiffness_load * df < LEAST_SHARE for curve in curves),
         }
         names = " and ".join(name for name, least in held.items() if least)
-        return f"; beyond it {names} over load is held at {LEAST_SHARE:g} of its value" if names else ""
+        return (f"; beyond it {names} per load stay at {LEAST_SHARE:g} times the reference") if names else ""
 
     def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
         """Return the coefficients of one tyre with this static load [N]."""
@@ -182,8 +182,8 @@ class MagicFormula(CarcassTyre):
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
-                known = "grip and stiffness are known from {:g} to {:g} times it".format(*KNOWN_LOADS)
-                at = f"a wheel carries {load:.0f} N, {share:.2g} times the reference of {reference:.0f} N"
+                known = "grip and stiffness are valid from {:g} to {:g} times the reference load".format(*KNOWN_LOADS)
+                at = f"a wheel carries {load:.0f} N, {share:.2g} times the reference load of {reference:.0f} N"
                 yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
 
     def of_implement(self) -> Self:

@@ -42,7 +42,7 @@ def sheared(j: float) -> float:
 def rebound_in_range(mpa_m: float) -> float:
     """Return `mpa_m` unchanged. Raises ValueError for soil stiffer than the physics steps resolve."""
     if not 1.0 <= mpa_m <= STIFFEST_MPA_M:
-        why = "stiffer soil rebounds within a step; take a firm tyre law instead"
+        why = "stiffer soil rebounds within one physics step; use a tyre law for firm ground instead"
         raise ValueError(f"must be from 1 to {STIFFEST_MPA_M:g} MPa/m ({why}), got {mpa_m:g}")
     return mpa_m
 
@@ -121,8 +121,8 @@ class Ruts(CarcassTyre):
             k = 1e3 * (self.k_c_kn / b + self.k_phi_kn)
             sunk = (3 * load / ((3 - n) * b * k * sqrt(2 * R))) ** (2 / (2 * n + 1))
             if sunk > DEEPEST * R:
-                deep = f"under {load:.0f} N would sink by {sunk:.2g} m of its radius of {R:.2g} m"
-                yield f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the law holds to a third of it"
+                deep = f"would sink by {sunk:.2g} m under {load:.0f} N"
+                yield (f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the limit is a third of its radius of {R:.2g} m")
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch; the rolling resistance is the tyre's own loss in [Brixius1987]."""

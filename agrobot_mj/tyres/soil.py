@@ -113,8 +113,8 @@ class Soil(CarcassTyre):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height(wheel)
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
             if M < SOFTEST:
-                soft = f"too soft for {load:.0f} N on a {wheel.axle} wheel of {d:.2g} m by {b:.2g} m"
-                yield f"cone_index_kpa: {soft}: mobility number {M:.2g}, the fits begin at {SOFTEST:g}"
+                soft = f"the soil is too soft for {load:.0f} N on a {wheel.axle} wheel of {d:.2g} m by {b:.2g} m"
+                yield f"cone_index_kpa: {soft}: the mobility number is {M:.2g}, and the fits are valid from {SOFTEST:g}"
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""

@@ -90,8 +90,8 @@ def supervised(speeds, offsets, wheel=nan, fixes=0.0):
 @pytest.mark.parametrize(
     ("estimate", "wheel", "fixes", "word"),
     [
-        (1.0, 1.7, 1.6, "faster than commanded"),
-        (-0.3, 1.1, 1.05, "slower than wheels and fixes"),
+        (1.0, 1.7, 1.6, "above the command"),
+        (-0.3, 1.1, 1.05, "below wheels and fixes"),
         (1.0, 1.04, 1.0, ""),
         (1.0, 2.4, 1.0, ""),
         (1.0, nan, 1.3, ""),
@@ -109,7 +109,7 @@ def test_tractor_that_stops_approaching_the_path_is_stopped():
     assert "m off the path" in supervised([1.0] * 200, leaving).reason
     again = [*np.linspace(3.0, 0.5, 200).tolist(), *np.linspace(0.5, 2.2, 100).tolist()]
     assert "2.01 m off the path" in supervised([1.0] * 300, again).reason
-    assert "not closer to the path" in supervised([1.0] * 500, [3.0] * 500).reason
+    assert "no closer to the path" in supervised([1.0] * 500, [3.0] * 500).reason
 
 
 def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):

@@ -61,11 +61,11 @@ def test_the_run_can_become_shorter(sim):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"seed": 5}, "seed may not change"),
-        ({"path.radius_m": 12.0}, "path may not change"),
-        ({"guidance.kind": "lqr"}, "guidance.kind may not change"),
-        ({"duration_s": 1.0}, "must not lie before the present time, 2 s"),
-        ({"fault": []}, r"fault\[0\]: changes the past"),
+        ({"seed": 5}, "seed must not change"),
+        ({"path.radius_m": 12.0}, "path must not change"),
+        ({"guidance.kind": "lqr"}, "guidance.kind must not change"),
+        ({"duration_s": 1.0}, "must not be before the present time, 2 s"),
+        ({"fault": []}, r"fault\[0\]: it changes the past"),
     ],
 )
 def test_a_change_of_the_past_is_refused(sim, keys, message):
@@ -74,7 +74,7 @@ def test_a_change_of_the_past_is_refused(sim, keys, message):
 
 
 def test_a_fault_before_the_next_tick_is_refused(sim):
-    with pytest.raises(CommandError, match=r"fault\[1\]: changes the past"):
+    with pytest.raises(CommandError, match=r"fault\[1\]: it changes the past"):
         continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
-    with pytest.raises(CommandError, match=r"fault\[0\]: changes the past"):
+    with pytest.raises(CommandError, match=r"fault\[0\]: it changes the past"):
         continued(sim.save(), with_faults(sim, end_s=1.5))

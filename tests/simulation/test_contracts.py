@@ -135,13 +135,17 @@ def test_error_names_non_numeric_conditions(start, plant):
     whole = load_scenario("straight_line", {"plant.kind": plant, "duration_s": 0.5})
     log = run(whole.model_copy(update={"fault": (Broken(start_s=start, answer="nan"),)}))
     assert log.outcome == "diverged"
-    assert log.metrics["stop_reason"] == "conditions.gnss_offset is nan, made by a fault (broken)"
+    assert log.metrics["stop_reason"] == "conditions.gnss_offset is nan, returned by a fault (broken)"
 
 
 def test_sensor_that_does_not_return_state_and_reading_is_rejected():
     whole = scenario()
     blind = whole.sensors.model_copy(update={"gyro": Silent()})
-    with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): measure must return its state and a reading"):
+    with pytest.raises(
+        ScenarioError,
+        match=r"the sensor \(gyro\): measure must return a pair of its state and a "
+        r"measurement",
+    ):
         run(whole.model_copy(update={"sensors": blind}))
 
 
@@ -196,7 +200,7 @@ def test_path_with_non_numeric_properties_is_rejected(name, number):
 @pytest.mark.parametrize("turns", [(), ((0.0, nan),), ((0.0, inf),), ((-1.0, 2.0),), ((3.0, 2.0),), ((1.0,),), None])
 def test_path_whose_laps_are_not_pairs_of_finite_times_is_rejected(turns):
     lost = Lost().model_copy(update={"turns": turns})
-    with pytest.raises(ScenarioError, match="path: turns_s of kind 'lost' must hold at least one"):
+    with pytest.raises(ScenarioError, match="path: turns_s of kind 'lost' must have at least one pair"):
         check_files(scenario(path=lost), "mine.toml")
 
 
@@ -205,14 +209,14 @@ def test_path_whose_laps_are_not_pairs_of_finite_times_is_rejected(turns):
 @pytest.mark.parametrize("field", ["x", "y", "vx", "vy", "yaw", "curvature", "curvature_rate"])
 def test_non_finite_references_are_rejected_before_the_run(field, value, from_s):
     spoilt = Spoilt().model_copy(update={"field": field, "value": value, "from_s": from_s})
-    message = rf"reference.{field} is {value}, made by the path \(spoilt\) at t = 0.[03]"
+    message = rf"reference.{field} is {value}, returned by the path \(spoilt\) at t = 0.[03]"
     with pytest.raises(ScenarioError, match=message):
         run(scenario(path=spoilt))
 
 
 @pytest.mark.parametrize("answer", ["none", "nan", "row", "one"])
 def test_terrain_that_does_not_return_a_height_grid_is_rejected(answer):
-    wanted = "relief must return a Ground" if answer == "none" else "relief: its heights must be finite numbers"
+    wanted = "relief must return a Ground" if answer == "none" else "relief: the heights must be finite numbers"
     with pytest.raises(ValueError, match=wanted):
         Hole(answer=answer).ground()
 
@@ -226,7 +230,9 @@ def test_plugin_without_its_abstract_methods_is_rejected():
     class Unfinished(TyreBase):
         kind: Literal["unfinished"] = "unfinished"
 
-    with pytest.raises(ScenarioError, match="register: Unfinished: lacks coefficients, structure, which its base"):
+    with pytest.raises(
+        ScenarioError, match="register: Unfinished: it lacks coefficients, structure, required by its base"
+    ):
         register(Unfinished)
 
     class Deaf(Sensor):
@@ -255,7 +261,7 @@ def test_plugin_that_calls_sys_exit_gives_an_error_message():
         lambda: check_files(scenario(terrain=Quitting()), "mine.toml"),
         lambda: run(scenario(estimator=Resigning())),
     ):
-        with pytest.raises(ScenarioError, match=r"code of the scenario's kinds has ended the run \(SystemExit\)"):
+        with pytest.raises(ScenarioError, match=r"code of a plugin ended the run with SystemExit"):
             begin()
 
 

@@ -104,7 +104,7 @@ def test_error_names_a_law_with_a_non_finite_command(monkeypatch, guidance):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=nan))
-    assert run(scenario).metrics["stop_reason"] == f"command.steer is nan, made by the guidance law ({guidance})"
+    assert run(scenario).metrics["stop_reason"] == f"command.steer is nan, returned by the guidance law ({guidance})"
 
 
 @pytest.mark.parametrize("angle", [1e9, -10.0, 1.58])
@@ -115,7 +115,7 @@ def test_error_names_a_law_with_an_impossible_steering_angle(monkeypatch, guidan
     spoiled(monkeypatch, law, "update", second(steer=angle))
     log = run(scenario)
     assert log.outcome == "diverged"
-    assert f"deg, beyond a right angle, made by the guidance law ({guidance})" in log.metrics["stop_reason"]
+    assert f"deg, more than 90 deg, returned by the guidance law ({guidance})" in log.metrics["stop_reason"]
 
 
 @pytest.mark.parametrize("angle", [0.8, 1.2, -1.57])
@@ -136,7 +136,7 @@ def test_steering_angle_above_the_limit_is_clipped(monkeypatch, angle):
 def test_impossible_steering_angle_from_outside_is_rejected():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
-    with pytest.raises(CommandError, match="steer: is in radians and must be within a right angle, got 30"):
+    with pytest.raises(CommandError, match="steer: must be between -pi/2 and pi/2 rad, got 30"):
         sim.step(steer=30.0)
     sim.step(steer=1.5)
     assert sim.log().column("steer_ref")[-1] == sim.scenario.tractor.steer_limit
@@ -162,14 +162,16 @@ def test_error_names_an_external_controller_with_non_finite_command(tmp_path):
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text("utf-8"))
     assert metrics["outcome"] == "diverged"
     assert "steer nan rad" in metrics["stop_reason"]
-    assert "made by the controller (nan_steer)" in metrics["stop_reason"]
+    assert "returned by the controller (nan_steer)" in metrics["stop_reason"]
     assert pq.read_metadata(tmp_path / "out" / "signals.parquet").num_rows == 10
 
 
 def test_error_names_a_non_finite_voltage(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, type(scenario.steering.loop), "update", lambda found: (found[0], nan))
-    assert run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, made by the low-level loops")
+    assert (
+        run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, returned by the low-level loops")
+    )
 
 
 def test_exceptions_in_a_user_defined_law_are_passed_on_unchanged(monkeypatch):
@@ -233,7 +235,7 @@ def test_run_that_diverges_while_settling_has_one_empty_row(monkeypatch, tmp_pat
     assert np.isnan(measured.steer)
     log = run(scenario)
     assert (log.outcome, log.rows.filled, log.column("t")[0]) == ("diverged", 1, 0.0)
-    assert "(bicycle) diverged while it came to rest" in log.metrics["stop_reason"]
+    assert "(bicycle) diverged while settling" in log.metrics["stop_reason"]
     write_log(log, tmp_path)
 
 
@@ -284,17 +286,17 @@ SOUND = Sample(1.0, "nan", np.ones(3), (1.0, 2.0))
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
-        ({"x": nan}, "sample.x is nan"),
-        ({"samples": np.array([1.0, inf, nan])}, "sample.samples is inf"),
-        ({"place": (0.0, -inf)}, "sample.place is -inf"),
-        ({"wanted": inf}, "sample.wanted is inf"),
-        ({"inner": Inner(rate=nan)}, "sample.inner.rate is nan"),
-        ({"x": 1e308, "place": (1e308, 1e308)}, "sample overflows"),
+        ({"x": nan}, "sample.x is nan, returned by a test"),
+        ({"samples": np.array([1.0, inf, nan])}, "sample.samples is inf, returned by a test"),
+        ({"place": (0.0, -inf)}, "sample.place is -inf, returned by a test"),
+        ({"wanted": inf}, "sample.wanted is inf, returned by a test"),
+        ({"inner": Inner(rate=nan)}, "sample.inner.rate is nan, returned by a test"),
+        ({"x": 1e308, "place": (1e308, 1e308)}, "sample, returned by a test, overflows"),
     ],
 )
 def test_error_names_the_field_that_is_not_finite(changes, named):
     Numbers(Sample).check(SOUND, "a test")
-    with pytest.raises(NotFiniteError, match=f"^{named}, made by a test$"):
+    with pytest.raises(NotFiniteError, match=f"^{named}$"):
         Numbers(Sample).check(SOUND._replace(**changes), "a test")
 
 

@@ -213,7 +213,7 @@ def test_restore_returns_the_measurement_of_the_saved_time():
 
 def test_state_of_another_scenario_is_rejected():
     state = Simulation("circle", {"plant.kind": "bicycle"}).save()
-    with pytest.raises(CommandError, match=r"another scenario than this one \(.*seed.* differ\)"):
+    with pytest.raises(CommandError, match=r"a different scenario \(.*seed.* differ\)"):
         Simulation("circle", {"plant.kind": "bicycle", "seed": 9}).restore(state)
 
 

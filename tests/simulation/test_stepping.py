@@ -102,7 +102,7 @@ def test_error_for_a_command_of_the_wrong_type_names_it(command):
 
 def test_error_for_an_argument_of_the_wrong_type_names_it():
     sim = Simulation("circle", SHORT)
-    with pytest.raises(TypeError, match=r"^state: must be what save\(\) has returned, got None"):
+    with pytest.raises(TypeError, match=r"^state: must be a return value of save\(\), got None"):
         sim.restore(None)
     for overrides in ([1], {3: 4}, "seed=3"):
         with pytest.raises(TypeError, match=r"^overrides: must be a mapping of dotted keys"):
@@ -167,7 +167,7 @@ def test_run_accepts_a_scenario_name_or_path(tmp_path):
 def test_two_steering_commands_at_once_are_rejected():
     sim = Simulation("circle", SHORT)
     sim.reset()
-    with pytest.raises(CommandError, match="steer and curvature: give one of them"):
+    with pytest.raises(CommandError, match="steer and curvature: specify only one of them"):
         sim.step(steer=0.1, curvature=0.1)
 
 

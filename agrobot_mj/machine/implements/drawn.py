@@ -78,7 +78,7 @@ class Drawn(ImplementBase):
         ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
         body = self.mass_kg - wheels
         if body <= 0:
-            raise ValueError(f"implement.mass_kg: its wheels alone weigh {wheels:g} kg; raise it, got {self.mass_kg:g}")
+            raise ValueError(f"implement.mass_kg: must be above the wheel mass, {wheels:g} kg, got {self.mass_kg:g}")
         wheel = self.wheel
         axle_at = (-self.axle_behind_m, 0.0, ground + wheel.radius - wheel.deflection)
         at = self.tool_behind_m if self.lowered else self.axle_behind_m
