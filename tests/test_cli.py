@@ -287,9 +287,9 @@ BAD = [
     (["run", "figure_eigth"], "did you mean 'figure_eight'"),
     (["run", "missing.toml"], "missing.toml: no such file"),
     (["run", "."], "folder"),
-    (["run", os.devnull], f"{os.devnull}: is not a regular file; name one"),
-    (["twin", "--describe", os.devnull], f"{os.devnull}: is not a regular file; name one"),
-    (["view", os.devnull], f"{os.devnull}: is not a regular file; name one"),
+    (["run", os.devnull], f"{os.devnull}: is not a regular file; specify a file"),
+    (["twin", "--describe", os.devnull], f"{os.devnull}: is not a regular file; specify a file"),
+    (["view", os.devnull], f"{os.devnull}: is not a regular file; specify a file"),
     (["run", "broken.toml"], "broken.toml: not valid TOML"),
     (["run", "wrong.toml"], "wrong.toml: terrain.grade_deg: must be below 45"),
     (["run", "circle", "--set", "sead=3"], "sead: unknown key; did you mean 'seed'?"),
@@ -310,7 +310,7 @@ BAD = [
     (["run", "circle", "--out", "broken.toml"], "broken.toml: is a file"),
     (["run", "circle", "--out", "broken.toml/x", *QUICK], "Not a directory"),
     (["run", "circle", "--out", "/proc/nowhere/x", *QUICK], "/proc/nowhere"),
-    (["run", "circle", "--out", "", *QUICK], "is empty; name a folder"),
+    (["run", "circle", "--out", "", *QUICK], "is empty; specify a folder"),
     (["run", "circle", "--frobnicate"], "--frobnicate"),
     (["run"], "SCENARIO"),
     (["fly"], "fly"),
@@ -323,12 +323,12 @@ BAD = [
     (["compare", "circle", "--variant", "worn steering.valve=1"], "write it as"),
     (["compare", "circle", "--variant", "worn: steering.valve.dead_band=1"], "did you mean 'dead_band_v'"),
     (["compare", "nothing"], "unknown scenario 'nothing'"),
-    (["export", ".", "--mcap"], ".: holds no scenario.toml; name the folder of a run"),
-    (["export", "."], "export: name a format: --mcap"),
+    (["export", ".", "--mcap"], ".: the folder has no scenario.toml; specify the folder of a run"),
+    (["export", "."], "export: no format is specified; add --mcap"),
     (["ros2", "circle", "--pace", "slow"], "--pace"),
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
     (["init", ""], "not a name"),
-    (["init", "\udcff"], "contains bytes that are not UTF-8"),
+    (["init", "\udcff"], "the text is not valid UTF-8"),
     (["init", "broken"], "broken.toml: already exists"),
     (["init", "nowhere/mine"], "nowhere/mine.toml"),
     (["view", "missing.rrd"], "missing.rrd: no such file"),
@@ -432,12 +432,14 @@ def test_unsupported_plants_are_skipped_unless_specified(call):
     status, out, err = call("compare", *arguments)
     assert status == 0
     assert "mujoco" in out
-    assert err.startswith("bicycle is left out: side_slope_5: terrain.kind: the bicycle plant knows only flat ground")
+    assert err.startswith(
+        "bicycle is left out: side_slope_5: terrain.kind: the bicycle plant supports only flat ground"
+    )
     assert err.count("\n") == 1
     status, _, err = call("compare", *arguments, "--plants", "bicycle,mujoco")
     assert status == 2
     assert "left out" not in err
-    assert "the bicycle plant knows only flat ground" in err
+    assert "the bicycle plant supports only flat ground" in err
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])

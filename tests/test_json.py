@@ -101,8 +101,8 @@ def test_interrupted_command_is_reported_in_json(asked, monkeypatch):
 
     monkeypatch.setattr("agrobot_mj.simulation.run.run", interrupted)
     found, err = asked("run", "circle", *QUICK, "--out", "out")
-    assert (found["exit_status"], found["error"]) == (130, "stopped before its end")
-    assert err == "stopped before its end\n"
+    assert (found["exit_status"], found["error"]) == (130, "interrupted before the end")
+    assert err == "interrupted before the end\n"
 
 
 def test_json_output_of_a_comparison_has_the_rows_of_its_file(asked, call):

@@ -61,7 +61,7 @@ def test_results_folder_has_one_writer_at_a_time(call):
     with results(Path("out")):
         status, err = call("run", "circle", *QUICK)
     assert (status, names(".")) == (2, set())  # nor does an empty folder stay
-    assert "--out out: another run is writing there" in err
+    assert "--out out: another run is writing to this folder" in err
     assert call("run", "circle", *QUICK)[0] == 0
 
 
@@ -148,7 +148,7 @@ def test_signals_are_deferred_until_all_files_are_in_place(call, monkeypatch):
 def test_interrupted_comparison_is_reported(call, monkeypatch):
     monkeypatch.setattr(tasks, "run", lambda *arguments, **options: os.kill(os.getpid(), signal.SIGTERM))
     status, err = call("compare", "circle", "--controllers", "pd", "--plants", "bicycle", *QUICK)
-    assert (status, err) == (130, "stopped before its end\n")
+    assert (status, err) == (130, "interrupted before the end\n")
 
 
 def test_interrupted_snapshot_leaves_no_viewer_process(call, monkeypatch):
@@ -254,7 +254,7 @@ def test_dangling_link_as_output_folder_is_rejected(call):
     Path("out").symlink_to("nowhere")
     status, err = call("run", "circle", *QUICK)
     assert status == 2
-    assert "--out out: is a link to nothing" in err
+    assert "--out out: is a broken link" in err
 
 
 def test_written_files_have_the_default_permissions_of_the_user():
@@ -329,7 +329,7 @@ def test_output_folder_may_be_named_like_a_drive(call):
 
 def test_result_files_do_not_replace_devices(monkeypatch):
     monkeypatch.setattr(Path, "is_char_device", lambda path: path.name == "null")
-    with pytest.raises(OSError, match="is a device; name a file"):
+    with pytest.raises(OSError, match="is a device; specify a file"):
         write_json(Path("null"), {})
     assert not Path("null").exists()
 

@@ -212,7 +212,7 @@ def test_empty_folder_marker_permits_writing_to_the_folder(call, place):
     arguments = ("run", "circle", *BICYCLE, "--no-rrd", "--out", "old")
     status, _, err = call(*arguments)
     assert status == 2
-    command = err.strip().rpartition("hand it over: ")[2]
+    command = err.strip().rpartition("of this one with: ")[2]
     assert command == "touch old/.agrobot-mj"
     (place / "old" / MARK).touch()
     assert call(*arguments)[0] == 0

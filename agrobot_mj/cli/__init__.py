@@ -100,7 +100,7 @@ def _called() -> tuple[int, str]:
     except (KeyboardInterrupt, typer.Abort):
         status = BROKEN_OFF
     status = status if isinstance(status, int) else int(status is not None)
-    return status, "stopped before its end" if status == BROKEN_OFF else ""
+    return status, "interrupted before the end" if status == BROKEN_OFF else ""
 
 
 def _flushed(status: int) -> int:

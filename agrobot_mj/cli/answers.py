@@ -22,7 +22,7 @@ from agrobot_mj.cli.panels import command_name
 from agrobot_mj.core.version import __version__
 
 FLAG = "--json"
-Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document, also after a failure.")]
+Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document, also on failure.")]
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -78,8 +78,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Does a guidance stack survive a real tractor? MuJoCo physics, the paper's controllers, Rerun recordings.",
-    epilog="Exit status: 0 ended as expected, 1 ended otherwise, 2 bad input, 130 interrupted.",
+    help="Simulate the guidance of a tractor: MuJoCo physics, controllers of the paper, Rerun recordings.",
+    epilog="Exit status: 0 ended as expected, 1 ended otherwise, 2 invalid input, 130 interrupted.",
 )
 
 
@@ -115,14 +115,14 @@ for entry in installed_commands():
     try:
         _add(entry.load())
     except Exception as error:  # errors of installed packages do not affect other commands
-        print(f"agrobot-mj: warning: commands of {entry.name} ({entry.value}) left out: {error}", file=sys.stderr)
+        print(f"agrobot-mj: warning: commands of {entry.name} ({entry.value}) omitted: {error}", file=sys.stderr)
 
 
 @app.callback(invoke_without_command=True)
 def _before(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-    help_all: Annotated[bool, typer.Option("--help-all", help="List all commands, also the advanced ones.")] = False,
+    help_all: Annotated[bool, typer.Option("--help-all", help="List all commands, including advanced ones.")] = False,
 ) -> None:
     if version or help_all:
         print(__version__ if version else context.get_help())

@@ -13,12 +13,12 @@ from agrobot_mj.core.resources import machine_files, scenario_files, sweep_files
 
 def list_(
     kinds: Annotated[bool, typer.Option("--kinds", help="List the kinds of every part of a scenario.")] = False,
-    sweeps: Annotated[bool, typer.Option("--sweeps", help="List the sweeps, see `agrobot-mj sweep`.")] = False,
+    sweeps: Annotated[bool, typer.Option("--sweeps", help="List the sweeps for `agrobot-mj sweep`.")] = False,
     machines: Annotated[bool, typer.Option("--machines", help="List the machines for `--machine`.")] = False,
 ) -> Answer:
     """List the scenarios of the library."""
     if kinds + sweeps + machines > 1:
-        raise ScenarioError("list: --kinds, --sweeps and --machines exclude each other; give one of them")
+        raise ScenarioError("list: --kinds, --sweeps and --machines exclude each other; specify only one of them")
     if kinds:
         from agrobot_mj.scenario.reference import kinds_text, known_kinds
 
@@ -45,13 +45,13 @@ def explain(
     print(explain_key(key))
 
 
-def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario; writes NAME.toml.")]) -> None:
+def init(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario and of its file.")]) -> None:
     """Write a commented scenario file as a template."""
     from agrobot_mj.scenario.template import write_template
 
     path = write_template(utf8(name, "init"))
     shown = quote(f"./{path}" if str(path).startswith("-") else str(path))
-    print(f"{path}: written; run it with `agrobot-mj run {shown}`")
+    print(f"{path}: created; run it with `agrobot-mj run {shown}`")
 
 
 def schema() -> None:

@@ -27,7 +27,7 @@ def _starting_with(incomplete: str) -> list[str]:
 Source = Annotated[
     str,
     typer.Argument(
-        metavar="SCENARIO", help="A name from `agrobot-mj list` or a TOML file.", autocompletion=_starting_with
+        metavar="SCENARIO", help="Name from `agrobot-mj list`, or a TOML file.", autocompletion=_starting_with
     ),
 ]
 Sets = Annotated[
@@ -35,23 +35,24 @@ Sets = Annotated[
 ]
 OnMachine = Annotated[
     str | None,
-    typer.Option("--machine", metavar="NAME", help="A name from `agrobot-mj list --machines` or a TOML file."),
+    typer.Option("--machine", metavar="NAME", help="Name from `agrobot-mj list --machines`, or a TOML file."),
 ]
 Plugins = Annotated[
-    list[Path] | None, typer.Option("--plugin", metavar="FILE.py", help="Python file with your own kinds; repeatable.")
+    list[Path] | None,
+    typer.Option("--plugin", metavar="FILE.py", help="Python file with own kinds; repeatable."),
 ]
 
 
 def _folder(text: str) -> Path:
     if not text:
-        raise typer.BadParameter("is empty; name a folder")
+        raise typer.BadParameter("is empty; specify a folder")
     return Path(text)
 
 
 def number(value: float | None) -> float | None:
     """Return a number that may be infinite; reject NaN."""
     if value is not None and isnan(value):
-        raise typer.BadParameter("is no number")
+        raise typer.BadParameter("is not a number")
     return value
 
 
@@ -66,8 +67,8 @@ Out = Annotated[
     Path | None,
     typer.Option("--out", metavar="DIR", parser=_folder, help="Folder for the results.", show_default=False),
 ]
-NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Write no Rerun recording.")]
-SEEDS = typer.Option(min=1, help="Number of seeds, counting up from the scenario's.")
+NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Do not write a Rerun recording.")]
+SEEDS = typer.Option(min=1, help="Number of seeds, counted from the seed of the scenario.")
 Seeds = Annotated[int, SEEDS]
 Jobs = Annotated[int | None, typer.Option(min=1, max=1000, help="Number of processes. Default: number of cores.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
@@ -95,16 +96,16 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
         if not equals or not key.strip():
-            raise ScenarioError(f"{option} {shortened(text)}: write it as key=value")
+            raise ScenarioError(f"{option} {shortened(text)}: the override must have the form key=value")
         try:
             parsed = tomllib.loads(f"v = {value}")
         except tomllib.TOMLDecodeError:
             parsed = {"v": value.strip()}
         except (ValueError, RecursionError):
-            raise ScenarioError(f"{option} {shortened(text)}: too many digits or brackets") from None
+            raise ScenarioError(f"{option} {shortened(text)}: the value has too many digits or brackets") from None
         if len(parsed) > 1:
             raise ScenarioError(
-                f"{option} {shortened(text)}: contains more than one value; write one {option} for each"
+                f"{option} {shortened(text)}: the text has more than one value; use one {option} for each"
             )
         found[key.strip()] = parsed["v"]
     return found
@@ -116,7 +117,7 @@ def utf8(text: str, option: str) -> str:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
         shown = shortened(ascii(text))
-        raise ScenarioError(f"{option} {shown}: contains bytes that are not UTF-8; write it in UTF-8") from None
+        raise ScenarioError(f"{option} {shown}: the text is not valid UTF-8; write it in UTF-8") from None
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -161,7 +162,7 @@ def names(text: str, option: str) -> list[str]:
     """Return the names in a comma-separated list, without repetition."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
-        raise ScenarioError(f"{option}: name at least one")
+        raise ScenarioError(f"{option}: specify at least one")
     return found
 
 
@@ -172,7 +173,7 @@ def seconds(text: str) -> list[float]:
     except ValueError:
         times = []
     if not times or not all(0 <= t < float("inf") for t in times):
-        raise ScenarioError(f"--at {text}: write seconds as 5,60,120")
+        raise ScenarioError(f"--at {text}: write comma-separated seconds, for example 5,60,120")
     return times
 
 
@@ -185,13 +186,13 @@ def results_folder(out: Path | None, default: str) -> Path:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]
     if folder.exists() and not folder.is_dir():
-        raise ScenarioError(f"--out {folder}: is a file; name a folder")
+        raise ScenarioError(f"--out {folder}: is a file; specify a folder")
     if folder.is_symlink() and not folder.exists():
-        raise ScenarioError(f"--out {folder}: is a link to nothing; name another folder")
+        raise ScenarioError(f"--out {folder}: is a broken link; specify another folder")
     check_folder(folder)
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     try:
         tempfile.TemporaryDirectory(dir=there).cleanup()
     except OSError as error:
-        raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; name another folder") from None
+        raise ScenarioError(f"--out {folder}: cannot be written: {error.strerror}; specify another folder") from None
     return folder

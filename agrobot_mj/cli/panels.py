@@ -48,7 +48,7 @@ class PanelledGroup(TyperGroup):
         """Return name, command and remaining arguments."""
         name, rest = split_command(args)
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
-            ctx.fail(f"{name}: name one of its commands: {', '.join(parts)}")
+            ctx.fail(f"{name}: specify one of its commands: {', '.join(parts)}")
         return super().resolve_command(ctx, [name, *rest])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

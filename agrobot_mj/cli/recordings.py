@@ -20,7 +20,8 @@ OLDEST = (0, 23)
 
 
 def view(
-    file: Recorded, web: Annotated[bool, typer.Option("--web", help="Serve it to a browser on this machine.")] = False
+    file: Recorded,
+    web: Annotated[bool, typer.Option("--web", help="Open it in a browser on this machine.")] = False,
 ) -> None:
     """Open a recording in the Rerun viewer; works without a network."""
     from agrobot_mj.recording.transport import viewer
@@ -28,7 +29,7 @@ def view(
 
     _check_recording(file)
     if not web and not _has_display():
-        remedy = f"`agrobot-mj view --web {file}` (browser) or `agrobot-mj snapshot {file}` (pictures)"
+        remedy = f"`agrobot-mj view --web {file}` (browser) or `agrobot-mj snapshot {file}` (images)"
         raise ScenarioError(f"view: there is no display for the viewer; use {remedy}")
     with interruptible(), whole(file) as readable:
         raise typer.Exit((viewer.serve if web else viewer.view)(readable))
@@ -37,13 +38,14 @@ def view(
 def snapshot(
     file: Recorded,
     at: Annotated[
-        str | None, typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated; 60, or the end.")
+        str | None,
+        typer.Option("--at", metavar="S,S,...", help="Times in seconds, comma-separated. Default: 60, or the end."),
     ] = None,
     tabs: Annotated[
         list[str] | None, typer.Option("--tab", metavar="NAME", help="Only this tab or 3D view (Tractor); repeatable.")
     ] = None,
-    gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time on, or the last 10 s.")] = False,
-    mp4: Annotated[bool, typer.Option("--mp4", help="As --gif, but as video; needs ffmpeg.")] = False,
+    gif: Annotated[bool, typer.Option("--gif", help="Animate 10 s from each time, or the last 10 s.")] = False,
+    mp4: Annotated[bool, typer.Option("--mp4", help="Like --gif, but as a video; requires ffmpeg.")] = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
@@ -52,7 +54,7 @@ def snapshot(
     from agrobot_mj.simulation.results import results
 
     if gif and mp4:
-        raise ScenarioError("snapshot: --gif and --mp4 exclude each other; give one of them")
+        raise ScenarioError("snapshot: --gif and --mp4 exclude each other; specify only one of them")
     _check_recording(file)
     kind: Kind = "mp4" if mp4 else "gif" if gif else "png"
     folder = results_folder(out, f"snapshots-{file.stem}")
@@ -78,9 +80,10 @@ def _check_recording(file: Path) -> None:
     with file.open("rb") as stream:
         magic, version = stream.read(4), tuple(stream.read(2))
     if magic not in MAGIC:
-        raise ScenarioError(f"{file}: not a Rerun recording (.rrd)")
+        raise ScenarioError(f"{file}: the file is not a Rerun recording (.rrd)")
     if magic == MAGIC[0] and len(version) == len(OLDEST) and version < OLDEST:
         written, oldest = (".".join(map(str, each)) for each in (version, OLDEST))
         raise ScenarioError(
-            f"{file}: was written by Rerun {written}, the viewer reads {oldest} and later; run the scenario again"
+            f"{file}: the recording was written by Rerun {written}, but the viewer needs {oldest} or later; run it "
+            "again"
         )

@@ -85,7 +85,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
     s, metrics = log.scenario, log.metrics
     if rejected := metrics.get("rejected_readings"):
         counts = ", ".join(f"{name} {count}" for name, count in rejected.items())
-        print(f"{s.name}: measurements that were not finite counted as missing: {counts}", file=sys.stderr)
+        print(f"{s.name}: non-finite measurements were treated as missing: {counts}", file=sys.stderr)
     end = {"scenario": s.name, "seed": s.seed, "outcome": log.outcome, "expected": log.as_expected}
     parts = attribution(metrics) if s.guidance.using(s.controller).follows_path else ""
     warnings = [f"{s.name}: {text}" for text in (metrics.get("estimate_warning"), drift_text(metrics)) if text]
@@ -107,7 +107,8 @@ def _unexpected(log: "Log") -> str:
 def compare(
     source: Source,
     controllers: Annotated[
-        str | None, typer.Option(help="Comma-separated controller kinds; pd,pd_t2fnn if no law or variant is named.")
+        str | None,
+        typer.Option(help="Comma-separated controller kinds. Default: pd,pd_t2fnn if no law is given."),
     ] = None,
     guidance: Annotated[str | None, typer.Option(help="Comma-separated guidance kinds.")] = None,
     variant: Annotated[
@@ -115,7 +116,8 @@ def compare(
         typer.Option("--variant", metavar='"NAME: KEY=VALUE"', help="Named overrides, comma-separated; repeatable."),
     ] = None,
     plants: Annotated[
-        str | None, typer.Option(help="Comma-separated plant kinds; bicycle,mujoco where they can run it by default.")
+        str | None,
+        typer.Option(help="Comma-separated plant kinds. Default: bicycle,mujoco where supported."),
     ] = None,
     seeds: Seeds = 1,
     max_runs: Annotated[int, typer.Option(min=1, help="Maximum number of planned runs.")] = 2000,
@@ -175,9 +177,9 @@ def _variant(text: str) -> "SweepVariant":
     name, colon, rest = text.partition(":")
     name = name.strip()
     if not colon or not name or "=" in name:
-        raise ScenarioError(f"--variant {text!r}: write it as {FORM}")
+        raise ScenarioError(f"--variant {text!r}: the variant must have the form {FORM}")
     if len(name) > LONGEST_NAME or not name.isprintable():
-        raise ScenarioError(f"--variant {name!r}: a name has at most {LONGEST_NAME} printable characters")
+        raise ScenarioError(f"--variant {name!r}: the name must have at most {LONGEST_NAME} printable characters")
     found: dict[str, Any] = {}
     for key, value in _items(rest, name):
         if key in found:
@@ -195,7 +197,7 @@ def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
         if not item.strip():
             continue
         if not equals or not key or not value:
-            raise ScenarioError(f"--variant {name!r}: {item.strip()!r}: write it as key=value")
+            raise ScenarioError(f"--variant {name!r}: {item.strip()!r}: the override must have the form key=value")
         try:
             yield key, tomllib.loads(f"v = {value}")["v"]
         except tomllib.TOMLDecodeError as error:

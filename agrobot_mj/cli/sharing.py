@@ -21,8 +21,8 @@ def recording_of(folder: Path) -> Path:
 
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
     if found is None:
-        missing = f"contains no recording ({RECORDING} or {COMPARISON})"
-        raise ScenarioError(f"--share {folder}: {missing}; name the folder of a run without --no-rrd")
+        missing = f"the folder contains no recording ({RECORDING} or {COMPARISON})"
+        raise ScenarioError(f"--share {folder}: {missing}; specify the folder of a run without --no-rrd")
     check_folder(folder, (PAGE, POSTER))
     return found
 

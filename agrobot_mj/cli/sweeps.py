@@ -24,8 +24,10 @@ def sweep(
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler.")
     ] = None,
-    shard: Annotated[str | None, typer.Option(metavar="I/N", help="Only part I of N, e.g. of a Slurm array.")] = None,
-    merge: Annotated[bool, typer.Option("--merge", help="Merge the folders that --shard has written.")] = False,
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Run only part I of N, e.g. in a Slurm array.")
+    ] = None,
+    merge: Annotated[bool, typer.Option("--merge", help="Merge folders written with --shard.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Discard earlier results in the folder.")] = False,
     max_runs: Annotated[int, typer.Option(min=1, help="Maximum number of runs.")] = 100_000,
     quiet: Quiet = False,
@@ -39,19 +41,19 @@ def sweep(
     from agrobot_mj.studies.sweep import sweep as run_sweep
 
     if scheduler and jobs:
-        raise ScenarioError("--jobs: applies to processes on this machine; omit it with --scheduler")
+        raise ScenarioError("--jobs: the option applies to processes on this machine; omit it with --scheduler")
     if merge:
         _merge(sources, out, quiet)
         return
     if len(sources) > 1:
-        raise ScenarioError(f"sweep: name one sweep file, got {len(sources)}; merge folders with --merge")
+        raise ScenarioError(f"sweep: specify one sweep file, got {len(sources)}; merge folders with --merge")
     folder = results_folder(out, f"sweep-{Path(sources[0]).stem}")
     options = SweepOptions(jobs, scheduler, _shard(shard), fresh, max_runs, quiet)
     found = run_sweep(sources[0], folder, options, partial(print_hints, quiet=quiet))
     if found.errors:
-        print(f"{found.errors:,} runs raised an error; column error says which", file=sys.stderr)
+        print(f"{found.errors:,} runs raised an error, listed in column error", file=sys.stderr)
     if not quiet:
-        there = f", {found.before:,} were there" if found.before else ""
+        there = f", {found.before:,} already present" if found.before else ""
         unexpected = f", of which {found.unexpected:,} did not end as expected" if found.unexpected else ""
         print(f"{found.new:,} runs done{unexpected}{there}, {found.folder / 'sweep.parquet'}")
         for warning in table_warnings(found.folder / "sweep.parquet"):
@@ -70,7 +72,7 @@ def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
     if not quiet:
         print(f"{rows:,} of {total:,} runs, {folder / 'sweep.parquet'}")
     if rows < total:
-        print(f"{folder}: {total - rows:,} of {total:,} runs are missing; run the other shards", file=sys.stderr)
+        print(f"{folder}: {total - rows:,} of {total:,} runs are missing; run the remaining shards", file=sys.stderr)
         raise typer.Exit(1)
 
 
@@ -80,15 +82,15 @@ def _shard(text: str | None) -> tuple[int, int]:
         return 1, 1
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())
     if not match or not 1 <= int(match[1]) <= int(match[2]):
-        raise ScenarioError(f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4")
+        raise ScenarioError(f"--shard {text}: write the part and the number of parts as in 1/4, from 1/4 to 4/4")
     return int(match[1]), int(match[2])
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Results of a command.")],
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with the results of a command.")],
     metric: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Column of sweep.parquet whose dependence on the draws is ranked."),
+        typer.Option(metavar="NAME", help="Column of sweep.parquet whose sensitivity to the draws is ranked."),
     ] = None,
     share: Annotated[
         bool, typer.Option("--share", help="Also write share.html with the 3D recording, and poster.png.")

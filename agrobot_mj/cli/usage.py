@@ -39,7 +39,7 @@ def _for_option(flag: str, options: set[str], context: Any) -> str:
         return f"use --set {key}={value}"
     if context.command.name == "sweep" and (key or word in ("set", "seeds")):
         place = f"{word} = {value}" if word == "seeds" else f'"{key}" = {_as_toml(value)}' if key else "its keys"
-        return f"write {place} into the sweep file{'' if word == 'seeds' else ', table [set]'}"
+        return f"add {place} to the sweep file{'' if word == 'seeds' else ', table [set]'}"
     commands = context.parent.command.commands if context.parent else {}
     having = [name for name, command in commands.items() if flag in _options(command) and not command.hidden]
     return f"{flag} is an option of {', '.join(having)}" if having else ""

@@ -18,7 +18,7 @@ def without_exit() -> Iterator[None]:
     try:
         yield
     except SystemExit as error:
-        raise ScenarioError("code of the scenario's kinds has ended the run (SystemExit); let it raise") from error
+        raise ScenarioError("code of a plugin ended the run with SystemExit; raise another exception") from error
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:

@@ -46,10 +46,10 @@ def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tu
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
     """Raise ValueError naming the key `points` if the corners do not enclose an area."""
     if len(set(points)) < 3:
-        raise ValueError("points: has fewer than 3 different corners; add some")
+        raise ValueError("points: the polygon has fewer than 3 different corners; add corners")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
     if lengths[1] < 1e-9 * lengths[0]:
-        raise ValueError("points: all lie on one line; add a corner off this line")
+        raise ValueError("points: all corners are on one line; add a corner off this line")
 
 
 def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:

@@ -43,9 +43,9 @@ def read_learned(name: str) -> Learned:
         quantities = np.array(table["quantity"].to_pylist(), dtype=object)
         numbers = np.column_stack([table[key].to_numpy().astype(float) for key in ("place_m", "value")])
     except (pa.ArrowException, KeyError, OSError, TypeError, ValueError):
-        refuse(path, f"has no columns quantity, place_m and value; name the {LEARNED} of a run")
+        refuse(path, f"the file has no columns quantity, place_m and value; specify the {LEARNED} of a run")
     if not np.isfinite(numbers[:, 1]).all():
-        refuse(path, f"holds values that are no numbers; name the {LEARNED} of a run")
+        refuse(path, f"the file has values that are not numbers; specify the {LEARNED} of a run")
     return {str(quantity): numbers[quantities == quantity] for quantity in dict.fromkeys(quantities)}
 
 
@@ -55,6 +55,6 @@ def require_quantity(name: str, *quantities: str) -> None:
         learned = read_learned(name)
         if missing := [quantity for quantity in quantities if quantity not in learned]:
             holds = ", ".join(learned) or "nothing"
-            refuse(Path(name), f"holds no {', '.join(missing)}, only {holds}; name the {LEARNED} of such a run")
+            refuse(Path(name), f"the file has no {', '.join(missing)}, only {holds}; specify another {LEARNED}")
     except ValueError as error:
         raise ValueError(f"file: {error}") from None

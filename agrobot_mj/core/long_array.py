@@ -84,9 +84,9 @@ def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
     folder = tempfile.gettempdir()
     if 8 * prod(shape) > MOST_BYTES:
         reason = os.strerror(error.errno or errno.EIO)
-        text = f"{reason}; a run of this length keeps its log there, set TMPDIR to a folder with room"
+        text = f"{reason}; a run of this length stores its log there; set TMPDIR to a folder with enough space"
         raise OSError(error.errno, text, folder) from error
     if folder not in _TOLD:
         _TOLD.add(folder)
-        print(f"{folder}: has no space for the log of a long run, which is kept in memory", file=sys.stderr)
+        print(f"{folder}: there is no space for the log of a long run; it is kept in memory", file=sys.stderr)
     return np.zeros(shape)

@@ -19,7 +19,7 @@ _TEXTS = {
     "float_type": "must be a number, got {input!r}",
     "int_type": "must be a whole number, got {input!r}",
     "int_from_float": "must be a whole number, got {input}",
-    "string_type": "must be a text, got {input!r}",
+    "string_type": "must be a string, got {input!r}",
     "bool_type": "must be true or false, got {input!r}",
     "list_type": "must be a list, got {input!r}",
     "tuple_type": "must be a list, got {input!r}",
@@ -44,7 +44,7 @@ def first_faults(error: ValidationError) -> tuple[list[dict[str, Any]], list[str
     """Return the first `MOST_FAULTS` errors of pydantic, and a line with the number of further errors, if any."""
     left = error.error_count() - MOST_FAULTS
     errors = [dict(each) for each in error.errors(include_url=False)[:MOST_FAULTS]]
-    return errors, [f"and {left:,} more faults"] if left > 0 else []
+    return errors, [f"and {left:,} more errors"] if left > 0 else []
 
 
 def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> str:

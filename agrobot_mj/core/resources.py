@@ -102,7 +102,7 @@ def stamp(name: str) -> Stamp | None:
 def absence(path: Path) -> str:
     """Return the reason why a path is not a regular file, as text; reading a device or a pipe would never end."""
     try:
-        return "is not a regular file; name one" if path.exists() else "no such file"
+        return "is not a regular file; specify a file" if path.exists() else "no such file"
     except OSError:  # as in `is_file`
         return "no such file"
 
@@ -116,20 +116,20 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     known = f" ({', '.join(kinds)})" if kinds else ""
     try:
         if path.is_dir():
-            refuse(path, f"is a folder; name a file{known}")
+            refuse(path, f"is a folder; specify a file{known}")
         if not path.exists():
-            refuse(path, f"no such file in {path.parent.absolute()}; give its path from the folder of the scenario")
+            refuse(path, f"no such file in {path.parent.absolute()}; specify it relative to the scenario file")
         if not path.is_file():
-            refuse(path, f"is not a regular file; name one{known}")
+            refuse(path, f"is not a regular file; specify a file{known}")
         size = path.stat().st_size
     except (OSError, RuntimeError) as error:
         refuse(path, f"cannot be read: {getattr(error, 'strerror', None) or error}; choose another file")
     if kinds and path.suffix.lower() not in kinds:
         refuse(path, f"unknown type {path.suffix!r}; convert it to one of {', '.join(kinds)}")
     if size == 0:
-        refuse(path, "is empty; write it again")
+        refuse(path, "the file is empty; create it again")
     if size > most_bytes:
-        refuse(path, f"has {size / 1e6:.3g} MB, the limit is {most_bytes / 1e6:.0f}; crop or thin it out")
+        refuse(path, f"the file has {size / 1e6:.3g} MB, more than {most_bytes / 1e6:.0f} MB; crop or thin it")
     return path
 
 

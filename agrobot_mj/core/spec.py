@@ -102,7 +102,7 @@ softer soil a tractor gets stuck, and much firmer ground is a road."""
 def cone_index_in_range(kpa: float) -> float:
     """Return `kpa` unchanged. Raises ValueError for a cone index far outside the range of the tyre fits."""
     if not SOFTEST_KPA <= kpa <= FIRMEST_KPA:
-        fits = "tyres on soil are known"
+        fits = "the soil model is valid"
         raise ValueError(f"must be from {SOFTEST_KPA:g} to {FIRMEST_KPA:g} kPa, the range in which {fits}, got {kpa:g}")
     return kpa
 

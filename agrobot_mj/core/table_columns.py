@@ -69,12 +69,12 @@ def column_names(source: Source) -> list[str]:
         return list(source.column_names)
     if not source.is_file():
         what = "is a folder" if source.is_dir() else absence(source)
-        raise FieldLogError(f"{source}: {what}; name a .parquet or .csv")
+        raise FieldLogError(f"{source}: {what}; specify a .parquet or .csv file")
     if _is_parquet(source):
         try:
             return list(pq.read_schema(source.absolute()).names)
         except (pa.ArrowException, OSError, ValueError) as error:
-            raise FieldLogError(f"{source.name}: is not a Parquet file: {_first_line(error)}") from None
+            raise FieldLogError(f"{source.name}: the file is not a valid Parquet file: {_first_line(error)}") from None
     return _header(source)[0]
 
 
@@ -103,9 +103,9 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
         if column not in known:
             shown = ", ".join(known[:SHOWN]) + (", ..." if len(known) > SHOWN else "")
             asked = f" ({why[column]})" if why and column in why else ""
-            raise FieldLogError(f"{name}: has no column {column!r}{asked}{suggestion(column, known)} (has: {shown})")
+            raise FieldLogError(f"{name}: no column {column!r}{asked}{suggestion(column, known)} (available: {shown})")
         if known.count(column) > 1:
-            raise FieldLogError(f"{name}: has more than one column {column!r}; rename all but one")
+            raise FieldLogError(f"{name}: there is more than one column {column!r}; rename all but one")
     cells: Callable[[str], pa.ChunkedArray]
     if isinstance(source, pa.Table):
         rows, cells = source.num_rows, source.column
@@ -115,9 +115,9 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
         table = _csv(source, wanted)
         rows, cells = table.num_rows, table.column
     if not rows:
-        raise FieldLogError(f"{name}: has column names but no rows; export it again")
+        raise FieldLogError(f"{name}: the file has column names but no rows; export it again")
     if rows > MOST_ROWS:
-        raise FieldLogError(f"{name}: has {rows:.3g} rows, the limit is {MOST_ROWS:.3g}; cut it or reduce its rate")
+        raise FieldLogError(f"{name}: the file has {rows:.3g} rows, more than {MOST_ROWS:.3g}; split it or thin it")
     return cells
 
 
@@ -127,7 +127,7 @@ def loaded(source: Source) -> Source:
         return source
     names = column_names(source)
     if repeated := next((name for name in names if names.count(name) > 1), None):
-        raise FieldLogError(f"{source.name}: has more than one column {repeated!r}; rename all but one")
+        raise FieldLogError(f"{source.name}: there is more than one column {repeated!r}; rename all but one")
     return _csv(source, names).replace_schema_metadata({NAME: source.name.encode()})
 
 
@@ -141,24 +141,24 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
         raise FieldLogError(f"{where} has {len(t)} rows; a log needs at least two")
     if not np.isfinite(t).all():
         row = int(np.flatnonzero(~np.isfinite(t))[0])
-        raise FieldLogError(f"{where} has no number in row {row + 1}; drop the rows without a time")
+        raise FieldLogError(f"{where} has no number in row {row + 1}; remove the rows without a time")
     steps = np.diff(t)
     if not steps.any():
-        raise FieldLogError(f"{where} is constant; name the column of the time")
+        raise FieldLogError(f"{where} is constant; specify the time column")
     if (steps >= 0).all() and (rows := len(t) / (1 + np.count_nonzero(steps))) > SAME_TIME:
-        raise FieldLogError(f"{where} has one time for {rows:.2g} rows each; export more digits, or drop repeated rows")
+        raise FieldLogError(f"{where} repeats each time in {rows:.2g} rows; export more digits or remove repeated rows")
     if (steps <= 0).any():
         row = int(np.flatnonzero(steps <= 0)[0])
-        what = "stands still" if steps[row] == 0 else "runs backwards"
-        raise FieldLogError(f"{where} {what} at row {row + 2}; sort the rows by time and drop repeated ones")
+        what = "does not increase" if steps[row] == 0 else "decreases"
+        raise FieldLogError(f"{where} {what} at row {row + 2}; sort the rows by time and remove repeated rows")
     step = float(np.median(steps))
     if step > LONGEST_STEP_S or step < LATEST_STEP_S:
-        looks = "milliseconds" if step > LONGEST_STEP_S else "some other unit"
+        looks = "milliseconds" if step > LONGEST_STEP_S else "another unit"
         fix = f'; set {unit_key}, e.g. "ms"' if unit_key else "; convert it to seconds"
-        raise FieldLogError(f"{where} steps by {step:.3g} s, which looks like {looks}{fix}")
+        raise FieldLogError(f"{where} has steps of {step:.3g} s, which indicates {looks}{fix}")
     if t[-1] - t[0] > MOST_STEPS * step:
         row = int(steps.argmax())
-        raise FieldLogError(f"{where} jumps by {steps[row]:.3g} s at row {row + 2}; drop the rows with a wrong time")
+        raise FieldLogError(f"{where} jumps by {steps[row]:.3g} s at row {row + 2}; remove the rows with a wrong time")
 
 
 def check_even(name: str, column: str, t: Array) -> None:
@@ -168,10 +168,10 @@ def check_even(name: str, column: str, t: Array) -> None:
     usual = float(np.median(steps))
     if not SHORTEST_EVEN_S <= usual <= LONGEST_EVEN_S:
         wanted = f"{SHORTEST_EVEN_S:g} to {LONGEST_EVEN_S:g} s"
-        raise FieldLogError(f"{where}: rows must be {wanted} apart, got {usual:g}; is it in s?")
+        raise FieldLogError(f"{where}: rows must be {wanted} apart, got {usual:g} s; check the unit")
     if (off := float(np.abs(steps - usual).max())) > UNEVEN * usual:
-        gap = f"they are {usual:g} s apart, one is {off:.3g} s off"
-        raise FieldLogError(f"{where}: rows must be evenly spaced: {gap}; fill the gaps")
+        gap = f"the interval is {usual:g} s, but one row is off by {off:.3g} s"
+        raise FieldLogError(f"{where}: rows must be evenly spaced, but {gap}; fill the gaps")
 
 
 def source_name(source: Source) -> str:
@@ -185,7 +185,7 @@ def source_name(source: Source) -> str:
 def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
     """Raise `FieldLogError` for a file of more than `most` bytes."""
     if (size := path.stat().st_size) > most:
-        raise FieldLogError(f"{path.name}: has {size / 1e6:.3g} MB, the limit is {most / 1e6:g}; cut it")
+        raise FieldLogError(f"{path.name}: the file has {size / 1e6:.3g} MB, more than {most / 1e6:g} MB; split it")
 
 
 def is_parquet(data: bytes) -> bool:
@@ -214,11 +214,11 @@ def _header(path: Path) -> tuple[list[str], str]:
     try:
         text = line.decode("utf-8-sig").strip("\r\n")
     except UnicodeDecodeError:
-        raise FieldLogError(f"{path.name}: is not UTF-8 text; save it as UTF-8") from None
+        raise FieldLogError(f"{path.name}: the file is not valid UTF-8; save it as UTF-8") from None
     if "\r" in text:
-        raise FieldLogError(f"{path.name}: ends its lines with a carriage return alone; save it with LF or CR LF")
+        raise FieldLogError(f"{path.name}: the lines end with a carriage return only; save it with LF or CR LF")
     if not text.strip():
-        raise FieldLogError(f"{path.name}: has no first line with the names of its columns; add one")
+        raise FieldLogError(f"{path.name}: the file has no header line with column names; add one")
     delimiter = max(",;\t", key=text.count)
     return [name.strip().strip('"') for name in text.split(delimiter)], delimiter
 
@@ -236,7 +236,7 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
         )
     except (pa.ArrowException, OSError, ValueError) as error:
         raise FieldLogError(
-            f"{path.name}: cannot be read as CSV: {_first_line(error)}; correct or remove that row"
+            f"{path.name}: the file cannot be read as CSV: {_first_line(error)}; correct or remove that row"
         ) from None
 
 
@@ -253,7 +253,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
     if pa.types.is_boolean(kind):
         cells, kind = cells.cast(pa.int8()), pa.int8()
     if pa.types.is_null(kind):
-        raise FieldLogError(f"{name}: {column!r} is empty in every row; name another column")
+        raise FieldLogError(f"{name}: {column!r} is empty in every row; specify another column")
     if not (pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)):
         raise FieldLogError(f"{name}: {column!r} holds {_described(kind, cells)}")
     values = _numpy(cells.cast(pa.float64()), 0)
@@ -274,9 +274,9 @@ def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
         words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))
         if re.fullmatch(r"[+-]?\d+,\d+", sample):
-            return f"decimal commas ({sample!r}); write them as points, with ; between the columns or not"
-        return f"text ({sample[:20]!r} in row {row}), not numbers; export it as numbers or name another column"
-    return f"{kind}, not numbers; export one number a row or name another column"
+            return f"decimal commas ({sample!r}); write decimal points"
+        return f"text ({sample[:20]!r} in row {row}), not numbers; export it as numbers or specify another column"
+    return f"{kind}, not numbers; export one number per row or specify another column"
 
 
 def _first_line(error: BaseException) -> str:

@@ -98,7 +98,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     table, _, name = dotted.rpartition(".")
     there = index_of(root).tables.get(table, [])
     if kinds := dict.fromkeys(_kind(key) for key in there if key.name == name and _kind(key)):
-        return f"; it belongs to kind = {' or '.join(kinds)}"
+        return f"; it is a key of kind = {' or '.join(kinds)}"
     own = _like(name, owner.model_fields if owner else ())
     others = {key.name: _kind(key) for key in reversed(there)} if not own else {}
     near = own or [f"{key} (kind = {kind})" if (kind := others[key]) else key for key in _like(name, others)]

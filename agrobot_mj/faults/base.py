@@ -25,7 +25,7 @@ class Scripted(Spec):
     @model_validator(mode="after")
     def _ends_after_it_begins(self) -> "Scripted":
         if self.end_s is not None and self.end_s <= self.start_s:
-            raise ValueError(f"end_s: must lie after start_s ({self.start_s:g}), got {self.end_s:g}")
+            raise ValueError(f"end_s: must be above start_s ({self.start_s:g}), got {self.end_s:g}")
         return self
 
     @property

@@ -23,9 +23,9 @@ class Acquisition(Metric):
         Column(
             "acquisition.acquired_s",
             "s",
-            f"first time after which the CG stays {HELD_S:g} s within {BAND_M:g} m; or null",
+            f"first time after which the CG stays within {BAND_M:g} m for {HELD_S:g} s; or null",
         ),
-        Column("acquisition.overshoot_m", "m", "maximum distance on the other side of the path"),
+        Column("acquisition.overshoot_m", "m", "maximum distance on the side of the path opposite to the start"),
         Column("acquisition.end_abs_max_m", "m", f"maximum distance from the path in the last {END_S:g} s"),
     )
 

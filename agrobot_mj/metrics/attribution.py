@@ -46,7 +46,7 @@ class Attribution(Metric):
     kind: Literal["attribution"] = "attribution"
     columns: ClassVar = (
         Column("xte_estimator_rms", "m", "part of the cross-track error from the estimator: true minus estimated CG"),
-        Column("xte_guidance_rms", "m", "part of the cross-track error from the guidance: estimated CG from the path"),
+        Column("xte_guidance_rms", "m", "part of the cross-track error from the guidance: estimated CG minus path"),
         Column("steer_error_rms", "rad", "wheel angle minus the commanded angle one tick earlier, root mean square"),
     )
 

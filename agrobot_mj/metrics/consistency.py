@@ -23,7 +23,7 @@ class Consistency(Metric):
     columns: ClassVar = (
         Column("position_nees", "-", "mean NEES of the position, 2 if the estimator is consistent"),
         Column("position_nis", "-", "mean NIS of the position, 2 if the estimator is consistent"),
-        Column("level_sideslip", "rad", "median of the estimated sideslip, straight ahead on level ground"),
+        Column("level_sideslip", "rad", "median of the estimated sideslip in straight forward motion on level ground"),
         Column("antenna_mounting", "rad", "last estimate of the mounting error of two antennas"),
         Column("steer_saturated_fraction", "-", "fraction of the ticks with the steering command at its limit"),
     )

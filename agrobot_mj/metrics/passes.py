@@ -56,7 +56,7 @@ class PassAccuracy(Metric):
 
     kind: Literal["passes"] = "passes"
     columns: ClassVar = (
-        Column("iso_12188_2_style.label", "-", "text: standard that the method resembles"),
+        Column("iso_12188_2_style.label", "-", "text: standard similar to the method"),
         Column("iso_12188_2_style.pass_to_pass_p95_m", "m", "95th percentile of the error between neighbouring passes"),
         Column(
             "iso_12188_2_style.pass_to_pass_mean_m",

@@ -83,7 +83,7 @@ class FigureEight(Transitions, ReferencePath):
     def check(self) -> None:
         """Raise ValueError if the run-in or the clothoids, which depend on the wheelbase, do not fit."""
         if self.run_in_m > self.straight_m / 2:
-            raise ValueError(f"run_in_m: must be at most half of straight_m ({self.straight_m / 2:g})")
+            raise ValueError(f"run_in_m: must be at most half of straight_m, {self.straight_m / 2:g}")
         if (least := 1 / sqrt(pi * self.sharpness(self.speed_m_s))) > self.radius_m:
             raise ValueError(
                 f"radius_m: must be at least {ceil(100 * least) / 100:g} for clothoids at {self.speed_m_s:g} m/s"

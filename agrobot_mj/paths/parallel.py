@@ -92,7 +92,7 @@ class Parallel(Transitions, Timed):
     def course(self) -> Course:
         """Return the course of all passes and turns."""
         if self.run_in_m > self.length_m / 2:
-            raise ValueError(f"run_in_m: must be at most half of length_m ({self.length_m / 2:g})")
+            raise ValueError(f"run_in_m: must be at most half of length_m, {self.length_m / 2:g}")
         start = Pose(self.start_x_m, self.start_y_m, self.orientation[0])
         return chain(start, (piece for piece, _ in self._pieces()), self.cusp_pause_s)
 

@@ -30,7 +30,7 @@ def smooth(points: Array, smoothing: float, closed: bool) -> Course:
     x, y = splev(u, spline)
     dx, dy = splev(u, spline, der=1)
     if np.hypot(np.diff(x), np.diff(y)).min() < 1e-9:
-        raise ValueError(f"smoothing_m: {smoothing:g} m smooths the path away; reduce it")
+        raise ValueError(f"smoothing_m: {smoothing:g} m removes the shape of the path; reduce the value")
     allowed = np.interp((u[:-1] + u[1:]) / 2, distances, points[:, 2]) if points.shape[1] == 3 else np.inf
     return through(x, y, np.arctan2(dy, dx), allowed)
 

@@ -163,7 +163,7 @@ def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
 def checked_length(length: float) -> float:
     """Return `length` [m] unchanged. Raise ValueError if it exceeds MAX_LENGTH_M."""
     if length > MAX_LENGTH_M:
-        raise ValueError(f"is {length / 1000:.4g} km long, at most {MAX_LENGTH_M / 1000:g} km; shorten the path")
+        raise ValueError(f"the path is {length / 1000:.4g} km long, more than {MAX_LENGTH_M / 1000:g} km; shorten it")
     return length
 
 

@@ -35,7 +35,7 @@ class Track(NamedTuple):
 def stamp_of(name: str) -> Stamp:
     """Return the stamp of the current file content. Raise ValueError if the file cannot contain waypoints."""
     path = checked(name, (), MAX_BYTES)
-    return stamp(name) or refuse(path, "no longer exists; create it again")
+    return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
 @lru_cache(maxsize=8)
@@ -62,14 +62,14 @@ def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
     if len(choice) == 1:
         return best, []
     named = f", {best.name!r}," if best.name else ""
-    return best, [f"takes the longest{named} of {len(choice)} {'lines' if lines else 'rings'}"]
+    return best, [f"the longest{named} of {len(choice)} {'lines' if lines else 'rings'} is used"]
 
 
 def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
     """Return the cleaned waypoints of a shape, and sentences about the others. Raise ValueError if they are invalid."""
     points = shape.points
     if len(points) > MAX_ROWS:
-        raise ValueError(f"has {len(points)} waypoints, at most {MAX_ROWS}; remove some rows")
+        raise ValueError(f"the file has {len(points)} waypoints, and the limit is {MAX_ROWS}; remove some rows")
     notes = list[str]()
     if len(points) >= 3:
         kept, notes = cleaned(points, closed)
@@ -80,10 +80,10 @@ def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
             wrong = np.flatnonzero((speeds < SLOWEST_M_S) | (speeds > FASTEST_M_S))
             if wrong.size:
                 raise ValueError(
-                    f"row {rows[wrong[0]]}: speed is {speeds[wrong[0]]:g} m/s; give one from {SLOWEST_M_S:g} to "
+                    f"row {rows[wrong[0]]}: speed is {speeds[wrong[0]]:g} m/s; use a speed from {SLOWEST_M_S:g} to "
                     f"{FASTEST_M_S:g}"
                 )
             points = np.column_stack([points, speeds])
     if len(points) < 3:
-        raise ValueError(f"has {len(points)} waypoints; give at least 3")
+        raise ValueError(f"the file has {len(points)} waypoints; at least 3 are required")
     return points, notes

@@ -140,4 +140,4 @@ def _lap(path: Waypoints) -> tuple[Course, tuple[str, ...]]:
     if not reason and lap.peaks.max() <= 1 / (TIGHTEST * path.corner_radius_m):
         return lap, ()
     lap, amount = steerable(points, path.closed, path.corner_radius_m)
-    return lap, (f"smooths the recorded track by a spline within {amount:.2g} m (rms), because of its noise",)
+    return lap, (f"the recorded track is smoothed with a spline within {amount:.2g} m (rms) because of its noise",)

@@ -166,7 +166,7 @@ def scenes(
     low, high = places.min(axis=0), places.max(axis=0)
     above, middle = high[2] + 8.0 + ((high - low)[:2] / VIEWED).max(), (low + high) / 2
     overview = rrb.EyeControls3D(position=(middle[0], middle[1] - TILT * above, above), look_target=middle)
-    below = _view(overview, "From above", growing, BEYOND, ["+ $origin/**", f"- /{NAMES}/**"])
+    below = _view(overview, "Top view", growing, BEYOND, ["+ $origin/**", f"- /{NAMES}/**"])
     views = _view(following, "Tractor", growing, SKY), below
     return rrb.Vertical(*views, row_shares=[3, 2])
 
@@ -185,7 +185,7 @@ def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeS
     """Return the view of a plot with the fraction `share` of the height. A single series has no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
-    cut = f"; cut, largest {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
+    cut = f"; clipped, maximum {shown.beyond:.4g}" if shown and shown.beyond is not None else ""
     values = rrb.ScalarAxis(range=readable(shown.low, shown.high, most_steps(share))) if shown else None
     legend = rrb.PlotLegend(frame.legend, visible=plot.legend and len(plot.series) > 1)
     mean = f"; bold: {frame.mean_s:g} s mean" if frame.mean_s else ""

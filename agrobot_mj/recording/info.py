@@ -30,7 +30,7 @@ def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
 
 def running(scenario: Scenario) -> str:
     """Return the text during a run."""
-    return _page(scenario, "*Still running, or killed before its end.*")
+    return _page(scenario, "*The run is active or was killed before its end.*")
 
 
 def broken(scenario: Scenario, error: BaseException, t: float) -> str:
@@ -67,15 +67,15 @@ def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
     ]
     return (
         f"# {scenario.title or scenario.name}: {len(runs)} runs\n\nseed {scenario.seed}, agrobot_mj {__version__}; "
-        "the scenario beside is that of the first run\n\nThe solid tractor is that of the last run, the others are "
-        "translucent. Errors are position less reference: left of the path and ahead are positive.\n\n"
+        "the scenario view shows the first run\n\nThe solid tractor belongs to the last run; the others are "
+        "translucent. Errors are position minus reference; left of the path and ahead are positive.\n\n"
         f"{markdown_table(heads, rows)}\n"
     )
 
 
 def _page(scenario: Scenario, result: str) -> str:
     s = scenario
-    outside = f", a program outside (`agrobot-mj {s.guidance.outside}`)" if s.guidance.outside else ""
+    outside = f", external program (`agrobot-mj {s.guidance.outside}`)" if s.guidance.outside else ""
     what = f"`{s.name}`: plant **{s.plant.kind}**, guidance **{s.law}**{outside}, seed {s.seed}"
     return f"# {s.title or s.name}\n\n{what}\n\nagrobot_mj {__version__}, identity `{s.identity}`\n\n{result}\n"
 

@@ -57,7 +57,7 @@ class Recording:
         self.states = States(rows, scenario.fault)
         self.recording = self.sink.flush()
         if not self.recording:
-            raise OSError(errno.ENOSPC, "no space for a recording", str(self.path))
+            raise OSError(errno.ENOSPC, "there is no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
         """Write the rows `first` to `rows.filled`."""

@@ -44,27 +44,27 @@ def path_errors(s: Tables) -> list[str]:
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
             return [f"path: {name} of kind {s.path.kind!r} must be finite and not negative, got {one_line(value)}"]
     if not _are_spans(s.path.turns_s):
-        wanted = "must hold at least one (start, end), finite and not negative"
+        wanted = "must have at least one pair (start, end), finite and not negative"
         return [f"path: turns_s of kind {s.path.kind!r} {wanted}, got {one_line(s.path.turns_s)}"]
     found = []
     if s.duration_s is None and round(duration / TICK_S) > LONGEST_S / TICK_S:
-        found.append(f"path: takes {duration:.0f} s; set duration_s, at most {LONGEST_S:.0f}")
+        found.append(f"path: the path takes {duration:.0f} s; set duration_s to at most {LONGEST_S:.0f}")
     if s.path.speed_m_s > s.driveline.full_speed_m_s:
         top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
         found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
     allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths with computed speed observe this limit
     if (aside := min(curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
         found.append(
-            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend, {curvature:.3g} 1/m, needs "
-            f"{aside:.2g} m/s2 to the side, more than tyres hold ({MOST_ASIDE_M_S2:g}); drive slower or make it wider"
+            f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend ({curvature:.3g} 1/m) needs "
+            f"{aside:.2g} m/s2 to the side, more than tyres provide ({MOST_ASIDE_M_S2:g}); reduce the speed or widen it"
         )
     needed = s.tractor.steering_for(curvature)
     if needed >= s.tractor.steer_limit:
         place = s.path.sharpest
         found.append(
-            f"path: its curvature of {curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
-            f"{place.distance:.1f} m from its start, needs {degrees(needed):.1f} deg of steering, the limit is "
-            f"{s.tractor.steer_limit_deg:g} deg, a circle of {s.tractor.tightest_radius:.2f} m; make the path wider"
+            f"path: the curvature of {curvature:.3g} 1/m at ({place.x:.1f}, {place.y:.1f}) m, "
+            f"{place.distance:.1f} m from the start, needs {degrees(needed):.1f} deg of steering, and the limit is "
+            f"{s.tractor.steer_limit_deg:g} deg (radius {s.tractor.tightest_radius:.2f} m); use a larger radius"
         )
     return found
 
@@ -85,7 +85,7 @@ def equipment_errors(s: Tables) -> Iterator[str]:
         except ValueError as error:
             yield prefixed(table, str(error))
     if s.sensors.implement_gnss.enabled and s.implement.kind == "none":
-        yield 'sensors.implement_gnss: there is no implement to carry it; set implement.kind = "mounted" or "drawn"'
+        yield ('sensors.implement_gnss: the scenario has no implement; set implement.kind = "mounted" or "drawn"')
 
 
 def ground_errors(s: Tables) -> list[str]:
@@ -98,8 +98,8 @@ def ground_errors(s: Tables) -> list[str]:
         return [prefixed("terrain", str(error))]
     reach = max(map(abs, s.terrain.ground().extent))
     if max(abs(start.x), abs(start.y)) > reach + FAR_M:
-        fix = "shift the path: subtract the coordinates of a place on the field"
+        fix = "shift the path: subtract the coordinates of a point on the field"
     else:
         fix = "make the terrain larger"
-    where = f"outside the terrain, which reaches {reach:g} m from its middle at (0, 0)"
-    return [f"path: starts at ({start.x:g}, {start.y:g}) m, {where}; {fix}"]
+    where = f"outside the terrain, which extends {reach:g} m from its centre at (0, 0)"
+    return [f"path: the start at ({start.x:g}, {start.y:g}) m is {where}; {fix}"]

@@ -29,14 +29,14 @@ def _faults(scenario: Scenario) -> Iterator[str]:
             yield f"fault[{k}].start_s: {fault.start_s:g} s is not before the end of the run, {end:g} s"
         elif not fault.active(first):
             window = f"{fault.start_s:g} to {fault.last_s:g} s"
-            yield f"fault[{k}]: its window, {window}, holds no tick of {TICK_S:g} s; it will not act"
+            yield f"fault[{k}]: the window {window} contains no tick of {TICK_S:g} s, so the fault has no effect"
 
 
 def _late(scenario: Scenario) -> Iterator[str]:
     """Yield a hint if the latency of all fixes exceeds the limit of the supervisor."""
     late, most = scenario.sensors.gnss.latency_s, scenario.supervisor.coasting_after_s
     if scenario.supervisor.enabled and late > most:
-        why = f"fixes are older all the time (sensors.gnss.latency_s = {late:g} s), and the pedal is held"
+        why = f"the latency of the fixes is always longer (sensors.gnss.latency_s = {late:g} s), so the tractor coasts"
         yield f"supervisor.coasting_after_s: {most:g} s; {why}"
 
 
@@ -47,7 +47,7 @@ def _overruled(scenario: Scenario) -> Iterator[str]:
     other = [key for key, value in given if used.get(key) != value]
     if len(other) > len(given) / 2:
         first = f"{other[0]} = {used.get(other[0])!r}"
-        yield f"machine: the scenario itself gives {len(other)} of {len(given)} keys of {scenario.machine!r} ({first})"
+        yield f"machine: the scenario overrides {len(other)} of {len(given)} keys of {scenario.machine!r} ({first})"
 
 
 def _machine(scenario: Scenario) -> list[str]:
@@ -66,6 +66,6 @@ def _learned(scenario: Scenario) -> Iterator[str]:
     for places in (rows[:, 0] for rows in read_learned(file).values() if len(rows) > 1):
         learnt = float(places[0] + places[-1])  # map points are at the middle of equal segments of the lap
         if abs(learnt - lap) > OTHER_LAP * lap:
-            laps = f"a lap of {learnt:.4g} m, that of this path is {lap:.4g} m"
-            yield f"guidance.file: learnt on {laps}; is it the same path?"
+            laps = f"a lap of {learnt:.4g} m, but the lap of this path is {lap:.4g} m"
+            yield f"guidance.file: the file was learned on {laps}; check that the path is the same"
             return

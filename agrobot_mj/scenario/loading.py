@@ -32,7 +32,7 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     except ScenarioError as error:
         raise with_plugin_options(error, path) from None
     except RecursionError:
-        raise ScenarioError(f"{path.name}: its tables or overrides are nested too deeply") from None
+        raise ScenarioError(f"{path.name}: the tables or overrides are nested too deeply") from None
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
@@ -43,7 +43,7 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
     """
     path = FilePath(source)
     if path.is_dir():
-        raise ScenarioError(f"{path}: is a folder; name a {noun} file{folder}")
+        raise ScenarioError(f"{path}: is a folder; specify a {noun} file{folder}")
     if path.is_file():
         return path
     if str(source) in shipped:

@@ -64,7 +64,7 @@ def embody(data: dict[str, Any], source: str) -> set[str]:
     except ValueError as error:
         raise ScenarioError("\n".join(f"{source}: tractor.mjcf: {line}" for line in str(error).split("\n"))) from None
     wrong = [
-        f"{source}: tractor.{key}: the body of {Path(name).name} has {value:g}, got {tractor[key]}; leave it out"
+        f"{source}: tractor.{key}: the body of {Path(name).name} has {value:g}, got {tractor[key]}; omit the key"
         for key, value in found.items()
         if key in tractor and not _same(tractor[key], value)
     ]

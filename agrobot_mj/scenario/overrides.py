@@ -41,7 +41,7 @@ def json_text(data: Mapping[str, Any], source: str) -> bytes:
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
-        raise ScenarioError(f"{source}: contains a number of thousands of digits, or text that is not UTF-8") from None
+        raise ScenarioError(f"{source}: it has a number with thousands of digits, or text that is not UTF-8") from None
 
 
 def _as_plain(value: Any) -> Any:
@@ -64,7 +64,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
-        raise ScenarioError(f"--set {shortened(dotted)}: not a key; write it as table.key=value")
+        raise ScenarioError(f"--set {shortened(dotted)}: this is not a key; write table.key=value")
     table: Any = data
     for depth, name in enumerate(tables):
         if isinstance(table, list):
@@ -78,7 +78,7 @@ def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> No
     if isinstance(table, list):
         key = ".".join(tables)
         raise ScenarioError(
-            f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value, or set the list as a whole"
+            f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value, or set the complete list"
         )
     if last == "kind" and _kind(data, tables, default) != value:
         of_kind = (".".join(names := [name for name in tables if not name.isdecimal()]), value)
@@ -96,7 +96,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
         raise ScenarioError(f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value")
     if len(name) > 9 or int(name) >= len(items):
-        has = f"the scenario has {len(items)} of [[{key}]], counted from 0; write it into the file"
+        has = f"the scenario has {len(items)} tables [[{key}]], counted from 0; add a table to the file"
         raise ScenarioError(f"--set {shortened(dotted)}: {has}")
     return items[int(name)]
 
@@ -204,7 +204,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):
         if (known := found.setdefault(other.name, other)) != other:
-            raise ScenarioError(f"{other}: has the same name as {known}, and other files refer to both; rename one")
+            raise ScenarioError(f"{other}: it has the same name as {known}, and other files refer to both; rename one")
     for table, key in named:
         path = Path(table[key])
         numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))

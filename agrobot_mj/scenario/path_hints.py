@@ -22,7 +22,7 @@ LEAVES_M = 0.15
 """Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: without preview, laws have
 about twice the minimum offset."""
 MOST_LOCK = 0.9
-"""Fraction of the steering limit above which a bend leaves no margin for corrections [-]. Assumed value."""
+"""Fraction of the steering limit above which a bend leaves no margin [-]. Assumed value."""
 EDGE_M = 0.5
 """Minimum distance between path and edge of the ground [m]. Assumed value: the tractor may lead its reference."""
 WIDEST = 100.0
@@ -77,17 +77,17 @@ def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
         return
     wide = f"{_radius(s)[0]} of {_wide_enough(s, worst, rate):g} m or more"
     if tight:
-        place, limit = s.path.sharpest, f"the limit of {tractor.steer_limit_deg:g} leaves little for corrections"
-        bend = f"the bend at ({place.x:.1f}, {place.y:.1f}) m takes {degrees(lock):.1f} deg of steering"
+        place, limit = (s.path.sharpest, (f"the limit of {tractor.steer_limit_deg:g} deg leaves no margin"))
+        bend = f"the bend at ({place.x:.1f}, {place.y:.1f}) m needs {degrees(lock):.1f} deg of steering"
         yield f"{_radius(s)[1]}: {bend}, {limit}; set {wide}"
     else:
         slow = f"{_speed_key(s, worst)} = {floor(100 * worst.speed * sqrt(LEAVES_M / leaves)) / 100:g}"
         smooth = isinstance(s.path, Transitions) and s.path.transition == "none"
         fixes = [wide, slow, *(['path.transition = "clothoid"'] if smooth else [])]
         turned = degrees(abs(tractor.steering_for(worst.end) - tractor.steering_for(worst.begin)))
-        where = f"at ({worst.place[0]:.1f}, {worst.place[1]:.1f}) m the wheels turn by {turned:.0f} deg"
-        late = f"at {degrees(rate):.0f} deg/s {worst.late(tractor, rate):.1f} s longer than the path takes"
-        yield f"{_radius(s)[1]}: {where}, {late}, and the tractor leaves it by {leaves:.2f} m; set {' or '.join(fixes)}"
+        where = f"at ({worst.place[0]:.1f}, {worst.place[1]:.1f}) m the steering angle changes by {turned:.0f} deg"
+        late = f"which at {degrees(rate):.0f} deg/s takes {worst.late(tractor, rate):.1f} s longer than the path allows"
+        yield f"{_radius(s)[1]}: {where}, {late}, and the error is {leaves:.2f} m; set {' or '.join(fixes)}"
 
 
 def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
@@ -146,5 +146,5 @@ def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
         return
     k = int(np.argmax(off))
     place = f"({x[k]:.0f}, {y[k]:.0f}) m after {outline.t[k]:.0f} s"
-    reach = f"which reaches from ({west:g}, {south:g}) to ({east:g}, {north:g}) m"
-    yield f"path: leaves the ground at {place}, {reach}; make the terrain larger"
+    reach = f"which extends from ({west:g}, {south:g}) to ({east:g}, {north:g}) m"
+    yield f"path: the path leaves the ground at {place}, {reach}; make the terrain larger"

@@ -39,7 +39,7 @@ Member = TypeVar("Member", bound=type[Spec])
 _files: dict[Path, ModuleType] = {}
 RUN_WITH, NOTED_WITHIN = "# run with ", 5
 """Start of the comment that lists plugin files, and number of lines at the top of a file that may contain it."""
-WITHOUT = ": was run with plugins; add "
+WITHOUT = ": the scenario was run with plugins; add "
 """Text before the options in the message about missing plugins."""
 
 
@@ -54,7 +54,7 @@ def register(member: Member, name: str | None = None) -> Member:
     if not issubclass(member, Spec):
         raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
     if missing := _left_open(member):
-        raise ScenarioError(f"register: {member.__name__}: lacks {', '.join(missing)}, which its base class requires")
+        raise ScenarioError(f"register: {member.__name__}: it lacks {', '.join(missing)}, required by its base class")
     try:
         default = member.model_validate(dict(member()))  # pydantic does not validate defaults
     except ValidationError as error:
@@ -63,7 +63,7 @@ def register(member: Member, name: str | None = None) -> Member:
     try:
         default.model_dump_json()
     except PydanticSerializationError as error:
-        raise ScenarioError(f"register: {member.__name__}: has a key that TOML cannot represent ({error})") from None
+        raise ScenarioError(f"register: {member.__name__}: it has a key that TOML cannot represent ({error})") from None
     if issubclass(member, Sensor):
         _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
     elif isinstance(default, Metric):
@@ -123,7 +123,7 @@ def _add_kind(member: type[Spec]) -> None:
     field = member.model_fields.get("kind")
     kind = field.default if field and get_args(field.annotation) == (field.default,) else None
     if not isinstance(kind, str):
-        raise ScenarioError(f'register: {member.__name__}: needs a kind: Literal["my_kind"] = "my_kind"')
+        raise ScenarioError(f'register: {member.__name__}: the class needs a kind: Literal["my_kind"] = "my_kind"')
     first, *nested = _family(member)
     # A law that contains another law is not allowed inside another such law.
     contains = any(key.owner is member or key.kinds.keys() & first.kinds.keys() for key in keys(member))
@@ -166,7 +166,7 @@ def _family(member: type[Spec]) -> list[Key]:
     # The base class of a family declares `kind` as str, the members as Literal.
     public = [base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str]
     names = ", ".join(sorted([*public, Metric.__name__, Sensor.__name__]))
-    raise ScenarioError(f"register: {member.__name__}: belongs to no family; derive it from one of {names}")
+    raise ScenarioError(f"register: {member.__name__}: the class belongs to no family; derive it from one of {names}")
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
@@ -272,7 +272,7 @@ def _naming(source: str) -> Iterator[None]:
 
 def _run(path: Path) -> ModuleType:
     if not path.is_file() or path.suffix != ".py":
-        raise ScenarioError("not a Python file (.py)" if path.exists() else "no such file")
+        raise ScenarioError("the file is not a Python file (.py)" if path.exists() else "no such file")
     # The content is part of the name: equal file names may have different content, and copies are the same module.
     name = f"agrobot_mj_plugin_{path.stem}_{digest(path.read_bytes())}"
     spec = cast(ModuleSpec, importlib.util.spec_from_file_location(name, path))

@@ -27,7 +27,7 @@ TYPES = {
     "integer": "whole number",
     "string": "text",
     "boolean": "true or false",
-    "null": "left out",
+    "null": "omitted",
 }
 
 
@@ -146,7 +146,7 @@ def _in_words(schema: dict[str, Any]) -> str:
 def _as_toml(value: Any) -> str:
     """Return a default as TOML, or a word for the default of a table."""
     if value is None:
-        return "left out"
+        return "omitted"
     if isinstance(value, Spec):
         return getattr(value, "kind", "table")
     if isinstance(value, tuple):
@@ -246,7 +246,7 @@ def _words(words: list[str]) -> str:
     """Return the search words with their synonyms, for the first line of the result."""
     others = list(dict.fromkeys(other for word in words for other in alternatives(word)[1:]))
     also = f" or {', '.join(map(repr, others))}" if others else ""
-    return f"no key {' '.join(words)!r}; keys with it{also}"
+    return f"no key {' '.join(words)!r}; keys that contain it{also}"
 
 
 def _indented(text: str) -> list[str]:

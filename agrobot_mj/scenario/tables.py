@@ -181,14 +181,14 @@ def _contradictions(s: Tables) -> list[str]:
         better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.step_s)
         found.append(f"physics_dt_s: {s.step_s:g} does not divide the {TICK_S} s tick; try {better:g}")
     if s.physics != "standard" and s.physics_dt_s is not None:
-        found.append(f"physics: {s.physics!r} and physics_dt_s = {s.physics_dt_s:g} both set the step; leave one out")
+        found.append(f"physics: {s.physics!r} and physics_dt_s = {s.physics_dt_s:g} both set the step; omit one")
     if s.plant.kind == "bicycle":
         found += _beyond_the_bicycle(s)
     if s.expected_reason and s.expected_outcome not in REASONED:
-        found.append(f'expected_reason: only {", ".join(REASONED)} have one; set expected_outcome = "stopped"')
+        found.append(f'expected_reason: only {", ".join(REASONED)} have a reason; set expected_outcome = "stopped"')
     found += clashes(s.fault)
     if s.implement.receiver and s.implement.kind == "none":
-        found.append('implement.receiver: there is no implement to carry it; set implement.kind = "mounted" or "drawn"')
+        found.append('implement.receiver: the scenario has no implement; set implement.kind = "mounted" or "drawn"')
     found += [
         f"{table}.{why} needs sensors.{name}.enabled = true"
         for table, needs in (("estimator", s.estimator.needs), ("guidance", s.guidance.needs))
@@ -209,18 +209,18 @@ def _beyond_the_bicycle(s: Tables) -> list[str]:
     found = []
     if s.terrain.kind != "flat":
         found.append(
-            f"terrain.kind: the bicycle plant knows only flat ground, got {s.terrain.kind!r}; "
+            f"terrain.kind: the bicycle plant supports only flat ground, got {s.terrain.kind!r}; "
             'set terrain.kind = "flat" or plant.kind = "mujoco"'
         )
     elif key := _special(s.terrain):
-        found.append(f'terrain.{key}: the bicycle plant knows no ground properties; set plant.kind = "mujoco"')
+        found.append(f'terrain.{key}: the bicycle plant supports no ground properties; set plant.kind = "mujoco"')
     if s.implement.machine:
         found.append(
             f"implement.kind: the bicycle plant has no body for an implement, got {s.implement.kind!r}; "
             'set implement.kind = "none" or plant.kind = "mujoco"'
         )
     found += [
-        f'fault[{k}].kind: {fault.kind!r} acts on what the bicycle plant does not have; set plant.kind = "mujoco"'
+        f'fault[{k}].kind: {fault.kind!r} acts on a part that the bicycle plant lacks; set plant.kind = "mujoco"'
         for k, fault in enumerate(s.fault)
         if fault.machine
     ]

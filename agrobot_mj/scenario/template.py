@@ -18,11 +18,11 @@ from agrobot_mj.scenario.schema import Scenario
 SKIPPED = ("name", "title", "version", "seed")
 """Keys in the header of the template, or written by a run."""
 HEAD = """\
-# {name}: what does this experiment show?
-# Look at: ...
+# {name}: purpose of this experiment
+# Expected result: ...
 #
-# Every key has a default, so that a file holds only what it is about: take away the `# ` before a key to change it, and
-# delete what you do not need. `agrobot-mj explain KEY` tells more of each, e.g. `agrobot-mj explain path.kind`.
+# Every key has a default. To change a key, remove the `# ` before it. Delete all keys that you do not change.
+# `agrobot-mj explain KEY` describes a key, for example `agrobot-mj explain path.kind`.
 """
 
 
@@ -30,7 +30,7 @@ def write_template(name: str) -> Path:
     """Write the template to the new file `name`.toml. Raises `ScenarioError` if the file exists."""
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.stem in ("", ".toml") or not path.stem.strip("."):
-        raise ScenarioError(f"init {name!r}: not a name; write it as my_field")
+        raise ScenarioError(f"init {name!r}: this is not a valid name; write a name such as my_field")
     try:
         with path.open("x", encoding="utf-8") as file:
             file.write(template(path.stem))

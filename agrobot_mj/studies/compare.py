@@ -93,17 +93,17 @@ def _row(case: Case, piece: int, row: Row, metrics: dict[str, Any]) -> Row:
 NONE = "-"
 """Text of a table cell without value."""
 MEANINGS = {
-    "lateral MSE [m2]": "mean square of the error sideways, to the place where the reference is at that time",
-    "turn 1": "the same in the first turn of the path",
-    "turn 2": "the same in the second turn",
-    "/ pd": "lateral MSE over that of pd, same plant, seed and field",
+    "lateral MSE [m2]": "mean square of the lateral error relative to the time-based reference",
+    "turn 1": "lateral MSE in the first turn of the path",
+    "turn 2": "lateral MSE in the second turn of the path",
+    "/ pd": "lateral MSE divided by that of pd with the same plant, seed and field",
     "xte rms [m]": "root mean square distance from the path (cross-track error)",
-    "estimator [m]": "part of it: true less estimated position, root mean square",
-    "guidance [m]": "part of it: estimated position relative to the path, root mean square",
-    "steering [deg]": "wheel angle less its command, root mean square",
-    "NEES": "squared error of the estimated position over its stated variance, 2 if consistent",
-    "nn 1": "share of the network in the steering command of the first turn",
-    "nn 2": "the same in the second turn",
+    "estimator [m]": "estimator part of the cross-track error (true minus estimated position), root mean square",
+    "guidance [m]": "guidance part of the cross-track error (estimated position minus path), root mean square",
+    "steering [deg]": "wheel angle minus command, root mean square",
+    "NEES": "normalised squared error of the estimated position, 2 if consistent",
+    "nn 1": "fraction of the network in the steering command of the first turn",
+    "nn 2": "lateral MSE in the second turn of the path",
 }
 """Explanation of each column of numbers, by its head."""
 
@@ -152,9 +152,11 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     laws: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         laws.setdefault(str(row["folder"]).removesuffix(f"-s{row['seed']}"), []).append(row)
-    found = [f"{law}: failed {text}; no errors of these" for law, some in laws.items() if (text := failures(some))]
+    found = [
+        f"{law}: failed {text}; errors exclude these runs" for law, each in laws.items() if (text := failures(each))
+    ]
     if len({row.get("piece") for row in rows}) > 1:
-        found.append("the runs cover different pieces of path (column piece): compare errors within one piece only")
+        found.append("the runs cover different segments of the path (column piece); compare errors within one only")
     by_plant = [{law: some for law, some in laws.items() if some[0]["plant"] == plant} for plant in _plants(rows)]
     return [*found, *(remark for some in by_plant for remark in remarks(some))]
 
@@ -181,7 +183,7 @@ def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
         text = f"{plant}: {best} has the smallest lateral mean square error in {seeds}"
         text += f", {means[best] / means[others[0]]:.2f} times that of {others[0]}"
         if best in first:
-            text += f" and {means[best] / first[best]:.2f} times its own on {_plants(rows)[0]}"
+            text += f" and {means[best] / first[best]:.2f} times its error on {_plants(rows)[0]}"
         found.append(text)
         first = first or means
     return found

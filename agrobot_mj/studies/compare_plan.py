@@ -127,7 +127,7 @@ def plan(
         if isinstance(first, ScenarioError):
             if plants is not None or all(isinstance(tried[other, place], ScenarioError) for other in able):
                 raise first
-            left_out.append(f"{law.name} on {plant} is left out: {str(first).splitlines()[0]}")
+            left_out.append(f"{law.name} on {plant} is omitted: {str(first).splitlines()[0]}")
             continue
         _check_seeds(first.seed, seeds)
         lines.append(SweepVariant(name=f"{plant}-{place}", set={"plant.kind": plant, **law.overrides}))
@@ -204,7 +204,7 @@ def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[s
             scenario.changed({"plant.kind": plant})
             able.append(plant)
         except ScenarioError as error:
-            left_out.append(f"{plant} is left out: {str(error).splitlines()[0]}")
+            left_out.append(f"{plant} is omitted: {str(error).splitlines()[0]}")
     return able, left_out
 
 
@@ -223,7 +223,7 @@ def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
     if command := changed.guidance.outside:
         kind = changed.guidance.kind
         place = f"--variant {law.variant!r}: " if law.variant else ""
-        raise ScenarioError(f'{place}guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
+        raise ScenarioError(f'{place}guidance.kind: "{kind}" needs an external program; use `agrobot-mj {command}`')
     return changed
 
 
@@ -238,30 +238,30 @@ def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | Scen
 def _check_variants(variants: Sequence[SweepVariant]) -> None:
     names = [variant.name for variant in variants]
     if repeated := next((name for name in names if names.count(name) > 1), None):
-        raise ScenarioError(f"--variant {repeated!r}: is given twice; use different names")
+        raise ScenarioError(f"--variant {repeated!r}: the name is given twice; use different names")
     for variant in variants:
         for key, value in variant.set.items():
             inside = key == "plant" and not (isinstance(value, Mapping) and "kind" in value)
             if key in OWN_OPTIONS and not inside:
-                raise ScenarioError(f"--variant {variant.name!r}: {key}: name it with {OWN_OPTIONS[key]}")
+                raise ScenarioError(f"--variant {variant.name!r}: {key}: set this key with {OWN_OPTIONS[key]}")
 
 
 def _check_names(laws: Sequence[CompetingLaw]) -> None:
     names = [law.name for law in laws]
     for law in laws:
         if law.variant is not None and names.count(law.name) > 1:
-            raise ScenarioError(f"--variant {law.variant!r}: is also the name of a compared law; choose another name")
+            raise ScenarioError(f"--variant {law.variant!r}: the name is also a compared law; choose another name")
 
 
 def _check_number(laws: int, plants: int, seeds: int, most: int) -> None:
     if (runs := laws * plants * seeds) > most:
         raise ScenarioError(
-            f"{runs} runs are planned ({laws} laws, {plants} plants, {seeds} seeds), the limit is {most}; "
-            f"ask for fewer or add --max-runs {runs}"
+            f"{runs} runs are planned ({laws} laws, {plants} plants, {seeds} seeds), and the limit is {most}; "
+            f"reduce the number of runs or add --max-runs {runs}"
         )
 
 
 def _check_seeds(first: int, seeds: int) -> None:
     last = first + seeds - 1
     if last >= 2**63:
-        raise ScenarioError(f"--seeds {seeds}: would count up to seed {last}, beyond 2^63 - 1; set a smaller seed")
+        raise ScenarioError(f"--seeds {seeds}: the last seed would be {last}, above 2^63 - 1; set a smaller seed")

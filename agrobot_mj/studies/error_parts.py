@@ -29,8 +29,8 @@ def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
         return ""
     cause, remedy = (_most([row.get(name) for row in led]) for name in ("xte_cause", "xte_remedy"))
     about = f" ({cause})" if cause else ""
-    text = f"the estimator part of the cross-track error is the larger one in {len(led)} of {len(known)} runs{about}: "
-    text += f"a ranking by this error ranks estimates, not guidance laws; {_ahead(cases)}"
+    text = f"the estimator causes the larger part of the cross-track error in {len(led)} of {len(known)} runs{about}; "
+    text += f"a ranking by this error compares estimates, not guidance laws; {_ahead(cases)}"
     return f"{text}; {remedy}" if remedy else text
 
 
@@ -42,7 +42,7 @@ def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
         if (values := [value for row in rows if (value := error_of(row, GUIDANCE)) is not None])
     }
     best = min(means, key=lambda name: means[name])
-    return f"the guidance part is least for {best}, {100 * means[best]:.1f} cm"
+    return f"the guidance part is smallest for {best}, {100 * means[best]:.1f} cm"
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:

@@ -21,7 +21,7 @@ def reporting_damage(file: Path, done: str) -> Iterator[None]:
         raise
     except DAMAGED as error:
         what = f"{type(error).__name__}: {error}"
-        text = f"{file}: cannot be {done}: it, or a file beside it, is damaged or of something else ({what})"
+        text = f"{file}: cannot be {done}: this file, or one next to it, is damaged or has another type ({what})"
         raise ScenarioError(text) from error
 
 
@@ -31,7 +31,7 @@ def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
     codes = sorted({identity.code if identity else "unknown" for identity in found})
     if len(codes) > 1:
         raise ScenarioError(
-            f"{folder}: its rows were run with different code ({', '.join(codes)}: plugins, program, libraries), so "
+            f"{folder}: the rows come from different code ({', '.join(codes)}: plugins, program, libraries), so "
             "they are not compared; start the same command again"
         )
     return f"code {codes[0]}" if codes else "no code"

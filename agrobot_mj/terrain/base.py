@@ -33,9 +33,9 @@ class Sized(Spec):
         if self.half_size_m is not None and self.size_m is not None:
             raise ValueError("size_m: excludes half_size_m; omit one of them")
         if self.half_size_m is None and self.size_m is None:
-            raise ValueError("half_size_m: has no value; give it, or size_m = [east, north]")
+            raise ValueError("half_size_m: the value is missing; set it, or set size_m = [east, north]")
         if self.size_m is not None and max(self.size_m) > MOST_STEPS * min(self.size_m):
-            raise ValueError(f"size_m: one side is more than {MOST_STEPS} times the other; make it longer")
+            raise ValueError(f"size_m: one side is more than {MOST_STEPS} times the other; lengthen the shorter side")
         return self
 
     @property
@@ -116,7 +116,7 @@ def _ground(landscape: Landscape, stamp: tuple[object, ...]) -> Ground:
     relief = check_type(landscape.relief(), Ground, "the terrain", landscape.kind, "relief")
     heights = np.asarray(relief.heights)
     if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
-        raise ValueError("relief: its heights must be finite numbers, two rows and two columns or more")
+        raise ValueError("relief: the heights must be finite numbers in at least two rows and two columns")
     base = Base(named(landscape.surface), landscape.variation if landscape.variation.active else None)
     if base.variation is None and not landscape.patch:
         uniform = NOTHING_SPECIAL._replace(elsewhere=base.properties)

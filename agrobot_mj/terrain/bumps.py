@@ -82,10 +82,10 @@ class Bumps(Generated):
             y = self.y_m + along * sin(heading) + left * cos(heading)
             if abs(x) > half_x or abs(y) > half_y:
                 raise ValueError(
-                    f"count: bump {k + 1} of the row lies at ({x:.1f}, {y:.1f}) m, outside the field; "
+                    f"count: bump {k + 1} of the row is at ({x:.1f}, {y:.1f}) m, outside the field; "
                     f"set count to {k} or less, or make the field larger"
                     if k
-                    else f"x_m: the first bump lies at ({x:.1f}, {y:.1f}) m, outside the field; move it"
+                    else f"x_m: the first bump is at ({x:.1f}, {y:.1f}) m, outside the field; move it"
                 )
             found.append((x, y, heading))
         return found

@@ -52,7 +52,7 @@ def read_grid(file: str) -> Sheet:
         _fits(path, sheet.values.shape)
         if bad := np.argwhere(~np.isfinite(sheet.values)).tolist():
             value = sheet.values[tuple(bad[0])]
-            refuse(path, f"holds {'NaN' if np.isnan(value) else 'inf'} in {len(bad)} places; fill the holes")
+            refuse(path, f"the file has {'NaN' if np.isnan(value) else 'inf'} at {len(bad)} nodes; replace them")
         return sheet
 
 
@@ -75,12 +75,12 @@ def _keyed() -> Iterator[None]:
 def _fits(path: Path, shape: tuple[int, ...]) -> None:
     """Raise ValueError if the shape is not a grid or is too large."""
     if len(shape) != 2:
-        refuse(path, f"has {len(shape)} dimensions; store heights as an array of rows and columns")
+        refuse(path, f"the array has {len(shape)} dimensions; store heights as an array of rows and columns")
     rows, columns = shape
     if min(shape) < 2:
-        refuse(path, f"has {rows} x {columns} nodes; at least 2 x 2 are needed")
+        refuse(path, f"the grid has {rows} x {columns} nodes; at least 2 x 2 are required")
     if rows * columns > MOST_NODES:
-        refuse(path, f"has {rows} x {columns} nodes, the limit is {MOST_NODES}; crop it or thin it out")
+        refuse(path, f"the grid has {rows} x {columns} nodes, more than {MOST_NODES}; crop or thin it")
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
@@ -95,9 +95,9 @@ def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
 
 
 def _read_npy(path: Path) -> Sheet:
-    mapped = _try(path, "write it with numpy.save, numbers only", lambda: np.lib.format.open_memmap(path, mode="r"))
+    mapped = _try(path, "save it with numpy.save, with numbers only", lambda: np.lib.format.open_memmap(path, mode="r"))
     if mapped.dtype.kind not in "fiu":
-        refuse(path, f"holds values of type {mapped.dtype}; store real numbers, e.g. float32")
+        refuse(path, f"the file has values of type {mapped.dtype}; store real numbers, e.g. float32")
     _fits(path, mapped.shape)
     with np.errstate(over="ignore", invalid="ignore"):
         return Sheet(np.array(mapped, dtype=np.float64))
@@ -111,13 +111,13 @@ def _read_png(path: Path) -> Sheet:
         try:
             picture = Image.open(path, formats=["PNG"])
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
-            refuse(path, f"unpacks to far more than {MOST_NODES} pixels, the limit; crop it or make it smaller")
+            refuse(path, f"the image exceeds the limit of {MOST_NODES} pixels by far; crop it or reduce its resolution")
         except Exception:
-            refuse(path, "is no PNG picture; export it again as grey PNG of 16 bits")
+            refuse(path, "the file is not a PNG image; export it again as a grey PNG of 16 bits")
     with picture:
         _fits(path, (picture.height, picture.width))
         if picture.mode not in GREY:
-            refuse(path, f"is a picture of type {picture.mode}; export it as plain grey of 16 (or 8) bits")
+            refuse(path, f"the image has type {picture.mode}; export it as grey of 16 (or 8) bits without alpha")
         values = _try(path, "export it again", lambda: np.asarray(picture, dtype=np.float64))
         return Sheet(np.flipud(values), white=GREY[picture.mode])
 
@@ -130,12 +130,12 @@ def _read_asc(path: Path) -> Sheet:
     if len(words) != shape[0] * shape[1]:
         refuse(
             path,
-            f"has {len(words)} values where its header says {shape[0]} x {shape[1]} = {shape[0] * shape[1]}; "
-            "it is cut short or its header is wrong, export it again",
+            f"the file has {len(words)} values, but its header gives {shape[0]} x {shape[1]} = {shape[0] * shape[1]}; "
+            "it is truncated or its header is wrong; export it again",
         )
     values = _try(path, "use numbers with a decimal point", lambda: np.array(words, dtype=np.float64)).reshape(shape)
     if (holes := int((values == head.get("nodata_value", np.nan)).sum())) > 0:
-        refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
+        refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")
     return Sheet(np.flipud(values), cell, corner=_corner_of(head, cell))
 
 
@@ -149,7 +149,7 @@ def _read_tiff(path: Path) -> Sheet:
     with open_tiff(path) as image:
         _fits(path, (image.height, image.width))
         if image.mode not in HEIGHT_MODES:
-            refuse(path, f"is an image of type {image.mode}; export one band of numbers, e.g. with gdal_translate -b 1")
+            refuse(path, f"the image has type {image.mode}; export one band of numbers, e.g. with gdal_translate -b 1")
         cell, corner = cell_and_corner(path, image)
         _in_metres(path, cell)
         values = _try(path, "export it again without compression", lambda: values_of(path, image))
@@ -176,29 +176,30 @@ def _head_of(path: Path) -> dict[str, float]:
         if key not in HEADER:
             break
         if key in found:
-            refuse(path, f"says {key} twice in its header; leave one out")
-        found[key] = _try(path, f"give {word} a number", partial(float, number))
+            refuse(path, f"the header contains {key} twice; remove one")
+        found[key] = _try(path, f"set {word} to a number", partial(float, number))
     return found
 
 
 def _shape_of(path: Path, head: dict[str, float]) -> tuple[int, int]:
     for key in ("nrows", "ncols"):
         if key not in head:
-            refuse(path, f"has no {key} in its header; export it again as ESRI ASCII grid")
+            refuse(path, f"the header has no {key}; export the file again as an ESRI ASCII grid")
         if not (1 <= head[key] < 1e9 and head[key] == int(head[key])):
-            refuse(path, f"says {key} {head[key]:g} in its header; it must be a whole number above 0")
+            refuse(path, f"the header has {key} {head[key]:g}, which must be a whole number above 0")
     return int(head["nrows"]), int(head["ncols"])
 
 
 def _cell_of(path: Path, head: dict[str, float]) -> float:
     dx, dy = head.get("dx", head.get("cellsize")), head.get("dy", head.get("cellsize"))
     if dx is None or dy is None:
-        refuse(path, "has no cellsize in its header; export it again as ESRI ASCII grid")
+        refuse(path, "the header has no cellsize; export the file again as an ESRI ASCII grid")
     if not (0 < dx < np.inf and 0 < dy < np.inf):
-        refuse(path, f"says cellsize {dx:g} in its header; it must be above 0 m")
+        refuse(path, f"the header has cellsize {dx:g}, which must be above 0 m")
     if dx != dy:
         refuse(
-            path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones, e.g. with gdalwarp -tr {dx:g} {dx:g}"
+            path,
+            f"the cells are {dx:g} x {dy:g} m; resample them to squares, e.g. with gdalwarp -tr {dx:g} {dx:g}",
         )
     _in_metres(path, dx)
     return dx
@@ -206,7 +207,7 @@ def _cell_of(path: Path, head: dict[str, float]) -> float:
 
 def _in_metres(path: Path, cell: float) -> None:
     if not FINEST_M <= cell <= HUGE:
-        refuse(path, f"has cells of {cell:g} m; if those are degrees, reproject it to metres with gdalwarp -t_srs")
+        refuse(path, f"the cells are {cell:g} m; if these are degrees, reproject it to metres with gdalwarp -t_srs")
 
 
 READERS: dict[str, Callable[[Path], Sheet]] = {

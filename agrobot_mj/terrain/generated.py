@@ -50,7 +50,7 @@ class Generated(Sized, Tilted):
             heights = heights * _fade(np.hypot(x[None, :], y[:, None]) / self.run_in_m - 1.0)
         ground = Ground(float(x[0]), float(y[0]), spacing, np.ascontiguousarray(heights))
         if ground.steepest > tan(radians(STEEPEST_DEG)):
-            raise ValueError(f"{self.VERTICAL}: makes flanks steeper than {STEEPEST_DEG:g} deg; make it smaller")
+            raise ValueError(f"{self.VERTICAL}: the slopes are steeper than {STEEPEST_DEG:g} deg; reduce the value")
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
@@ -58,7 +58,7 @@ class Generated(Sized, Tilted):
         large."""
         if self.node_m > self.finest():
             raise ValueError(
-                f"node_m: {self.node_m:g} m is too coarse for this relief; set at most {self.finest():.3g}"
+                f"node_m: {self.node_m:g} m is too coarse for this relief; set a value of at most {self.finest():.3g}"
             )
         columns, rows = cells_of(self.half_sizes, self.node_m)
         if (columns + 1) * (rows + 1) > MOST_NODES:

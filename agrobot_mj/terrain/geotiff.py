@@ -30,9 +30,9 @@ def open_tiff(path: Path) -> Any:
         try:
             return Image.open(path, formats=["TIFF"])
         except (Image.DecompressionBombWarning, Image.DecompressionBombError):
-            refuse(path, "unpacks to far more nodes than the limit; crop it or thin it out")
+            refuse(path, "the image exceeds the limit of nodes by far; crop it or reduce its resolution")
         except Exception:
-            refuse(path, "is no TIFF image; export it again as GeoTIFF with one band")
+            refuse(path, "the file is not a TIFF image; export it again as GeoTIFF with one band")
 
 
 def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
@@ -40,12 +40,12 @@ def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]
     tags = image.tag_v2
     keys = _geo_keys(tags)
     if keys.get(MODEL_TYPE) == GEOGRAPHIC:
-        refuse(path, "has cells in degrees; reproject it to metres, e.g. with gdalwarp -t_srs EPSG:32632")
+        refuse(path, "the cells are in degrees; reproject the grid to metres, e.g. with gdalwarp -t_srs EPSG:32632")
     if TRANSFORMATION in tags or PIXEL_SCALE not in tags or len(tags.get(TIE_POINT, ())) < 6:
-        refuse(path, "states no place of unturned cells on a map; convert it with gdalwarp -of GTiff")
+        refuse(path, "the file has no north-up position on a map; convert it with gdalwarp -of GTiff")
     dx, dy = (float(size) for size in tags[PIXEL_SCALE][:2])
     if not (0 < dx < np.inf and abs(dx - dy) <= 1e-9 * dx):
-        refuse(path, f"has cells of {dx:g} x {dy:g} m; resample it to square ones with gdalwarp -tr {dx:g} {dx:g}")
+        refuse(path, f"the cells are {dx:g} x {dy:g} m; resample them to squares with gdalwarp -tr {dx:g} {dx:g}")
     i, j, _, x, y, _ = (float(value) for value in tags[TIE_POINT][:6])
     half = 0.0 if keys.get(RASTER_TYPE) == IS_POINT else 0.5
     west, north = x + (half - i) * dx, y - (half - j) * dx
@@ -56,7 +56,7 @@ def values_of(path: Path, image: Any) -> Array:
     """Return the values, shape (rows, columns); row 0 is south. Raises ValueError for missing values."""
     values = np.asarray(image, dtype=np.float64)
     if holes := int((values == _nodata(path, image.tag_v2)).sum()):
-        refuse(path, f"has {holes} holes (NODATA); fill them, e.g. with gdal_fillnodata")
+        refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")
     return np.flipud(values)
 
 
@@ -73,4 +73,4 @@ def _nodata(path: Path, tags: Any) -> float:
     try:
         return float(str(tags[NODATA]).strip("\0 "))
     except ValueError:
-        refuse(path, f"states no number for NODATA: {str(tags[NODATA])[:20]!r}; set it with gdal_edit -a_nodata")
+        refuse(path, f"the NODATA value is not a number: {str(tags[NODATA])[:20]!r}; set it with gdal_edit -a_nodata")

@@ -43,15 +43,15 @@ class Heightmap(Tilted):
         rows, columns = sheet.values.shape
         if rows != columns and sheet.cell is None and not self.rectangular:
             raise ValueError(
-                f"file: {self._name}: has {rows} rows and {columns} columns; set rectangular = true if that is its "
-                "shape, else make it square"
+                f"file: {self._name}: the grid has {rows} rows and {columns} columns; set rectangular = true if this "
+                "is its shape, or make it square"
             )
         spacing = self._spacing(sheet)
         corner = self._corner(sheet, -spacing * (columns - 1) / 2, -spacing * (rows - 1) / 2)
         ground = Ground(*corner, spacing, self._heights(sheet.values))
         if ground.steepest > (limit := tan(radians(STEEPEST_DEG))):
             raise ValueError(
-                f"scale: {self._name} climbs {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, more "
+                f"scale: {self._name} rises {ground.steepest * spacing:.3g} m between nodes {spacing:g} m apart, more "
                 f"than {STEEPEST_DEG:g} deg; its heights are probably in another unit: set scale, at most "
                 f"{rounded_down(abs(self.scale) * limit / ground.steepest):g} fits"
             )
@@ -65,7 +65,7 @@ class Heightmap(Tilted):
         if sheet.cell is None:
             return 1.0 if self.spacing_m is None else self.spacing_m
         if self.spacing_m is not None and self.spacing_m != sheet.cell:
-            raise ValueError(f"spacing_m: {self._name} states its own cellsize of {sheet.cell:g} m; omit the key")
+            raise ValueError(f"spacing_m: {self._name} already has a cellsize of {sheet.cell:g} m; omit the key")
         return sheet.cell
 
     def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
@@ -73,12 +73,12 @@ class Heightmap(Tilted):
         if self.map_origin_m is None:
             return x, y
         if sheet.corner is None:
-            raise ValueError(f"map_origin_m: {self._name} states no coordinates; omit the key, or use .asc or .tif")
+            raise ValueError(f"map_origin_m: {self._name} has no coordinates; omit the key, or use .asc or .tif")
         return sheet.corner[0] - self.map_origin_m[0], sheet.corner[1] - self.map_origin_m[1]
 
     def _heights(self, values: Array) -> Array:
         with np.errstate(over="ignore", invalid="ignore"):
             heights = self.scale * values + self.offset_m
         if not np.abs(heights).max() < 1e6:
-            raise ValueError(f"scale: makes heights of {self._name} beyond 1000 km; make it smaller")
+            raise ValueError(f"scale: the heights of {self._name} exceed 1000 km; reduce the value")
         return heights

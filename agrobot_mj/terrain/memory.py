@@ -76,7 +76,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
     if rows * columns > MOST_PLACES:
         least = cell * (rows * columns / MOST_PLACES) ** 0.5
-        raise ValueError(f"cell_m: {cell:g} m is too fine for this field; set at least {1.05 * least:.2g}")
+        raise ValueError(f"cell_m: {cell:g} m is too fine for this field; set a value of at least {1.05 * least:.2g}")
     store = min(MOST_TILES, rows * columns)
     return SoilMemory(
         x_min,

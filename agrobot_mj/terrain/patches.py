@@ -48,7 +48,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface
     tests = sum((box[1] - box[0]) * (box[3] - box[2]) for box in boxes) / cell**2
     if tests > MOST_TESTS:
         raise ValueError(
-            f"patch: {len(patches)} patches overlap so much that {tests:.2g} cells must be filled, at most "
+            f"patch: {len(patches)} patches overlap, so {tests:.2g} cells must be filled, above the limit of "
             f"{MOST_TESTS:.2g}; increase cell_m above {cell:g}, or use fewer patches"
         )
     friction, cone_index, rolling = _ground_outside(base, (rows, columns), cell)
@@ -57,7 +57,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface
         grid = np.meshgrid(x[window[1]], y[window[0]], sparse=True)
         covered = patch.covers(*grid)
         if not covered.any():
-            raise ValueError(f"patch[{k}]: covers no cell of {cell:g} m; make it larger or cell_m smaller")
+            raise ValueError(f"patch[{k}]: the patch covers no cell of {cell:g} m; enlarge the patch or reduce cell_m")
         painted = patch.properties(*(along[covered] for along in np.broadcast_arrays(*grid)))
         friction[window][covered] = painted[0]
         cone_index[window][covered] = np.where(painted[1] > 0.0, painted[1], base.properties[1])
@@ -104,7 +104,7 @@ def _inside(k: int, patch: Special, extent: Bounds) -> Bounds:
     y_min, y_max = max(box[2], extent[2]), min(box[3], extent[3])
     if x_min >= x_max or y_min >= y_max:
         raise ValueError(
-            f"patch[{k}]: lies outside the field ({extent[0]:g} to {extent[1]:g} m east, {extent[2]:g} to "
+            f"patch[{k}]: the patch is outside the field ({extent[0]:g} to {extent[1]:g} m east, {extent[2]:g} to "
             f"{extent[3]:g} m north); move it or make the terrain larger"
         )
     return x_min, x_max, y_min, y_max

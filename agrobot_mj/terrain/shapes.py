@@ -158,7 +158,7 @@ class PicturePatch(Special):
     @model_validator(mode="after")
     def _has_both_ends(self) -> "PicturePatch":
         if self.cone_index_kpa is None and self.cone_index_white_kpa is not None:
-            raise ValueError("cone_index_white_kpa: needs cone_index_kpa, which applies where the image is black")
+            raise ValueError("cone_index_white_kpa: needs cone_index_kpa, the value where the image is black")
         if self.cone_index_white_kpa is not None:
             try:
                 cone_index_in_range(self.cone_index_white_kpa)

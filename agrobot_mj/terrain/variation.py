@@ -85,7 +85,7 @@ class Variation(Spec):
         ValueError, naming the key."""
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
-            raise ValueError("cone_index_kpa: has no value to vary about; set it, or terrain.surface")
+            raise ValueError("cone_index_kpa: the mean value is missing; set this key, or terrain.surface")
         wet = self._gaussian("moisture", shape, cell, self.moisture_sd_percent)
         friction = self._log_normal("friction", shape, cell, self.friction_spread)
         friction = np.clip(friction * np.exp(-self.friction_per_percent * wet), LEAST_FRICTION, MOST_FRICTION)

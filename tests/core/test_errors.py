@@ -94,7 +94,7 @@ def test_misspelt_key_in_a_union_suggests_keys_of_the_selected_kind():
         ({"box": {"depth_m": 1}}, "box.depth_m: unknown key; did you mean 'width_m' or 'depth_m'?"),
         (
             {"box": {"filling": {"kind": "foam", "pressure_bar": 2}}},
-            "box.filling.pressure_bar: unknown key; it belongs to kind = 'air'",
+            "box.filling.pressure_bar: unknown key; it is a key of kind = 'air'",
         ),
         ({"box": {"label": {"copies": 2}}}, "box.label: must be a text, got {'copies': 2}; did you mean 'box.copies'?"),
     ],

@@ -74,7 +74,7 @@ def test_commands_on_laws_limits_and_risks_write_their_results(walk):
         (law, "completed") for law in ("stanley", "lqr", "pure_pursuit")
     ]
     assert "read as columns, 39.9 s" in said["twin"]
-    assert "Columns enough for replay" in said["twin"]
+    assert "The log has the columns for replay" in said["twin"]
     assert (folder / "runs" / "steep" / "limit.json").is_file()
     assert (folder / "runs" / "rare" / "risk.json").is_file()
 

@@ -47,7 +47,7 @@ def folder(request, tmp_path_factory):
 
 
 def test_repeated_sweep_command_starts_no_run(folder):
-    assert "0 runs done, 12 were there" in (folder / "said.txt").read_text()
+    assert "0 runs done, 12 already present" in (folder / "said.txt").read_text()
 
 
 def test_serial_sharded_and_merged_sweeps_give_the_same_table(folder):

@@ -89,5 +89,5 @@ def test_receiver_delivers_solutions_at_its_configured_rate(rate_hz):
 
 
 def test_receiver_rate_that_does_not_divide_the_tick_rate_is_rejected():
-    with pytest.raises(ScenarioError, match=r"sensors\.gnss\.rate_hz: .*whole ticks of 0\.05 s apart, got 8"):
+    with pytest.raises(ScenarioError, match=r"sensors\.gnss\.rate_hz: .*whole ticks of 0\.05 s, got 8"):
         load_scenario("circle", {"sensors.gnss.rate_hz": 8})

@@ -137,8 +137,8 @@ def test_sensor_fault_leaves_other_times_and_sensors_bit_identical(drive, kind):
 def test_two_overlapping_faults_of_the_same_kind_are_rejected():
     message = refused({"kind": "gnss_loss", "end_s": 30}, {"kind": "friction"}, {"kind": "gnss_loss", "start_s": 20})
     assert message == (
-        "mine.toml: fault[2]: overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "
-        "let one end before the other begins"
+        "mine.toml: fault[2]: the fault overlaps fault[0], both gnss_loss (20 to the end and 0 to 30 s); "
+        "end one before the start of the other"
     )
 
 
@@ -185,8 +185,8 @@ def test_effects_of_faults_of_different_kinds_add_up():
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ({"kind": "gnss_loss", "start_s": 5, "end_s": 3}, "fault[0].end_s: must lie after start_s (5), got 3"),
-        ({"kind": "gnss_loss", "start_s": 5, "end_s": 5}, "fault[0].end_s: must lie after start_s (5), got 5"),
+        ({"kind": "gnss_loss", "start_s": 5, "end_s": 3}, "fault[0].end_s: must be above start_s (5), got 3"),
+        ({"kind": "gnss_loss", "start_s": 5, "end_s": 5}, "fault[0].end_s: must be above start_s (5), got 5"),
         ({"kind": "gnss_loss", "start_s": -1}, "fault[0].start_s: must be at least 0, got -1"),
         ({"kind": "gnss_loss", "end_s": -1}, "fault[0].end_s: must be above 0, got -1"),
         ({"kind": "gnss_loss", "start_s": float("nan")}, "fault[0].start_s: must be a finite number"),
@@ -220,7 +220,9 @@ def test_bicycle_model_accepts_only_sensor_and_valve_faults(kind):
     if kind in SENSED:
         assert resolve(data, "b").fault[0].kind == kind
     else:
-        with pytest.raises(ScenarioError, match=rf"fault\[0\]\.kind: '{kind}' acts on what the bicycle .* \"mujoco\""):
+        with pytest.raises(
+            ScenarioError, match=rf"fault\[0\]\.kind: '{kind}' acts on a part that the bicycle .* \"mujoco\""
+        ):
             resolve(data, "b")
 
 
@@ -241,15 +243,15 @@ def call(call):
 
 LOSS = '[[fault]]\nkind = "gnss_loss"\nstart_s = 0.5\nend_s = 1\n'
 BAD = [
-    (LOSS + LOSS.replace("0.5", "0.8"), (), ("fault[1]: overlaps fault[0]", "0.8 to 1 s and 0.5 to 1 s")),
+    (LOSS + LOSS.replace("0.5", "0.8"), (), ("fault[1]: the fault overlaps fault[0]", "0.8 to 1 s and 0.5 to 1 s")),
     ('[fault]\nkind = "gnss_loss"\n', (), ("fault: must be a list of tables; write [[fault]]",)),
     ("fault = 3\n", (), ("fault: must be a list, got 3",)),
     (LOSS, ("fault.9.x=1",), ("--set fault.9.x: the scenario has 1 of [[fault]], counted from 0",)),
     (LOSS, ("fault.x=1",), ("--set fault.x: fault is a list; write fault.0.key=value",)),
     (LOSS, ("fault.x.y=1",), ("--set fault.x.y: fault is a list; write fault.0.key=value",)),
     ("", ("fault.0.end_s=1",), ("--set fault.0.end_s: the scenario has 0 of [[fault]]",)),
-    (LOSS, ("fault.0.end_s=0.2",), ("fault[0].end_s: must lie after start_s (0.5), got 0.2",)),
-    (LOSS, ("fault.0.kind=friction",), ("fault[0].kind: 'friction' acts on what the bicycle",)),
+    (LOSS, ("fault.0.end_s=0.2",), ("fault[0].end_s: must be above start_s (0.5), got 0.2",)),
+    (LOSS, ("fault.0.kind=friction",), ("fault[0].kind: 'friction' acts on a part that the bicycle",)),
 ]
 
 

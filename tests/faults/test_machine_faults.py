@@ -54,7 +54,7 @@ def test_two_tyres_may_be_soft_but_the_same_tyre_twice_is_rejected():
     assert first.tyre_stiffness == (0.4, 1, 1, 0.5)
     assert first.tyre_rolling == (1.6, 1, 1, 2.0)
     resolve({"fault": [{"kind": "soft_tyre", "wheel": wheel} for wheel in ("fl", "fr")]}, "x")
-    with pytest.raises(ScenarioError, match=r"fault\[1\]: overlaps fault\[0\]"):
+    with pytest.raises(ScenarioError, match=r"fault\[1\]: the fault overlaps fault\[0\]"):
         resolve({"fault": [{"kind": "soft_tyre", "wheel": "fl"}] * 2}, "x")
 
 
@@ -73,7 +73,7 @@ def test_faults_of_zero_size_have_no_effect():
     [
         (
             [{"mass_kg": -600.0, "ahead_m": 0.5, "start_s": 30.0}],
-            r"fault\[0\]\.mass_kg: leaves the chassis -10 of its 59",
+            r"fault\[0\]\.mass_kg: only -10 of 59",
         ),
         (
             [{"mass_kg": -200.0, "ahead_m": 1.8}],

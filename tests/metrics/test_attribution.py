@@ -160,7 +160,7 @@ def test_suggested_remedy_lists_only_disabled_keys(on_slope: Any) -> None:
 def test_estimate_that_contradicts_its_covariance_is_reported(on_slope: Any) -> None:
     m = on_slope.metrics
     assert m["position_nees"] > 100
-    numbers = f"position NEES {m['position_nees']:.0f}, NIS {m['position_nis']:.1f}, 2 if consistent"
+    numbers = f"position NEES {m['position_nees']:.0f}, NIS {m['position_nis']:.1f}, both 2 for a consistent filter"
     assert m["estimate_warning"] == f"the estimate contradicts its covariance ({numbers}): antenna lean"
 
 

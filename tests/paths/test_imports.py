@@ -83,7 +83,7 @@ def test_recorded_speed_is_converted_to_metres_per_second(tmp_path):
 def test_other_columns_are_never_a_speed(tmp_path, name):
     points, notes = points_of(tmp_path, "poses.csv", f"x,y,{name}\n" + "".join(f"{x},{y},0.4\n" for x, y in BEND))
     assert points.shape[1] == 2
-    assert notes == (f"ignores the column {name}",)
+    assert notes == (f"column {name} ignored",)
 
 
 @pytest.mark.parametrize("crs", ["EPSG:25832", "EPSG:32631", "EPSG:28992"])
@@ -109,7 +109,7 @@ def test_shapefile_with_its_grid_gives_the_same_track(tmp_path):
     points = track(stamp(str(tmp_path / "rows.shp")), "", False).points
     np.testing.assert_allclose(points, BEND - [0, 10], atol=1.0)
     (tmp_path / "rows.shp").write_bytes((tmp_path / "rows.shp").read_bytes()[:120])
-    with pytest.raises(ValueError, match=r"rows\.shp: is a damaged shapefile"):
+    with pytest.raises(ValueError, match=r"rows\.shp: the shapefile is damaged"):
         read_shapes(str(tmp_path / "rows.shp"))
 
 
@@ -133,7 +133,7 @@ def test_longest_line_is_the_track(tmp_path):
     marks = placemark(line_of("LineString", PAIRS[:2]), "short") + placemark(line_of("LineString", PAIRS), "long")
     points, notes = points_of(tmp_path, "two.kml", kml(marks))
     assert len(points) == 4
-    assert notes == ("takes the longest, 'long', of 2 lines",)
+    assert notes == ("the longest, 'long', of 2 lines is used",)
 
 
 def recorded(noise=0.015, stop=40):
@@ -186,7 +186,7 @@ def test_single_distant_point_is_an_outlier():
 DAMAGED = {
     "a.kml": (kml(placemark("<LineString><coordinates>6.7;52.3</coordinates></LineString>")), "not longitude,latitude"),
     "b.kml": (kml("")[:-8], "is damaged XML"),
-    "c.kml": (kml(""), "contains no positions; export it again"),
+    "c.kml": (kml(""), "the file contains no positions; export it again"),
     "d.json": ('{"type": "FeatureCollection"', "is not valid JSON"),
     "e.json": ('{"a": 1}', "is JSON, but not GeoJSON"),
     "f.json": ('{"type": "LineString", "coordinates": [[1, "x"]]}', "not a pair of numbers"),
@@ -196,7 +196,7 @@ DAMAGED = {
     "j.txt": ("$RecPath\n9\n1,2,3,4\n", "announces 9 points, more than the file has"),
     "k.txt": ("$Boundary\nTrue\nmany\n", "line 3: 'many' is not a number of points"),
     "l.xml": ("<gml/>", "is XML of an unknown type; convert it to one of KML, GPX, GeoJSON"),
-    "m.csv": ("lat,lon\n0,0\n1,1\n2,2\n", "extends over 222.6 km, more than 100 km; remove the points"),
+    "m.csv": ("lat,lon\n0,0\n1,1\n2,2\n", "extend over 222.6 km, more than 100 km; remove distant points"),
     "n.json": ('{"type": "LineString", "coordinates": [[6.7, 452], [6.8, 452]]}', "no latitudes and longitudes"),
 }
 
@@ -213,7 +213,7 @@ def test_damaged_file_is_reported_by_name(tmp_path, name):
 
 def test_unknown_coordinate_system_is_reported(tmp_path):
     pytest.importorskip("pyproj")
-    with pytest.raises(ValueError, match="crs: 'EPSG:1' is no known coordinate system; write it as EPSG:25832"):
+    with pytest.raises(ValueError, match="crs: 'EPSG:1' is not a known coordinate system; write it as EPSG:25832"):
         points_of(tmp_path, "a.csv", "x,y\n0,0\n1,1\n2,2\n", "EPSG:1")
 
 

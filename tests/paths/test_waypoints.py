@@ -104,36 +104,36 @@ def test_edited_waypoint_file_gives_a_different_path(tmp_path):
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
     "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write one, or remove the row"),
-    "two rows": ("0,0;0,0\n1,0;2,0\n", "has 2 waypoints; give at least 3"),
+    "two rows": ("0,0;0,0\n1,0;2,0\n", "has 2 waypoints; at least 3 are required"),
     "two separators": ("0,0\n1;0\n", "row 2: has semicolons or tabs; separate the columns of all rows"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
-    "two distinct points": ("x,y\n0,0\n\n10,0\n10,0\n", "has 2 waypoints; give at least 3"),
-    "empty": ("", "is empty; write it again"),
-    "only a header": ("x,y\n", "contains no positions; export it again"),
-    "two points": ("0,0\n1,1\n", "has 2 waypoints; give at least 3"),
-    "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; give one from 0.001 to 5"),
-    "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; give one from 0.001 to 5"),
-    "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; give one from 0.001 to 5"),
-    "one column": ("0\n1\n2\n", "row 1: has 1 columns; specify x, y or x, y, speed"),
-    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: has 4 columns; specify x, y or x, y, speed"),
-    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: has 2 columns, previous rows 3; use the same number"),
+    "two distinct points": ("x,y\n0,0\n\n10,0\n10,0\n", "has 2 waypoints; at least 3 are required"),
+    "empty": ("", "the file is empty; create it again"),
+    "only a header": ("x,y\n", "the file contains no positions; export it again"),
+    "two points": ("0,0\n1,1\n", "has 2 waypoints; at least 3 are required"),
+    "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; use a speed from 0.001 to 5"),
+    "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; use a speed from 0.001 to 5"),
+    "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; use a speed from 0.001 to 5"),
+    "one column": ("0\n1\n2\n", "row 1: it has 1 columns; write x, y or x, y, speed"),
+    "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: it has 4 columns; write x, y or x, y, speed"),
+    "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: it has 2 columns, but others have 3; use the same number"),
     "a second header": (GOOD + "x,y\n", "row 4: x is not a number: 'x'"),
     "too many": (
         "".join(f"{k},0\n" for k in range(MAX_ROWS + 1)),
-        f"has {MAX_ROWS + 1} waypoints, at most {MAX_ROWS}",
+        f"has {MAX_ROWS + 1} waypoints, and the limit is {MAX_ROWS}",
     ),
-    "long": ("0,0\n90e3,0\n0,1\n", "km long, at most 50 km"),
+    "long": ("0,0\n90e3,0\n0,1\n", "km long, more than 50 km"),
     "words": ("east-west,up\n0,0\n", "row 1: has no columns x and y, or lat and lon; did you mean"),
     "a column without a name": ("x,theta\n0,0\n", "row 1: has no columns x and y, or lat and lon"),
     "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "the numbers are probably degrees; name"),
     "swapped degrees": ("lat,lon\n106.7,52.3\n", "row 2: lat is 106.7, not an angle in degrees"),
     "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: has 4 columns"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
-    "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; give one from 0.001 to 5"),
+    "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; use a speed from 0.001 to 5"),
     "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
-    "a null byte": ("0,0\n1,\x001\n2,0\n", "is not valid UTF-8; save it as CSV"),
+    "a null byte": ("0,0\n1,\x001\n2,0\n", "the file is not UTF-8 text; save it as CSV"),
 }
 
 
@@ -161,7 +161,7 @@ def test_binary_waypoint_files_are_rejected(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
     assert "binary.csv: is not valid UTF-8" in rejection(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
-    assert "folder.csv: is a folder; name a file" in rejection(tmp_path, "folder.csv")
+    assert "folder.csv: is a folder; specify a file" in rejection(tmp_path, "folder.csv")
     assert "nowhere.csv: no such file in " in rejection(tmp_path, "nowhere.csv")
     with (tmp_path / "huge.csv").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
@@ -173,21 +173,21 @@ def test_pipes_and_devices_as_waypoint_files_are_rejected(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     (tmp_path / "zero.csv").symlink_to("/dev/zero")
     (tmp_path / "round.csv").symlink_to("round.csv")
-    assert "pipe.csv: is not a regular file; name one" in rejection(tmp_path, "pipe.csv")
-    assert "zero.csv: is not a regular file; name one" in rejection(tmp_path, "zero.csv")
+    assert "pipe.csv: is not a regular file; specify a file" in rejection(tmp_path, "pipe.csv")
+    assert "zero.csv: is not a regular file; specify a file" in rejection(tmp_path, "zero.csv")
     assert "round.csv: no such file in " in rejection(tmp_path, "round.csv")
 
 
 def test_excessive_smoothing_is_rejected(tmp_path):
     file = route(tmp_path, ring(radius=3))
-    with pytest.raises(ValueError, match="smoothing_m: 900 m smooths the path away"):
+    with pytest.raises(ValueError, match="smoothing_m: 900 m removes the shape of the path"):
         Waypoints(file=file, closed=True, smoothing_m=900, corners="spline").check()
 
 
 def test_error_for_excessive_path_curvature_names_its_location(tmp_path):
     route(tmp_path, [(0, 0), (10, 0), (20, 0), (20.5, 0.5), (20, 1), (10, 1), (0, 1)])
     message = rejection(tmp_path, "route.csv")
-    assert message.startswith("mine.toml: path: its curvature of ")
+    assert message.startswith("mine.toml: path: the curvature of ")
     place = message.split("at (")[1].split(")")[0].split(", ")
     assert float(place[0]) == pytest.approx(20.5, abs=0.5)
     assert float(place[1]) == pytest.approx(0.5, abs=0.5)

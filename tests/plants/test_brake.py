@@ -101,7 +101,10 @@ NO_BRAKE = {"driveline.torque_limit_n_m": 3000.0, "driveline.brake_torque_n_m": 
     [
         (NO_BRAKE, ("its wheels roll", "driveline.torque_limit_n_m (3000)", "driveline.brake_torque_n_m (0)")),
         (WET | {"terrain.grade_deg": 18.0}, ("it slides", "18.0 deg", "plant.tyre")),
-        ({"terrain.grade_deg": 42.0, "terrain.direction_deg": 90.0}, ("it fell over", "tractor.cg_height_m")),
+        (
+            {"terrain.grade_deg": 42.0, "terrain.direction_deg": 90.0},
+            ("the tractor rolled over", "tractor.cg_height_m"),
+        ),
         (ROUGH | {"plant.settle_limit_s": 0.2, "plant.settle_s": 0.2}, ("it rocks", "plant.settle_limit_s")),
     ],
     ids=["rolls", "slides", "falls", "rocks"],

@@ -141,7 +141,7 @@ def test_removing_a_payload_changes_only_the_wheel_loads():
 
 @pytest.mark.parametrize(
     ("payload", "words"),
-    [((PointMass(-700.0, 0.5, 0.0, 0.6),), "take less away"), ((PointMass(-200.0, 1.6, 0.0, 0.6),), "inertia")],
+    [((PointMass(-700.0, 0.5, 0.0, 0.6),), "remove less mass"), ((PointMass(-200.0, 1.6, 0.0, 0.6),), "inertia")],
     ids=["mass", "inertia"],
 )
 def test_removal_of_more_mass_than_available_is_rejected(payload, words):

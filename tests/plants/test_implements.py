@@ -246,7 +246,7 @@ def test_estimate_with_a_rigid_implement_refers_to_the_rear_axle(estimator):
 @pytest.mark.parametrize(
     ("overrides", "told"),
     [
-        ({"implement.receiver": True}, "implement.receiver: there is no implement"),
+        ({"implement.receiver": True}, "implement.receiver: the scenario has no implement"),
         ({"plant.kind": "bicycle", "implement.kind": "drawn"}, "implement.kind: the bicycle plant has no body"),
         ({"implement.kind": "drawn", "implement.tool.type": "rake"}, "implement.tool.type"),
         ({"implement.kind": "mounted", "implement.axle_behind_m": 2.0}, "implement.axle_behind_m"),
@@ -260,7 +260,10 @@ def test_error_for_an_impossible_implement_names_the_key(overrides, told):
 @pytest.mark.parametrize(
     ("overrides", "told"),
     [
-        ({"implement.kind": "drawn", "implement.mass_kg": 30.0}, "implement.mass_kg: its wheels alone weigh 40 kg"),
+        (
+            {"implement.kind": "drawn", "implement.mass_kg": 30.0},
+            "implement.mass_kg: must be above the wheel mass, 40 kg",
+        ),
         ({"implement.kind": "mounted", "implement.tool.cornering_stiffness_n_deg": 4e6}, "implement.tool.relaxation_m"),
         (
             {"implement.kind": "mounted", "implement.linkage": "float", "implement.depth_wheel_stiffness_n_m": 1e9},

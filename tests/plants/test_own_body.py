@@ -171,33 +171,33 @@ LIGHT = [(f'mass="{kg}"', 'mass="1"') for kg in (45, 25.5, 18, 4, 590.5)]
 LIGHT.append(("69.69338586 241.7343489 280.777059 0 -10.77006149 0", "1 1 1 0 0 0"))
 AHEAD = [(f'pos="0 {y} 0.40574484"', f'pos="0.3 {y} 0.40574484"') for y in (0.5, -0.5)]
 WRONG = {
-    "six wheels": ([on_chassis("middle", '<joint name="mid" axis="0 1 0"/>')], "none on six and none on tracks"),
+    "six wheels": ([on_chassis("middle", '<joint name="mid" axis="0 1 0"/>')], "only machines on four wheels"),
     "axis": ([('axis="0 1 0" armature', 'axis="0 -1 0" armature')], "axis points to the left"),
     "kingpin": ([('<joint axis="0 0 1"', '<joint axis="0 0 -1"')], "axis points up"),
     "fixed": ([("<freejoint/>", "")], "freejoint"),
     "tyre": ([('<geom type="cylinder" quat', '<geom type="capsule" quat')], "must be a cylinder"),
-    "tyre across": ([('quat="1 1 0 0"', 'quat="1 0 0 0"')], "must be a cylinder whose axis"),
+    "tyre across": ([('quat="1 1 0 0"', 'quat="1 0 0 0"')], "must be a cylinder on the axis"),
     "tyre beside": ([('"tyre_rl"', '"tyre_rl" pos="0 0.2 0"')], "in the middle of 'wheel_rl'"),
-    "origin": (AHEAD, "origin must lie below"),
-    "height": ([("0.40574484", "0.2")], "origin must lie on the ground"),
-    "sides": ([('"wheel_rl" pos="0 0.5', '"wheel_rl" pos="0 0.6')], "mirror each other"),
+    "origin": (AHEAD, "origin of the chassis must be below"),
+    "height": ([("0.40574484", "0.2")], "origin of the chassis must be on the ground"),
+    "sides": ([('"wheel_rl" pos="0 0.5', '"wheel_rl" pos="0 0.6')], "must be mirror images"),
     "sizes": ([('"tyre_rl" size="0.42', '"tyre_rl" size="0.40')], "of one size"),
     "loose": ([on_chassis("arm", '<joint name="loose" range="-9 9"/>')], "'loose' moves freely"),
     "beside": (
         [('<body name="chassis">', f'<body name="tree">{SPHERE}</body><body name="chassis">')],
         "stands in the world",
     ),
-    "lopsided": ([("0.51092295 0 0.60513564", "0.51092295 0.4 0.60513564")], "beside the middle"),
+    "lopsided": ([("0.51092295 0 0.60513564", "0.51092295 0.4 0.60513564")], "off the middle"),
     "reserved": ([on_chassis("implement")], "choose another"),
     "light": (LIGHT, "gives mass_kg, which must be at least 50"),
-    "total": ([('autolimits="true"', 'autolimits="true" settotalmass="900"')], "own masses instead"),
+    "total": ([('autolimits="true"', 'autolimits="true" settotalmass="900"')], "set the masses of the bodies instead"),
     "not a number": ([('mass="590.5"', 'mass="nan"')], "<inertial mass>: must be finite numbers"),
     "infinite": ([('pos="1.4 0 0.26835063"', 'pos="inf 0 0.2"')], "<body pos>: must be finite numbers"),
     "no mesh": ([before_world('<asset><mesh name="a" file="a.stl"/></asset>')], "a.stl: no such file"),
     "outside": ([before_world('<include file="../secret.xml"/>')], "must lie in the folder of the body"),
     "absolute": ([before_world('<include file="/etc/passwd"/>')], "must lie in the folder of the body"),
     "folder": ([('angle="degree"', 'angle="degree" meshdir="/etc"')], "<compiler meshdir>"),
-    "plugin": ([before_world('<extension><plugin plugin="x"/></extension>')], "needs no plugins"),
+    "plugin": ([before_world('<extension><plugin plugin="x"/></extension>')], "plugins are not supported"),
     "unknown": ([before_world("<wheels/>")], "MuJoCo cannot read it"),
 }
 
@@ -250,7 +250,7 @@ def test_command_with_an_invalid_body_reports_it_and_writes_no_files(tmp_path, c
 
 def test_keys_that_conflict_with_kingpins_or_stops_are_rejected(tmp_path):
     narrow = variant(tmp_path, ('range="-70 70"', 'range="-50 50"'))
-    with pytest.raises(ScenarioError, match=r"tractor\.steer_limit_deg: joint 'steer_fl' of its body stops at 50\.0"):
+    with pytest.raises(ScenarioError, match=r"tractor\.steer_limit_deg: joint 'steer_fl' of the body stops at 50\.0"):
         driven("straight_line", 1.0, **{"tractor.mjcf": str(narrow)})
     assert driven("straight_line", 1.0, **{"tractor.mjcf": str(narrow), "tractor.steer_limit_deg": 35.0})
     with pytest.raises(ScenarioError, match=r"steering\.linkage: the body of tractor\.mjcf has its own kingpins"):

@@ -114,7 +114,7 @@ REFUSED = {
     "folder of an attached model": (
         '<asset><model name="rack" file="rack.xml"/></asset>',
         {"rack__xml": model("rack", '<compiler assetdir="/srv"/>'), "rack__obj": WEDGE},
-        "<compiler assetdir>: all files lie beside the body",
+        "<compiler assetdir>: all files must be next to the body",
     ),
     "path of an attached model": ('<asset><model file="sub/rack.xml"/></asset>', {}, "'sub/rack.xml': must lie in"),
     "attached model without its mesh": (
@@ -130,7 +130,7 @@ REFUSED = {
     "plugin in an attached model": (
         '<asset><model file="rack.xml"/></asset>',
         {"rack__xml": model("rack", '<extension><plugin plugin="p"/></extension>'), "rack__obj": WEDGE},
-        "<plugin>: a body is of rigid parts",
+        "<plugin>: plugins are not supported in a body",
     ),
     "too large a texture": (
         '<asset><texture name="t" type="2d" builtin="flat" width="60000" height="60000"/></asset>',
@@ -158,7 +158,7 @@ def test_element_limit_counts_replicates_and_attached_models(tmp_path):
         (nested, "", {}),
         (many, rack, {"rack__xml": model("rack", inside=sites), "rack__obj": WEDGE}),
     ):
-        with pytest.raises(ValueError, match="more than 20000 elements with its replicates and attached models"):
+        with pytest.raises(ValueError, match="more than 20000 elements with replicates and attached models"):
             own_files(str(write(tmp_path, assets, on_chassis, **others)))
 
 

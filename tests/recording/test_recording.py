@@ -147,7 +147,7 @@ def test_recording_of_a_killed_run_contains_data_written_before(tmp_path):
     times, _ = recorded.column("/plots/tracking/error", "Scalars:scalars")
     assert times[-1] == (2 * CHUNK_TICKS - 1) * 50_000_000
     assert len(recorded.column("/world/bodies/chassis", "Transform3D:translation")[0]) == 2 * CHUNK_TICKS
-    assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
+    assert "The run is active or was killed" in recorded.static("/info", "TextDocument:text")[0]
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
@@ -179,7 +179,7 @@ def test_kill_9_in_mid_run_leaves_the_signals_up_to_the_last_flush(tmp_path, ext
         assert len(times) >= 200
         np.testing.assert_array_equal(times, np.arange(len(times)) * 50_000_000)
         assert np.isfinite(values).all()
-        assert "Still running, or killed" in recorded.static("/info", "TextDocument:text")[0]
+        assert "The run is active or was killed" in recorded.static("/info", "TextDocument:text")[0]
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")
@@ -187,7 +187,7 @@ def test_recording_on_a_full_disk_opens_and_the_run_continues(tmp_path):
     path = tmp_path / "run.rrd"
     done = program(tmp_path, CRAMPED, path)
     assert (done.returncode, done.stdout) == (0, "completed\n"), done.stderr
-    assert "is the disk full? The recording ends early" in done.stderr
+    assert "check the disk space. The recording ends early" in done.stderr
     assert path.stat().st_size < 1_200_000
     assert len(Recorded(path).column("/plots/tracking/error", "Scalars:scalars")[0]) >= 200
 
@@ -309,7 +309,7 @@ def test_run_with_rerun_disabled_writes_its_results(tmp_path, switch):
     assert (tmp_path / "out" / "run.rrd").is_file()
     done = command(tmp_path, *short, before=partial(switch_rerun, switch))
     assert done.returncode == 0, done.stderr
-    assert f"RERUN={switch}: disables Rerun, so there is no recording" in done.stderr
+    assert f"RERUN={switch}: Rerun is disabled, so no recording is written" in done.stderr
     assert "Traceback" not in done.stderr
     written = {path.name for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")}
     assert written == {"metrics.json", "scenario.toml", "signals.parquet"}  # the recording of another run is gone

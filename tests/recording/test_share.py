@@ -68,7 +68,7 @@ def test_video_without_ffmpeg_is_refused_before_the_viewer_starts(call, eight, t
     monkeypatch.setattr(snapshot.shutil, "which", lambda program: None)
     monkeypatch.chdir(tmp_path)
     status, _, err = call("snapshot", str(eight.path), "--mp4", "--out", "pictures")
-    assert (status, "--mp4: needs the program ffmpeg" in err) == (2, True)
+    assert (status, "--mp4: ffmpeg is not installed" in err) == (2, True)
     assert list(tmp_path.iterdir()) == []
 
 

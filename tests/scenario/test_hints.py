@@ -81,8 +81,8 @@ def test_stiffness_values_of_another_machine_are_reported(table):
 def test_clamped_tyre_coefficient_is_reported_with_its_value():
     """10.9 kN on a tyre for 2.3 kN: the line of the stiffness would be at 1 - 0.25 x 3.76, that of grip at 0.7."""
     (line,) = hints(load_scenario("side_slope", LARGE | {"plant.tyre.rear.reference_load_n": 2300.0}))
-    assert "carries 10948 N, 4.8 times the reference of 2300 N" in line
-    assert line.endswith("beyond it stiffness over load is held at 0.2 of its value")
+    assert "carries 10948 N, 4.8 times the reference load of 2300 N" in line
+    assert line.endswith("beyond it stiffness per load stay at 0.2 times the reference")
 
 
 @pytest.mark.parametrize("ends", [False, True])

@@ -199,7 +199,7 @@ def test_command_line_lists_machines_and_rejects_an_unknown_one():
     assert [line.split()[0] for line in listed.output.splitlines()] == sorted(machine_files())
     with pytest.raises(ScenarioError, match="known: compact"):
         CliRunner().invoke(app, ["run", "circle", "--machine", "ridng"], catch_exceptions=False)
-    with pytest.raises(ScenarioError, match="give one of them"):
+    with pytest.raises(ScenarioError, match="specify only one of them"):
         CliRunner().invoke(app, ["list", "--machines", "--sweeps"], catch_exceptions=False)
 
 
@@ -225,6 +225,6 @@ def test_machine_is_applied_before_overrides_in_any_order(mine, tmp_path):
 def test_scenario_that_overrides_most_machine_keys_gets_a_hint(mine, tmp_path):
     (tmp_path / "ran.toml").write_text(load_scenario("straight_line", {"machine": "utility"}).to_toml())
     (told,) = [line for line in hints(load_scenario(tmp_path / "ran.toml", {"machine": mine})) if "machine" in line]
-    assert told.startswith("machine: the scenario itself gives 5 of 5 keys of")
+    assert told.startswith("machine: the scenario overrides 5 of 5 keys of")
     assert hints(load_scenario(tmp_path / "ran.toml")) == []
     assert hints(load_scenario("straight_line", {"machine": "utility", "tractor.mass_kg": 5400.0})) == []

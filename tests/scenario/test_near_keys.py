@@ -27,7 +27,7 @@ def told(key, base="side_slope_10"):
         ("controller.gain", "did you mean 'kp' or 'kd'? ("),  # not guidance.map.gain
         ("controller.zone", "controller.zone: unknown key (known"),
         ("tractor.weight", "did you mean 'mass_kg'? ("),
-        ("guidance.lookahead_m", "it belongs to kind = 'pure_pursuit'"),
+        ("guidance.lookahead_m", "it is a key of kind = 'pure_pursuit'"),
         ("steering.relief_pressure_bar", "did you mean 'steering.cylinder.relief_pressure_bar'?"),
         ("plant.track_m", "did you mean 'tractor.track_m'"),
         ("cone_index_kpa", "did you mean 'plant.tyre.cone_index_kpa' or 'terrain.patch.cone_index_kpa'?"),
@@ -86,8 +86,8 @@ def test_key_of_another_terrain_is_suggested_with_its_kind():
         (("run", "circle", "--law", "lqr"), "use --set guidance.kind=lqr"),
         (("run", "circle", "--plants", "a b"), "use --set plant.kind=..."),
         (("run", "circle", "--jobs", "3"), "--jobs is an option of compare, sweep, limit, risk, falsify, tune"),
-        (("sweep", "validity", "--seeds", "3"), "write seeds = 3 into the sweep file"),
-        (("sweep", "validity", "--guidance", "lqr"), 'write "guidance.kind" = "lqr" into the sweep file, table [set]'),
+        (("sweep", "validity", "--seeds", "3"), "add seeds = 3 to the sweep file"),
+        (("sweep", "validity", "--guidance", "lqr"), 'add "guidance.kind" = "lqr" to the sweep file, table [set]'),
         (("list", "--machine"), "use --machines"),
         (("list", "sweeps"), "use --sweeps"),
     ],
@@ -106,7 +106,7 @@ def test_error_for_other_invalid_arguments_suggests_no_option(call, arguments):
 
 def test_explain_searches_names_then_descriptions():
     named = explain_key("inertia").splitlines()
-    assert named[0] == "no key 'inertia'; keys with it"
+    assert named[0] == "no key 'inertia'; keys that contain it"
     assert [line.split()[0] for line in named[1:]] == [
         f"tractor.{axis}_inertia_kg_m2" for axis in ("yaw", "roll", "pitch")
     ]
@@ -131,7 +131,7 @@ def test_explain_searches_names_then_descriptions():
 def test_explain_finds_keys_and_kinds_by_other_words(words, found, missing):
     first, *lines = explain_key(words).splitlines()
     shown = {line.split()[0] for line in lines}
-    assert first.startswith(f"no key '{words}'; keys with it")
+    assert first.startswith(f"no key '{words}'; keys that contain it")
     assert (found in shown, missing in shown) == (True, False)
 
 

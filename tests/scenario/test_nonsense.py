@@ -33,7 +33,7 @@ def refused(source="straight_line", **overrides):
         ("path.speed_m_s", 5.5, "path.speed_m_s"),
         ("driveline.full_speed_m_s", 0.1, "path.speed_m_s: must be at most driveline.full_speed_m_s (0.1), got"),
         ("tractor.rear_wheel_width_m", 50.0, "must be at most 2, got 50.0"),
-        ("tractor.rear_wheel_width_m", 1.5, "must be below track_m (1), else wheels overlap, got 1.5"),
+        ("tractor.rear_wheel_width_m", 1.5, "must be below track_m (1), or wheels overlap; got 1.5"),
         ("tractor.track_m", 0.01, "must be at least 0.3, got 0.01"),
         ("tractor.axle_pivot_limit_deg", 1000.0, "must be at most 45, got 1000.0"),
         ("tractor.hitch_behind_m", 1e9, "must be at most 10, got 1000000000.0"),
@@ -64,7 +64,7 @@ def test_bend_too_sharp_for_the_tyre_grip_is_rejected():
 @pytest.mark.parametrize(
     ("window", "said"),
     [
-        ({"start_s": 5.01, "end_s": 5.02}, "fault[0]: its window, 5.01 to 5.02 s, holds no tick of 0.05 s"),
+        ({"start_s": 5.01, "end_s": 5.02}, "fault[0]: the window 5.01 to 5.02 s contains no tick of 0.05 s"),
         ({"start_s": 10.0}, "fault[0].start_s: 10 s is not before the end of the run, 10 s"),
         ({"start_s": 9.95}, None),
         ({"start_s": 5.01, "end_s": 5.06}, None),
@@ -139,7 +139,7 @@ def test_tractor_with_an_unresponsive_pedal_is_stuck():
     assert log.outcome == "stuck"
     log = run(load_scenario("straight_line", dead))
     assert log.outcome == "stopped"
-    assert log.metrics["stop_reason"].endswith("off its command")
+    assert log.metrics["stop_reason"].endswith("off the command")
 
 
 # --- what takes too long ------------------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ def test_polygon_test_on_a_grid_equals_that_of_single_points():
 
 def test_cells_of_overlapping_patches_are_counted_before_filling():
     patch = {"kind": "rectangle", "length_m": 58.0, "width_m": 58.0, "cell_m": 0.03}
-    assert "cells must be filled, at most 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
+    assert "cells must be filled, above the limit of 2e+08" in refused(**{"terrain.patch": [patch] * 1000})
 
 
 def test_path_of_a_thousand_laps_is_rejected_before_it_is_built(tmp_path):
@@ -174,4 +174,4 @@ def test_path_of_a_thousand_laps_is_rejected_before_it_is_built(tmp_path):
     (tmp_path / "loop.csv").write_text("\n".join(["x_m,y_m", *rows]))
     path = '[path]\nkind = "waypoints"\nfile = "loop.csv"\nclosed = true\nlaps = 1000\n[terrain]\nhalf_size_m = 2000\n'
     (tmp_path / "mine.toml").write_text(path)
-    assert "km long, at most" in refused(tmp_path / "mine.toml")
+    assert "km long, more than" in refused(tmp_path / "mine.toml")

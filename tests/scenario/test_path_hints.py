@@ -47,7 +47,7 @@ def test_turn_near_full_lock_gives_a_hint_with_a_feasible_radius():
     """At 1.9 m the CG of the compact tractor needs 37.5 of 40 deg: sin(beta) = 0.532 / 1.9."""
     given = {**FIELD, "path.turn_radius_m": 1.9, "path.transition": "clothoid", "tractor.steer_limit_deg": 40.0}
     (line,) = hints(load_scenario("straight_line", given))
-    assert "takes 37.5 deg of steering, the limit of 40" in line
+    assert "needs 37.5 deg of steering, the limit of 40" in line
     assert hints(load_scenario("straight_line", given | {"path.turn_radius_m": applied(line)["turn_radius_m"]})) == []
 
 
@@ -68,7 +68,7 @@ def test_clothoids_too_fast_for_the_valve_give_a_hint():
     fast |= {"machine": "row_crop", "transition": "clothoid", "turn_radius_m": 4.5}
     assert on_path(**fast) == []
     (line,) = on_path(**fast, steer_rate_deg_s=85.0)
-    assert "longer than the path takes" in line
+    assert "longer than the path allows" in line
     assert set(applied(line)) == {"turn_radius_m", "turn_speed_m_s"}
 
 
@@ -98,7 +98,7 @@ def test_circle_of_minimum_radius_requires_the_steering_limit(machine):
 def test_circle_below_the_minimum_radius_is_rejected_with_that_radius():
     """L / tan(45 deg) = 1.4 m at the rear axle, l_r = 0.532 m: 1.498 m at the CG."""
     given = {"path.kind": "circle", "path.speed_m_s": 0.4}
-    with pytest.raises(ScenarioError, match=r"the limit is 45 deg, a circle of 1\.50 m; make the path wider"):
+    with pytest.raises(ScenarioError, match=r"the limit is 45 deg \(radius 1\.50 m\); use a larger radius"):
         load_scenario("straight_line", given | {"path.radius_m": 1.49})
     assert load_scenario("straight_line", given | {"path.radius_m": 1.51}).path.radius_m == 1.51
 
@@ -107,7 +107,7 @@ def test_path_leaving_the_ground_gives_a_hint_with_position_and_time():
     given = {"path.length_m": 90.0, "terrain.half_size_m": 70.0, "path.heading_deg": 90.0, "duration_s": 80.0}
     (line,) = hints(load_scenario("straight_line", given))
     place = re.fullmatch(
-        r"path: leaves the ground at \(0, (\d+)\) m after (\d+) s, which reaches from \(-70, -70\) to \(70, 70\) m; .*",
+        r"path: the path leaves the ground at \(0, (\d+)\) m after (\d+) s, .* \(-70, -70\) to \(70, 70\) m; .*",
         line,
     )
     north, seconds = (float(text) for text in place.groups())
@@ -129,7 +129,7 @@ def test_run_that_ends_before_its_path_leaves_the_ground_has_no_hint():
 
 @pytest.mark.parametrize(("east", "fix"), [(540.0, "make the terrain larger"), (31_500.0, "shift the path: subtract")])
 def test_error_for_a_start_outside_the_ground_names_size_and_fix(east, fix):
-    with pytest.raises(ScenarioError, match=rf"outside the terrain, which reaches 500 m from its middle.*; {fix}"):
+    with pytest.raises(ScenarioError, match=rf"outside the terrain, which extends 500 m from its centre.*; {fix}"):
         load_scenario("straight_line", {"path.start_x_m": east})
 
 

@@ -54,7 +54,7 @@ def test_error_of_a_report_without_its_plugin_names_option_and_file(folder):
     assert done.returncode == 2
     first, last = done.stderr.splitlines()
     assert "unknown kind 'straight_on'" in first
-    assert last == f"swept/sweep.toml: was run with plugins; add --plugin '{folder / 'own.py'}'"
+    assert last == f"swept/sweep.toml: the scenario was run with plugins; add --plugin '{folder / 'own.py'}'"
 
 
 def test_command_of_a_worst_run_in_a_report_can_be_pasted(folder):
@@ -69,7 +69,7 @@ def test_command_of_a_worst_run_in_a_report_can_be_pasted(folder):
 def test_error_of_a_scenario_without_its_plugin_names_option_and_file(folder):
     done = command(folder, "run", "driven/scenario.toml", "--no-rrd")
     assert done.returncode == 2
-    options = re.search(r": was run with plugins; add (.*)", done.stderr)[1]
+    options = re.search(r": the scenario was run with plugins; add (.*)", done.stderr)[1]
     again = command(folder, "run", "driven/scenario.toml", "--no-rrd", "--out", "again", *split(options))
     assert again.returncode == 0, again.stderr
     assert (folder / "again/signals.parquet").read_bytes() == (folder / "driven/signals.parquet").read_bytes()

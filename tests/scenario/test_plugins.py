@@ -130,7 +130,7 @@ class Swamp(Flat):
     ditch_m: float = 0.3
     "Depth of its ditches [m]."
 
-assert "it belongs to kind = 'swamp'" in told(), told()
+assert "it is a key of kind = 'swamp'" in told(), told()
 """
     )
     done = program(tmp_path, code)
@@ -177,7 +177,7 @@ assert "it belongs to kind = 'swamp'" in told(), told()
         (
             "from typing import Literal\nfrom agrobot_mj.control import GuidanceLaw\n"
             'class A(GuidanceLaw):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: lacks update, which its base class requires",
+            "own.py: register: A: it lacks update, required by its base class",
         ),
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
@@ -205,7 +205,7 @@ def test_invalid_plugin_gives_one_message_and_registers_nothing(tmp_path, call, 
         (lambda state: (state, Command("left", 1.0)), "returned a non-numeric command: Command(steer='left'"),
         (lambda state: (state, Command(None, None)), "returned a non-numeric command: Command(steer=None"),
         (lambda state: (state, Command([0.1] * 1000, 1.0)), " ... "),
-        (lambda state: sys.exit(3), "code of the scenario's kinds has ended the run (SystemExit)"),
+        (lambda state: sys.exit(3), "code of a plugin ended the run with SystemExit"),
     ],
 )
 def test_plugin_law_that_returns_the_wrong_type_is_reported(answer, message):
@@ -256,7 +256,7 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
     [
         ('["twice"] = "twice"', '["progress"] = "progress"', "register: metric 'progress' already exists; choose"),
         ("twice_rms", "xte_rms", "register: metric 'xte_rms' already exists; choose another"),
-        ("evaluate", "evaluated", "register: Twice: lacks evaluate, which its base class requires"),
+        ("evaluate", "evaluated", "register: Twice: it lacks evaluate, required by its base class"),
     ],
 )
 def test_plugin_metric_with_an_existing_name_is_rejected(tmp_path, call, old, new, message):

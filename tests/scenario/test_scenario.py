@@ -256,7 +256,7 @@ def test_error_message_names_the_file_the_key_and_the_fix(overrides, key, fix):
 
 def test_sloped_terrain_is_rejected_with_the_bicycle_in_any_key_order():
     slope = load_scenario("straight_line", {"terrain.kind": "slope"})
-    with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant knows only flat ground, got 'slope'"):
+    with pytest.raises(ScenarioError, match=r"terrain\.kind: the bicycle plant supports only flat ground, got 'slope'"):
         slope.changed({"plant.kind": "bicycle"})
 
 
@@ -295,7 +295,7 @@ def test_time_step_follows_from_the_physics_setting(changes, step):
 
 def test_time_step_together_with_a_physics_setting_is_rejected():
     message = refused("straight_line", {"physics": "fast", "physics_dt_s": 0.002})
-    assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; leave one out")
+    assert message.endswith("physics: 'fast' and physics_dt_s = 0.002 both set the step; omit one")
 
 
 def test_all_errors_of_a_file_are_in_one_message(tmp_path):

@@ -138,13 +138,13 @@ def test_special_characters_in_names_give_safe_distinct_folders(circle):
 @pytest.mark.parametrize(
     ("texts", "options", "message"),
     [
-        (["a: plant.kind=mujoco"], {}, "plant.kind: name it with --plants"),
-        (["a: seed=3"], {}, "seed: name it with --seeds"),
+        (["a: plant.kind=mujoco"], {}, "plant.kind: set this key with --plants"),
+        (["a: seed=3"], {}, "seed: set this key with --seeds"),
         (["a:", "a:"], {}, "'a': is given twice"),
-        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "also the name of a compared law"),
+        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "the name is also a compared law"),
         (["a: steering.valve.dead_band=1"], {}, "did you mean 'dead_band_v'"),
         (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
-        (["a: terrain.kind=slope"], {}, "knows only flat ground"),
+        (["a: terrain.kind=slope"], {}, "supports only flat ground"),
         ([], {"guidance": ["lqr", "stanly"]}, "did you mean 'stanley'"),
         ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), the limit is 2000"),
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),

@@ -6,7 +6,9 @@ import pytest
 
 from agrobot_mj.studies.error_parts import mean_nees, remarks, table_warnings
 
-WARNING = "the estimate contradicts its covariance (position NEES 300, NIS 1.9, 2 if consistent): antenna lean"
+WARNING = (
+    "the estimate contradicts its covariance (position NEES 300, NIS 1.9, both 2 for a consistent filter): antenna lean"
+)
 
 
 def row(estimator=0.2, guidance=0.04, **more):
@@ -18,8 +20,9 @@ def test_ranking_dominated_by_estimator_errors_gets_a_remark():
     lean = {"xte_cause": "antenna lean", "xte_remedy": "enable sensors.imu"}
     cases = {"own": [row(**lean), row(**lean)], "lqr": [row(guidance=0.07, **lean), row(0.05, 0.07)]}
     assert remarks(cases) == [
-        "the estimator part of the cross-track error is the larger one in 3 of 4 runs (antenna lean): a ranking by "
-        "this error ranks estimates, not guidance laws; the guidance part is least for own, 4.0 cm; enable sensors.imu"
+        "the estimator causes the larger part of the cross-track error in 3 of 4 runs (antenna lean); a ranking by "
+        "this error compares estimates, not guidance laws; the guidance part is smallest for own, 4.0 cm; enable "
+        "sensors.imu"
     ]
 
 

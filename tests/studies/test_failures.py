@@ -62,7 +62,7 @@ def test_run_stopped_by_the_supervisor_is_not_ranked_best(call, tmp_path):
     assert tight["outcome"] == "stopped"
     measured = json.loads((tmp_path / "out" / tight["folder"] / "metrics.json").read_text())
     assert measured["xte_rms"] < free["xte_rms"]  # what would have been ranked first
-    assert re.search(r"bicycle-tight_lqr: failed 1 of 1: 1 stopped \(.* off the path\); no errors of these", out)
+    assert re.search(r"bicycle-tight_lqr: failed 1 of 1: 1 stopped \(.* off the path\); errors exclude these runs", out)
     call("report", "out")
     page = (tmp_path / "out" / "report.html").read_text().replace("<wbr>", "")
     assert page.index("<td>bicycle: free") < page.index("<td>bicycle: tight")
@@ -76,10 +76,10 @@ def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
     assert (status, err) == (0, "")
     rows = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert {row["variant"]: row["piece"] for row in rows} == {"as it is": 1, "noisy": 1, "slow": 2, "long": 3}
-    assert "the runs cover different pieces of path (column piece)" in out
+    assert "the runs cover different segments of the path (column piece)" in out
     call("report", "out")
     page = (tmp_path / "out" / "report.html").read_text().replace("<wbr>", "")
-    assert page.count("<h2>Ranking over piece") == 3
+    assert page.count("<h2>Ranking on segment") == 3
 
 
 def test_sweep_shows_no_errors_for_runs_that_stand_still(call, plugin, tmp_path):

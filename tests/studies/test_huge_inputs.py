@@ -57,7 +57,7 @@ def test_error_lists_the_first_of_many_unknown_keys(file, tmp_path):
     lines = message.split("\n")
     assert len(lines) == MOST_FAULTS + 1
     assert all("unknown key" in line for line in lines[:-1])
-    assert lines[-1].endswith(f": and {7000 - MOST_FAULTS:,} more faults")
+    assert lines[-1].endswith(f": and {7000 - MOST_FAULTS:,} more errors")
     assert len(message) < LONGEST_TEXT
 
 
@@ -66,7 +66,7 @@ def test_message_lists_all_errors_up_to_its_limit(tmp_path):
     (tmp_path / "s.toml").write_text(f"[tractor]\n{keys}", encoding="utf-8")
     with pytest.raises(ScenarioError) as error:
         load_scenario(tmp_path / "s.toml")
-    assert "more faults" not in str(error.value)
+    assert "more errors" not in str(error.value)
     assert str(error.value).count("unknown key") == MOST_FAULTS
 
 

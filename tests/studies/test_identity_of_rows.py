@@ -23,7 +23,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 BICYCLE = ("--no-rrd", "--jobs", 1, "--plants", "bicycle", "--set", "duration_s=1.5")
 COMPARE = ("compare", "mine.toml", "--guidance", "stanley", *BICYCLE, "--out", "out")
 SWEEP = ("sweep", "s.toml", "--jobs", 1, "--out", "out")
-AGAIN = "out: rows of another identity are run again: "
+AGAIN = "out: rows with another identity are run again: "
 WAY = "x_m,y_m\n0,0\n7,0\n15,{end}\n"
 LAW = """
 from typing import Literal
@@ -165,7 +165,7 @@ def test_sweep_runs_with_errors_are_repeated(call, monkeypatch, tmp_path):
     monkeypatch.setattr(tasks, "run", fragile)
     assert call(*SWEEP)[1].startswith("3 runs done, of which 1 did not")
     monkeypatch.setattr(tasks, "run", real)
-    assert call(*SWEEP)[1].startswith("1 runs done, 2 were there")
+    assert call(*SWEEP)[1].startswith("1 runs done, 2 already present")
     assert pq.read_table(tmp_path / "out" / "sweep.parquet")["error"].to_pylist() == [None] * 3
 
 
@@ -189,12 +189,12 @@ def test_results_of_other_library_versions_are_repeated_not_merged(call, driven,
         call("sweep", "s.toml", "--jobs", 1, "--shard", f"{shard}/2", "--out", folder)
     other_numba()
     status, _, err = call("sweep", "s.toml", "--jobs", 1, "--shard", "2/2", "--out", "b")
-    assert (status, err) == (0, "b: rows of another identity are run again: 2 with other libraries\n")
+    assert (status, err) == (0, "b: rows with another identity are run again: 2 with other libraries\n")
     assert len(driven) == 6
     status, _, err = call("sweep", "--merge", "a", "b", "--out", "whole")
     assert (status, err.splitlines()[0]) == (
         2,
-        "b: belongs to another sweep than the rest: different libraries; run it again there, or omit it",
+        "b: the folder belongs to another sweep: different libraries; run it again there, or omit it",
     )
     assert not (tmp_path / "whole" / "sweep.parquet").exists()
     rows = pq.read_table(tmp_path / "b" / "sweep.parquet").to_pylist()
@@ -211,7 +211,7 @@ def test_report_rejects_rows_from_different_code_versions(call, tmp_path):
     file.write_text(json.dumps(rows))
     status, _, err = call("report", "out")
     assert status == 2
-    assert "out: its rows were run with different code (" in err
+    assert "out: the rows come from different code (" in err
 
 
 def test_runs_of_rows_without_identity_are_repeated(call, driven, tmp_path):
@@ -272,7 +272,7 @@ def test_identity_depends_on_the_order_of_overrides(tmp_path):
 
 def test_worker_with_a_different_code_version_rejects_the_task(monkeypatch, tmp_path):
     other = code_text()[:-8] + "fedcba98"
-    with pytest.raises(ScenarioError, match="circle: a worker has other libraries than this command"):
+    with pytest.raises(ScenarioError, match="circle: a worker has different libraries"):
         perform(Task("{}", "circle", {}, identity=read_identity(f"0-0-{other}")))
     client = SimpleNamespace(run=lambda function, plugins: {"tcp://w:1": other}, nthreads=lambda: {"w": 1})
     with pytest.raises(ScenarioError, match="--scheduler tcp://s:1: worker tcp://w:1 has other libraries than"):

@@ -104,9 +104,9 @@ def test_names_cannot_inject_script_tags(tmp_path):
 
 def test_sweep_report_shows_ranking_maps_curves_and_worst_runs(folders):
     text = page_of(folders["sweep"])
-    for section in ("Ranking", "Maps", "Over one parameter", "The worst runs", "The sweep"):
+    for section in ("Ranking", "Maps", "Effect of one parameter", "The worst runs", "The sweep"):
         assert f"<h2>{section}</h2>" in text
-    assert "The runs cover different pieces of path" in text  # two speeds for two seconds
+    assert "The runs cover different segments of the path" in text  # two speeds for two seconds
     assert text.count("<svg viewBox") == 6
     assert text.index("<td>paper") < text.index("<td>stanley")  # stanley never ends as it is expected to
     kinds = {trace["type"] for chart in charts_of(folders["sweep"]).values() for trace in chart["data"]}
@@ -141,7 +141,7 @@ def test_folder_without_results_is_reported(tmp_path):
     claim(tmp_path, ["comparison.json"])
     (tmp_path / "comparison.json").write_text("[{}]")
     with pytest.raises(
-        ScenarioError, match=r"comparison\.json: cannot be reported: it, or a file beside it, is damaged"
+        ScenarioError, match=r"comparison\.json: cannot be reported: this file, or one next to it, is damaged"
     ):
         write_report(tmp_path)
 
@@ -213,8 +213,8 @@ def test_map_enlarges_cross_track_errors_only(yaw):
     assert f"errors x {times}<" in thumbnail(signals, times)
     assert "errors" not in thumbnail(signals)
     title, chart = map_of({"one": signals})
-    assert f"drawn {times} times larger" in title
-    assert f"drawn {times} times larger" in str(chart["layout"])
+    assert f"enlarged {times} times" in title
+    assert f"enlarged {times} times" in str(chart["layout"])
     assert "larger" not in str(map_of({"lost": lost})[1])
 
 

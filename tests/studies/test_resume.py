@@ -61,7 +61,7 @@ def test_failing_run_of_a_comparison_is_a_row_and_others_continue(call, driven, 
     status, out, err = call(*command)
     assert (status, err) == (1, "circle: failed 1 of 2: 1 error (RuntimeError: level too high (laws.py, line 23))\n")
     assert (
-        "bicycle-hard: failed 1 of 1: 1 error (RuntimeError: level too high (laws.py, line 23)); no errors of these"
+        "hard: failed 1 of 1: 1 error (RuntimeError: level too high (laws.py, line 23)); errors exclude these runs"
         in out
     )
     lqr, hard = json.loads((tmp_path / "out" / "comparison.json").read_text())

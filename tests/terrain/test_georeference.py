@@ -83,12 +83,12 @@ def test_without_an_origin_the_middle_of_the_grid_is_at_zero(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"model": 2}, "cells in degrees; reproject"),
-        ({"tags": False}, "states no place .* gdalwarp"),
+        ({"model": 2}, "cells are in degrees; reproject"),
+        ({"tags": False}, "has no north-up position .* gdalwarp"),
         ({"scale": (2.0, 3.0)}, "cells of 2 x 3 m; resample"),
         ({"nodata": "0"}, "has 1 holes"),
-        ({"nodata": "none"}, "states no number for NODATA"),
-        ({"scale": (1e-5, 1e-5)}, "if those are degrees"),
+        ({"nodata": "none"}, "the NODATA value is not a number"),
+        ({"scale": (1e-5, 1e-5)}, "if these are degrees"),
     ],
 )
 def test_unusable_geotiffs_are_rejected_with_the_fix(tmp_path, keys, message):
@@ -109,5 +109,5 @@ def test_images_of_colours_and_other_files_are_rejected(tmp_path):
 def test_an_origin_for_a_file_without_coordinates_is_rejected(tmp_path):
     np.save(tmp_path / "hill.npy", np.zeros((4, 4)))
     terrain = {"kind": "heightmap", "file": str(tmp_path / "hill.npy"), "map_origin_m": [0.0, 0.0]}
-    with pytest.raises(ScenarioError, match=r"terrain.map_origin_m: hill.npy states no coordinates"):
+    with pytest.raises(ScenarioError, match=r"terrain.map_origin_m: hill.npy has no coordinates"):
         load_scenario("straight_line", {"terrain": terrain})

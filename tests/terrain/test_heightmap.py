@@ -157,13 +157,13 @@ BAD = {
     "text.npy": (b"hello world, this is text", "cannot be read"),
     "short.npy": (saved(np.zeros((20, 20)))[:-9], "cannot be read"),
     "headless.npy": (saved(np.zeros((20, 20)))[:20], "cannot be read"),
-    "nan.npy": (saved(np.array([[0.0, np.nan], [0.0, 0.0]])), "holds NaN in 1 places; fill the holes"),
-    "inf.npy": (saved(np.array([[0.0, np.inf], [0.0, -np.inf]])), "holds inf in 2 places; fill the holes"),
-    "words.npy": (saved(np.array([["a", "b"], ["c", "d"]])), "holds values of type <U1; store real numbers"),
-    "complex.npy": (saved(np.zeros((2, 2), dtype=complex)), "holds values of type complex128"),
-    "flags.npy": (saved(np.zeros((2, 2), dtype=bool)), "holds values of type bool"),
-    "dates.npy": (saved(np.zeros((2, 2), dtype="M8[s]")), "holds values of type datetime64[s]"),
-    "record.npy": (saved(np.zeros((2, 2), dtype=[("z", "f8")])), "holds values of type"),
+    "nan.npy": (saved(np.array([[0.0, np.nan], [0.0, 0.0]])), "has NaN at 1 nodes; replace them"),
+    "inf.npy": (saved(np.array([[0.0, np.inf], [0.0, -np.inf]])), "has inf at 2 nodes; replace them"),
+    "words.npy": (saved(np.array([["a", "b"], ["c", "d"]])), "has values of type <U1; store real numbers"),
+    "complex.npy": (saved(np.zeros((2, 2), dtype=complex)), "has values of type complex128"),
+    "flags.npy": (saved(np.zeros((2, 2), dtype=bool)), "has values of type bool"),
+    "dates.npy": (saved(np.zeros((2, 2), dtype="M8[s]")), "has values of type datetime64[s]"),
+    "record.npy": (saved(np.zeros((2, 2), dtype=[("z", "f8")])), "has values of type"),
     "pickled.npy": (pickled(), "cannot be read"),
     "line.npy": (saved(np.zeros(9)), "has 1 dimensions"),
     "scalar.npy": (saved(np.array(3.0)), "has 0 dimensions"),
@@ -171,21 +171,24 @@ BAD = {
     "row.npy": (saved(np.zeros((1, 9))), "has 1 x 9 nodes; at least 2 x 2"),
     "nothing.npy": (saved(np.zeros((0, 5))), ""),
     "huge.npy": (huge_header(), ""),
-    "large.npy": (saved(np.zeros((2100, 2001), dtype=np.uint8)), "has 2100 x 2001 nodes, the limit is 4200000"),
+    "large.npy": (saved(np.zeros((2100, 2001), dtype=np.uint8)), "has 2100 x 2001 nodes, more than 4200000"),
     "wide.npy": (saved(np.zeros((2, 3))), "has 2 rows and 3 columns; set rectangular = true"),
     "negative.npy": (patched(saved(np.zeros((20, 20))), b"(20, 20)", b"(-2, 20)"), "cannot be read"),
     "text.png": (b"hello", "is no PNG picture"),
     "jpeg.png": (patched(GREY, b"\x89PNG", b"\xff\xd8\xff\xe0"), "is no PNG picture"),
     "short.png": (GREY[:-20000], "cannot be read"),
-    "colour.png": (png(np.zeros((5, 5, 3), dtype=np.uint8)), "is a picture of type RGB; export it as plain grey"),
-    "alpha.png": (png(np.zeros((5, 5, 2), dtype=np.uint8)), "is a picture of type LA"),
+    "colour.png": (png(np.zeros((5, 5, 3), dtype=np.uint8)), "the image has type RGB; export it as grey"),
+    "alpha.png": (png(np.zeros((5, 5, 2), dtype=np.uint8)), "the image has type LA"),
     "wide.png": (png(np.zeros((3, 5), dtype=np.uint8)), "has 3 rows and 5 columns; set rectangular = true"),
     "bomb.png": (bomb(), "the limit"),
     "letters.asc": (b"hello world", "has no nrows in its header"),
     "binary.asc": (b"ncols \xff\xfe", "cannot be read"),
     "nosize.asc": (asc(HILL, HEAD.replace("cellsize 2.5\n", "")).encode(), "has no cellsize in its header"),
-    "zero.asc": (asc(HILL, HEAD.replace("2.5", "0")).encode(), "says cellsize 0"),
-    "degrees.asc": (asc(HILL, HEAD.replace("2.5", "2.8e-4")).encode(), "has cells of 0.00028 m; if those are degrees"),
+    "zero.asc": (asc(HILL, HEAD.replace("2.5", "0")).encode(), "the header has cellsize 0"),
+    "degrees.asc": (
+        asc(HILL, HEAD.replace("2.5", "2.8e-4")).encode(),
+        "the cells are 0.00028 m; if these are degrees",
+    ),
     "utf16.asc": (asc(HILL).encode("utf-16"), "cannot be read"),
     "word.asc": (asc(HILL, HEAD.replace("2.5", "wide")).encode(), "cannot be read (could not convert"),
     "half.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows 2.5")).encode(), "says nrows 2.5"),
@@ -195,12 +198,12 @@ BAD = {
         asc(HILL, HEAD.replace("cellsize 2.5", "dx 2.5\ndy 3")).encode(),
         "has cells of 2.5 x 3 m; resample",
     ),
-    "few.asc": (asc(HILL[:2]).encode(), "has 6 values where its header says 3 x 3 = 9; it is cut short"),
-    "many.asc": (asc([*HILL, HILL[0]]).encode(), "has 12 values where its header says 3 x 3 = 9"),
+    "few.asc": (asc(HILL[:2]).encode(), "has 6 values, but its header gives 3 x 3 = 9; it is truncated"),
+    "many.asc": (asc([*HILL, HILL[0]]).encode(), "has 12 values, but its header gives 3 x 3 = 9"),
     "comma.asc": (asc(HILL).replace("0.5", "0,5").encode(), "use numbers with a decimal point"),
     "holes.asc": (asc([[-9999, 0, 0], [0, 0, 0], [0, -9999, 0]]).encode(), "has 2 holes (NODATA); fill them"),
     "lost.asc": (asc(HILL).replace("0.5 ", "nan ").encode(), "holds NaN in 1 places"),
-    "large.asc": (HEAD.replace("ncols 3", "ncols 3000000").encode(), "has 3 x 3000000 nodes, the limit"),
+    "large.asc": (HEAD.replace("ncols 3", "ncols 3000000").encode(), "has 3 x 3000000 nodes, more than"),
     "row.asc": (asc(HILL[:1], HEAD.replace("nrows 3", "nrows 1")).encode(), "has 1 x 3 nodes; at least 2 x 2"),
 }
 
@@ -244,7 +247,7 @@ def test_error_for_heights_in_the_wrong_unit_suggests_a_scale(tmp_path):
 
 def test_excessive_heightmap_values_are_reported(tmp_path):
     np.save(tmp_path / "far.npy", np.full((3, 3), 1e300))
-    with pytest.raises(ValueError, match=r"^scale: makes heights of far\.npy beyond 1000 km"):
+    with pytest.raises(ValueError, match=r"^scale: the heights of far\.npy exceed 1000 km"):
         Heightmap(file=str(tmp_path / "far.npy"), scale=1e300).ground()
 
 

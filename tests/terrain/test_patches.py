@@ -123,29 +123,32 @@ def test_too_many_patch_cells_are_rejected_with_a_valid_cell_size(patch):
 
 BAD = [
     ('kind = "polygon"\npoints = [[0, 0], [1, 0]]', "terrain.patch[0].points: "),
-    ('kind = "polygon"\npoints = [[0, 0], [1, 0], [0, 0]]', "terrain.patch[0].points: has fewer than 3 different"),
+    (
+        'kind = "polygon"\npoints = [[0, 0], [1, 0], [0, 0]]',
+        "terrain.patch[0].points: the polygon has fewer than 3 different",
+    ),
     ('kind = "polygon"\npoints = [[0, 0], [1, 0], [nan, 0]]', "terrain.patch[0].points"),
-    ('kind = "polygon"\npoints = [[900, 0], [901, 0], [900, 1]]', "terrain.patch[0]: lies outside the field"),
+    ('kind = "polygon"\npoints = [[900, 0], [901, 0], [900, 1]]', "terrain.patch[0]: the patch is outside the field"),
     ('kind = "polygon"\npoints = [[0, 0], [5, 1], [10, 2]]', "terrain.patch[0].points: all lie on one line; add"),
     ('kind = "polygon"\npoints = [[0, 0], [1e300, 0], [0, 1]]', "terrain.patch[0].points[1][0]: must be at most 1e+09"),
     ('kind = "rectangle"\nlength_m = -3', "terrain.patch[0].length_m: must be above 0"),
     (
         'kind = "circle"\nradius_m = 0.01',
-        "terrain.patch[0]: covers no cell of 0.25 m; make it larger or cell_m smaller",
+        "terrain.patch[0]: the patch covers no cell of 0.25 m; enlarge the patch or reduce cell_m",
     ),
     ('kind = "circle"\ncell_m = 1e-300', "terrain.patch[0].cell_m: must be at least 0.01"),
     (
         'kind = "circle"\n' + '[[terrain.patch]]\nkind = "circle"\n' * 1000,
         "terrain.patch: must have at most 1000 items",
     ),
-    ('kind = "circle"\nx_m = 600', "terrain.patch[0]: lies outside the field"),
+    ('kind = "circle"\nx_m = 600', "terrain.patch[0]: the patch is outside the field"),
     ('kind = "image"', "terrain.patch[0].file: is missing"),
     ('kind = "image"\nfile = "none.png"', "terrain.patch[0].file: none.png: no such file in "),
     ('kind = "image"\nfile = "map.npy"', "terrain.patch[0].file: map.npy: "),
     ('kind = "image"\nfile = "text.png"', "terrain.patch[0].file: text.png: is no PNG picture"),
-    ('kind = "image"\nfile = "rgb.png"', "terrain.patch[0].file: rgb.png: is a picture of type RGB"),
+    ('kind = "image"\nfile = "rgb.png"', "terrain.patch[0].file: rgb.png: the image has type RGB"),
     ('kind = "image"\nfile = "grey.png"\ncone_index_white_kpa = 9.0', "terrain.patch[0].cone_index_white_kpa: needs"),
-    ('kind = "image"\nfile = "grey.png"\nx_m = 1e4', "terrain.patch[0]: lies outside the field"),
+    ('kind = "image"\nfile = "grey.png"\nx_m = 1e4', "terrain.patch[0]: the patch is outside the field"),
     ('kind = "square"', "terrain.patch[0].kind: unknown kind 'square'"),
 ]
 

@@ -117,10 +117,10 @@ def test_suggested_node_spacing_resolves_the_furrows():
     [
         (Ridges(node_m=0.3), "node_m: 0.3 m is too coarse for this relief; set at most 0.0938"),
         (Bumps(node_m=0.3), "node_m: 0.3 m is too coarse for this relief; set at most 0.2"),
-        (Ridges(depth_m=1.0), "depth_m: makes flanks steeper than 60 deg"),
-        (Bumps(height_m=2.0), "height_m: makes flanks steeper than 60 deg"),
+        (Ridges(depth_m=1.0), "depth_m: the slopes are steeper than 60 deg"),
+        (Bumps(height_m=2.0), "height_m: the slopes are steeper than 60 deg"),
         (Bumps(count=100), "count: bump 25 of the row lies at \\(77.0, -0.5\\) m, outside the field; set count to 24"),
-        (Bumps(x_m=100.0), "x_m: the first bump lies at \\(100.0, -0.5\\) m, outside the field; move it"),
+        (Bumps(x_m=100.0), "x_m: the first bump is at \\(100.0, -0.5\\) m, outside the field; move it"),
     ],
 )
 def test_error_for_an_impossible_relief_names_the_key(terrain, key):
@@ -187,7 +187,7 @@ def test_terrain_side_is_rounded_up_to_a_whole_number_of_cells():
     [
         ("half_size_m = 20\nsize_m = [30, 20]", "size_m: excludes half_size_m; omit one of them"),
         ("size_m = [30, -2]", r"terrain.size_m\[1\]: must be above 0"),
-        ("size_m = [3000, 2]", "size_m: one side is more than 1000 times the other; make it longer"),
+        ("size_m = [3000, 2]", "size_m: one side is more than 1000 times the other; lengthen the shorter side"),
         ("size_m = [30]", "terrain.size_m"),
     ],
 )

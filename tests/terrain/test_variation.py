@@ -91,7 +91,10 @@ def test_a_named_surface_counts_everywhere_and_explicit_keys_win():
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ({"terrain.variation.cone_index_spread": 0.3}, "terrain.variation.cone_index_kpa: has no value"),
+        (
+            {"terrain.variation.cone_index_spread": 0.3},
+            "terrain.variation.cone_index_kpa: the mean value is missing",
+        ),
         ({"terrain.variation.friction_spread": 0.3, "terrain.variation.cell_m": 0.05}, "terrain.variation: .* cells"),
         ({"terrain.surface": "gravel"}, "terrain.surface"),
         ({"plant.kind": "bicycle", "terrain.surface": "sand"}, "terrain.surface: the bicycle"),

@@ -66,14 +66,14 @@ class Traffic:
 def read_traffic(path: Path) -> list[Datagram]:
     """Return the datagrams of a `link.parquet`; `turn` counts from the first datagram. Raises `ScenarioError`."""
     if not path.is_file():
-        raise ScenarioError(f"{path}: {absence(path)}; --replay wants the link.parquet of an earlier run")
+        raise ScenarioError(f"{path}: {absence(path)}; specify the link.parquet of an earlier run with --replay")
     try:
         table = pq.read_table(path.absolute(), columns=SCHEMA.names).cast(SCHEMA)
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise ScenarioError(f"{path}: not the link.parquet of a run: {str(error).splitlines()[0]}") from None
+        raise ScenarioError(f"{path}: this is not the link.parquet of a run: {str(error).splitlines()[0]}") from None
     rows = list(zip(*(column.to_pylist() for column in table.columns), strict=True))
     if any(None in row for row in rows):
-        raise ScenarioError(f"{path}: not the link.parquet of a run: it has empty cells")
+        raise ScenarioError(f"{path}: this is not the link.parquet of a run: it has empty cells")
     turns = [round(row[0] / TICK_S) for row in rows]
     first = min(turns, default=0)
     return [Datagram(turn - first, *row[1:]) for turn, row in zip(turns, rows, strict=True)]

@@ -50,7 +50,7 @@ class _Lines:
     def next(self) -> str:
         """Return the next line. Raise ValueError at the end of the file."""
         if self.at >= len(self.lines):
-            raise ValueError("ends in the middle of a list of points; export it again")
+            raise ValueError("the file ends in the middle of a list of points; export it again")
         self.at += 1
         return self.lines[self.at - 1]
 
@@ -66,7 +66,7 @@ class _Lines:
         line = self.next()
         found = comma_numbers(line, count)
         if len(found) < count or not np.isfinite(found).all():
-            raise ValueError(f"line {self.at}: {line[:40]!r} does not hold {count} numbers; export it again")
+            raise ValueError(f"line {self.at}: {line[:40]!r} does not have {count} numbers; export it again")
         return found[:count]
 
     def points(self) -> Array:
@@ -77,7 +77,7 @@ class _Lines:
         """Return a counted list of rows of `width` numbers, shape (n, width)."""
         count = self.count()
         if count > len(self.lines) - self.at:
-            raise ValueError(f"line {self.at}: announces {count} points, more than the file has; export it again")
+            raise ValueError(f"line {self.at}: it announces {count} points, more than the file has; export it again")
         return np.array([self.numbers(width) for _ in range(count)]).reshape(count, width)
 
 
@@ -100,7 +100,7 @@ def read_agopengps(text: str) -> ShapeFile:
     while lines and lines.peek() not in HEADS:
         lines.next()
     if not lines:
-        raise ValueError(f"is not a file with shapes of an AgOpenGPS field; choose one with {', '.join(HEADS)}")
+        raise ValueError(f"the file has no shapes of an AgOpenGPS field; choose one with {', '.join(HEADS)}")
     lines.head = lines.next()
     readers = {"track": _tracks, "tram": _tram, "headlines": _headlines, "recorded": _recorded}
     shapes = tuple(readers.get(HEADS[lines.head], _rings)(lines))

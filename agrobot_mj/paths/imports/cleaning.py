@@ -31,14 +31,14 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
     """
     notes, kept = list[str](), distinct(points)
     if repeated := len(points) - len(kept):
-        notes.append(f"leaves out {repeated} repeated {'point' if repeated == 1 else 'points'}")
+        notes.append(f"{repeated} repeated {'point' if repeated == 1 else 'points'} omitted")
     if turns := len(_turning_back(points[kept])):
         for distance in THINNINGS_M:
             thin = kept[thinned(points[kept], distance, closed)]
             if not len(_turning_back(points[thin])):
                 notes.append(
-                    f"thins the track to {distance:g} m between points, {len(kept)} to {len(thin)}, because it turns "
-                    f"back within its noise at {turns} points, as at standstill"
+                    f"the track is thinned to {distance:g} m between points, from {len(kept)} to {len(thin)} points, "
+                    f"because it turns back at {turns} points, as noise does at standstill"
                 )
                 return thin, notes
     return kept, notes

@@ -22,9 +22,9 @@ def read_geojson(text: str) -> ShapeFile:
         content = json.loads(text)
     except (json.JSONDecodeError, RecursionError) as error:
         place = f" (line {error.lineno})" if isinstance(error, json.JSONDecodeError) else ""
-        raise ValueError(f"is not valid JSON{place}; export it again") from None
+        raise ValueError(f"the file is not valid JSON{place}; export it again") from None
     if not isinstance(content, dict):
-        raise ValueError("is JSON, but not GeoJSON; export it as a FeatureCollection")
+        raise ValueError("the file is JSON, but not GeoJSON; export it as a FeatureCollection")
     shapes = tuple(shape for feature in _features(content) for shape in of_geometry(*feature))
     return ShapeFile(shapes, _crs(content), name=shapes[0].name if shapes else "")
 
@@ -42,7 +42,7 @@ def _features(content: Mapping[str, Any]) -> Iterator[tuple[Any, Mapping[str, An
     elif "coordinates" in content or "geometries" in content:
         yield content, {}
     else:
-        raise ValueError("is JSON, but not GeoJSON; export it as a FeatureCollection")
+        raise ValueError("the file is JSON, but not GeoJSON; export it as a FeatureCollection")
 
 
 def _mapping(found: Any) -> Mapping[str, Any]:
@@ -79,12 +79,12 @@ def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyli
     elif kind in ("Point", "MultiPoint"):
         yield Polyline(_points(parts if kind == "MultiPoint" else [parts]), False, "point", name, properties=properties)
     elif geometry is not None:
-        raise ValueError(f"has a geometry of type {str(kind)[:30]!r}; use Polygon or LineString")
+        raise ValueError(f"the file has a geometry of type {str(kind)[:30]!r}; use Polygon or LineString")
 
 
 def _listed(found: Any) -> list[Any]:
     if not isinstance(found, list | tuple):
-        raise ValueError("has a geometry without coordinates; export it again")
+        raise ValueError("the file has a geometry without coordinates; export it again")
     return list(found)
 
 
@@ -94,7 +94,7 @@ def _points(found: Any) -> Array:
     try:
         points = np.array([(float(each[0]), float(each[1])) for each in found]).reshape(-1, 2)
     except (TypeError, ValueError, IndexError, KeyError):
-        raise ValueError("has a position that is not a pair of numbers; export it again") from None
+        raise ValueError("the file has a position that is not a pair of numbers; export it again") from None
     return points
 
 

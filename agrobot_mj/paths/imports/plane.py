@@ -28,7 +28,7 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
     use. Raise ValueError if the coordinates do not belong to the system.
     """
     if not any(len(shape.points) for shape in file.shapes):
-        raise ValueError("contains no positions; export it again")
+        raise ValueError("the file contains no positions; export it again")
     crs = crs or file.crs
     if crs:
         return _from_degrees(file, crs, _geographic(file, crs), plane)
@@ -42,14 +42,14 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
 def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: LocalShapes | None) -> LocalShapes:
     """Return shapes in degrees, continuous over the antimeridian, in metres."""
     if plane is not None and plane.origin is None:
-        raise ValueError("has geographic coordinates, but the field has not; use files of one coordinate system")
+        raise ValueError("the file has geographic coordinates, but the field does not; use one coordinate system")
     lon, lat = np.vstack([shape.points for shape in shapes]).T
     if np.abs(lat).max() > 90 >= np.abs(lon).max() and np.abs(lat).max() <= 360:
-        swapped = replace(file, notes=(*file.notes, "reads the positions as latitude, longitude, by their size"))
+        swapped = replace(file, notes=(*file.notes, "the positions are read as latitude, longitude"))
         turned = [replace(shape, points=shape.points[:, ::-1]) for shape in shapes]
         return _from_degrees(swapped, crs, turned, plane)
     if np.abs(lat).max() > 90 or np.abs(lon).max() > 360:
-        raise ValueError("contains no latitudes and longitudes in degrees; name its coordinate system by crs")
+        raise ValueError("the file has no latitudes and longitudes in degrees; specify its coordinate system with crs")
     middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
     origin = plane.origin if plane and plane.origin else Origin(round(middle[1], 7), round(middle[0], 7))
     moved = [replace(shape, points=local_points(origin, shape.points[:, 1], shape.points[:, 0])) for shape in shapes]
@@ -76,12 +76,12 @@ def _converter(crs: str) -> Callable[[Array], Array]:
     try:
         transformer = pyproj.Transformer.from_crs(crs, DEGREES, always_xy=True)
     except pyproj.exceptions.ProjError:
-        raise ValueError(f"crs: {crs[:60]!r} is no known coordinate system; write it as EPSG:25832") from None
+        raise ValueError(f"crs: {crs[:60]!r} is not a known coordinate system; write it as EPSG:25832") from None
 
     def converted(points: Array) -> Array:
         found: Array = np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
         if not np.isfinite(found).all():
-            raise ValueError(f"has coordinates outside {crs[:60]}; correct the coordinate system")
+            raise ValueError(f"the file has coordinates outside {crs[:60]}; correct the coordinate system")
         return found
 
     return converted
@@ -100,7 +100,7 @@ def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None)
     """Return shapes in metres after a shift, with a note about it."""
     moved = [replace(shape, points=shape.points - shift) if any(shift) else shape for shape in file.shapes]
     checked_extent(moved)
-    told = f"subtracts ({shift[0]:.0f}, {shift[1]:.0f}) m from all coordinates" if any(shift) and not origin else ""
+    told = f"({shift[0]:.0f}, {shift[1]:.0f}) m is subtracted from all coordinates" if any(shift) and not origin else ""
     return LocalShapes(tuple(moved), origin, "", shift, file.name, (*file.notes, *([told] if told else [])))
 
 
@@ -109,5 +109,5 @@ def checked_extent(shapes: Iterable[Polyline]) -> None:
     extent = float(np.ptp(np.vstack([shape.points for shape in shapes if len(shape.points)]), axis=0).max())
     if extent > LARGEST_M:
         raise ValueError(
-            f"extends over {extent / 1000:.4g} km, more than {LARGEST_M / 1000:g} km; remove the points of other places"
+            f"the points extend over {extent / 1000:.4g} km, more than {LARGEST_M / 1000:g} km; remove distant points"
         )

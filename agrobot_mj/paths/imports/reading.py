@@ -56,7 +56,7 @@ def _decoded(data: bytes) -> str:
         if "\x00" not in text:
             return text
     raise ValueError(
-        "is not valid UTF-8; save it as CSV (columns x, y or lat, lon), GeoJSON, KML, GPX, or a shapefile (.shp)"
+        "the file is not UTF-8 text; save it as CSV (columns x, y or lat, lon), GeoJSON, KML, GPX or a shapefile (.shp)"
     )
 
 
@@ -66,5 +66,5 @@ def _read_text(text: str, readers: Readers) -> ShapeFile:
         if recognises(head):
             return read(text)
     if head.lstrip().startswith("<"):
-        raise ValueError(f"is XML of an unknown type; convert it to one of {', '.join(readers)}")
+        raise ValueError(f"the file is XML of an unknown type; convert it to one of {', '.join(readers)}")
     return read_table(text)

@@ -21,14 +21,14 @@ def read_shapefile(path: Path) -> ShapeFile:
             records = [dict(zip(names, record, strict=False)) for record in reader.iterRecords()] if names else []
             geometries = [shape.__geo_interface__ for shape in reader.iterShapes()]
     except Exception as error:  # the library raises many types for damaged files
-        raise ValueError(f"is a damaged shapefile ({type(error).__name__}); export it again") from None
+        raise ValueError(f"the shapefile is damaged ({type(error).__name__}); export it again") from None
     shapes = tuple(
         shape
         for k, geometry in enumerate(geometries)
         for shape in of_geometry(geometry, records[k] if k < len(records) else {})
     )
     crs = _crs(path)
-    notes = () if crs else ("has no .prj file, so its coordinates are taken for metres",)
+    notes = () if crs else ("there is no .prj file, so the coordinates are assumed to be in metres",)
     return ShapeFile(shapes, crs, name=shapes[0].name if shapes else "", notes=notes)
 
 
@@ -47,6 +47,6 @@ def _crs(path: Path) -> str:
     try:
         crs = pyproj.CRS.from_wkt(file.read_text(encoding="utf-8", errors="replace"))
     except pyproj.exceptions.CRSError:
-        raise ValueError(f"{file.name}: is no known coordinate system; name it by crs") from None
+        raise ValueError(f"{file.name}: the coordinate system is unknown; specify it with crs") from None
     code = crs.to_epsg(min_confidence=70)
     return DEGREES if code == 4326 else f"EPSG:{code}" if code else str(crs.to_wkt())

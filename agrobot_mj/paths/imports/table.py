@@ -77,8 +77,8 @@ def _shape(names: list[str], values: Array, rows: Array, notes: tuple[str, ...])
         extent = float(np.hypot(*np.ptp(points, axis=0)))
         if 0 < extent < SMALLEST_M and np.abs(points).max() > SMALLEST_M:
             raise ValueError(
-                f"extends over {extent:.2g} m only, so the numbers are probably degrees; name the columns lat, lon or "
-                "lon, lat in the first row"
+                f"the points extend over {extent:.2g} m only, so the numbers are probably degrees; name the columns "
+                "lat, lon or lon, lat in the first row"
             )
     more = {name: values[:, k] for k, name in enumerate(names) if name not in ("x", "y", "lat", "lon")} | {"row": rows}
     return ShapeFile((Polyline(points, columns=more),), DEGREES if geographic else "", notes=notes)
@@ -97,7 +97,7 @@ def _rows(lines: list[str], split: str) -> Iterator[tuple[int, list[str]]]:
         if not any(cells):
             continue
         if split == "," and any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: has semicolons or tabs; separate the columns of all rows in the same way")
+            raise ValueError(f"row {number}: it has semicolons or tabs; separate all columns in the same way")
         yield number, cells
 
 
@@ -116,18 +116,18 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
     for pair, other in ((("x", "y"), ("lat", "lon")), (("lat", "lon"), ("x", "y"))):
         if set(pair) <= columns.keys():
             unused += [cells[columns.pop(name).place] for name in other if name in columns]
-            left = f"ignores the column{'s' * (len(unused) > 1)} {', '.join(unused)}"
+            left = f"column{'s' * (len(unused) > 1)} {', '.join(unused)} ignored"
             return list(columns.values()), (left,) if unused else ()
     near = next((found for cell in unused if (found := suggestion(cell, [*known]))), "")
     shown = ", ".join(cells[:12])
-    raise ValueError(f"row {number}: has no columns x and y, or lat and lon{near} (has: {shown}); name them")
+    raise ValueError(f"row {number}: no columns x and y, or lat and lon{near} (available: {shown}); name them")
 
 
 def _positional(number: int, cells: list[str], split: str) -> list[TableColumn]:
     """Return the columns of a file without names."""
     if len(cells) not in (2, 3):
         raise ValueError(
-            f"row {number}: has {len(cells)} columns; specify x, y or x, y, speed, or name the columns in the first row"
+            f"row {number}: it has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
         )
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
@@ -143,7 +143,7 @@ def _is_number(cell: str, split: str) -> bool:
 def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int, split: str) -> list[float]:
     """Return the checked values of a row."""
     if len(cells) != width:
-        raise ValueError(f"row {number}: has {len(cells)} columns, previous rows {width}; use the same number")
+        raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; use the same number")
     values = []
     for name, place, factor in columns:
         cell = cells[place]
@@ -152,7 +152,7 @@ def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: i
             continue
         if not _is_number(cell, split):
             shown = cell if len(cell) <= 20 else cell[:20] + "..."
-            raise ValueError(f"row {number}: {name} is not a number: {shown!r}; write one, or remove the row")
+            raise ValueError(f"row {number}: {name} is not a number: {shown!r}; write a number, or remove the row")
         value = float(cell if split == "," else cell.replace(",", ".")) * factor
         if not isfinite(value):
             raise ValueError(f"row {number}: {name} is {value:g}; use a finite number, or remove the row")

@@ -21,7 +21,7 @@ def _library() -> str:
     for pattern in ("libmujoco.so*", "libmujoco*.dylib", "mujoco.dll"):
         for path in sorted(folder.glob(pattern)):
             return str(path)
-    raise ImportError(f"no MuJoCo library next to {mujoco.__file__}; reinstall the mujoco package")
+    raise ImportError(f"there is no MuJoCo library next to {mujoco.__file__}; reinstall the mujoco package")
 
 
 _PATH = _library()

@@ -85,11 +85,11 @@ implement does not return from there, and a towed implement does not get there i
 NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
 
 COLUMNS = (
-    Column("implement_x", "m", "true place where the implement works, tool or axle, east"),
-    Column("implement_y", "m", "true place where the implement works, north"),
+    Column("implement_x", "m", "true working point of the implement (tool or axle), east"),
+    Column("implement_y", "m", "true working point of the implement, north"),
     Column("implement_yaw", "rad", "true heading of the implement, from east, counter-clockwise, wrapped"),
-    Column("hitch_angle", "rad", "heading of the implement less that of the tractor, left positive"),
-    Column("hitch_pull", "N", "force of the tractor on the implement, ahead in the tractor's heading"),
+    Column("hitch_angle", "rad", "heading of the implement minus heading of the tractor, left positive"),
+    Column("hitch_pull", "N", "force of the tractor on the implement, forward along the tractor's heading"),
     Column("hitch_side", "N", "force of the tractor on the implement, to the left of the tractor's heading"),
     Column("hitch_lift", "N", "force of the tractor on the implement, upwards"),
     Column("draught", "N", "force of the soil on the tool, backwards along the implement; null without a tool"),

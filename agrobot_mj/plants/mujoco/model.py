@@ -95,8 +95,8 @@ def _own(machine: Machine) -> mujoco.MjSpec:
         joint = spec.joint(name)
         stops = np.asarray(joint.range) if joint.compiler.degree else np.degrees(joint.range)
         if stops[0] < stops[1] and np.abs(stops).min() < sharpest:
-            needs = f"needs {sharpest:.1f} of the inner wheel; widen its range, or lower the limit"
-            at = f"joint {name!r} of its body stops at {np.abs(stops).min():.1f}"
+            needs = f"needs {sharpest:.1f} deg at the inner wheel; widen the range of the joint, or lower the limit"
+            at = f"joint {name!r} of the body stops at {np.abs(stops).min():.1f} deg"
             raise ValueError(f"tractor.steer_limit_deg: {at}, {tractor.steer_limit_deg:g} {needs}")
     return spec
 
@@ -218,13 +218,13 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
         moment = moment - body.mass * position
         inertia = inertia - np.diag(body.inertia) - steiner(body.mass, position - cg)
     if mass <= 0:
-        raise ValueError(f"tractor.mass_kg: wheels and axle alone weigh {tractor.mass_kg - mass:.0f} kg; raise it")
+        raise ValueError(f"tractor.mass_kg: must be above the mass of wheels and axle, {tractor.mass_kg - mass:.0f} kg")
     centre = moment / mass
     inertia = inertia - steiner(mass, centre - cg)
     if not is_physical_inertia(inertia):
         principal = np.linalg.eigvalsh(inertia)
         raise ValueError(
-            "tractor: roll_, pitch_ and yaw_inertia_kg_m2 leave the chassis an impossible inertia "
+            "tractor: roll_, pitch_ and yaw_inertia_kg_m2 give an impossible inertia of the chassis "
             f"(principal moments {np.round(principal, 1).tolist()} kg m2); {_fitting_inertia(tractor, whole - inertia)}"
         )
     chassis.mass, chassis.ipos, chassis.inertia = mass, centre, np.zeros(3)
@@ -237,8 +237,8 @@ def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
     if (found := next(fitting, None)) is None:
-        return "raise them or make the wheels lighter"
-    return "for this mass and wheelbase {:.4g}, {:.4g} and {:.4g} would fit; set these".format(*found)
+        return "increase them or reduce the mass of the wheels"
+    return "set them to {:.4g}, {:.4g} and {:.4g} for this mass and wheelbase".format(*found)
 
 
 def _offset(body: mujoco.MjsBody) -> Array:

@@ -83,7 +83,9 @@ def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> 
     try:
         return TractorParameters.model_validate(found | springs)
     except ValidationError as error:
-        lines = [f"gives {'.'.join(map(str, e['loc']))}, which {fault(e)}" for e in map(dict[str, Any], error.errors())]
+        lines = [
+            f"it gives {'.'.join(map(str, e['loc']))}, which {fault(e)}" for e in map(dict[str, Any], error.errors())
+        ]
         raise ValueError("\n".join(f"{short}: {line}" for line in lines)) from None
 
 

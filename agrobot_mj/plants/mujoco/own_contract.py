@@ -111,10 +111,10 @@ def _missing(model: mujoco.MjModel) -> Iterator[str]:
         ("joint", kinds.mjOBJ_JOINT, (*STEERS, *SPINS)),
         ("geom", kinds.mjOBJ_GEOM, TYRES),
     ):
-        yield from (f"has no {what} {name!r}; name it so" for name in names if not _has(model, kind, name))
+        yield from (f"there is no {what} {name!r}; add it" for name in names if not _has(model, kind, name))
     for name in RESERVED:
         if _has(model, kinds.mjOBJ_BODY, name):
-            yield f"body {name!r}: the name is that of a part which the simulator adds; choose another"
+            yield f"body {name!r}: the simulator adds a part of this name; choose another name"
 
 
 def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
@@ -127,15 +127,15 @@ def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
         if name not in (*OURS, ROLL) and endless and abs(data.xaxis[i, 2]) < UPRIGHT:
             body = model.body(model.jnt_bodyid[i]).name
             yield (
-                f"joint {name!r} of body {body!r} turns without end like a wheel or a sprocket: machines on four "
-                "wheels are modelled, none on six and none on tracks"
+                f"joint {name!r} of body {body!r} rotates without limit like a wheel or a sprocket: only machines on "
+                "four wheels are supported; remove the joint or limit its range"
             )
 
 
 def _beside(model: mujoco.MjModel) -> Iterator[str]:
     for body in range(1, model.nbody):
         if model.body_parentid[body] == 0 and (name := model.body(body).name) != "chassis":
-            yield f"body {name!r} stands in the world beside the chassis; take it out or hang it on the chassis"
+            yield f"body {name!r} is not attached to the chassis; remove it or attach it to the chassis"
 
 
 def _joints(posed: Posed) -> Iterator[str]:
@@ -151,13 +151,13 @@ def _joints(posed: Posed) -> Iterator[str]:
             if model.jnt_type[i] != HINGE or posed.direction(data.xaxis[i])[axis] < cosine:
                 yield f"joint {name!r} must be a hinge whose axis points {('ahead', 'to the left', 'up')[axis]}"
         elif i not in own and name != CRANK and not model.jnt_stiffness[i] > 0.0:
-            yield f"joint {name!r} moves freely; give it a stiffness and a damping, or take it out"
+            yield f"joint {name!r} moves freely; set its stiffness and damping, or remove it"
     for wheel in WHEELS:
         chain = posed.above(int(model.body(f"wheel_{wheel}").id))
         carried = {"spin": chain[:1], "steer": chain[:-1]} if wheel[0] == "f" else {"spin": chain[:1]}
         for joint, bodies in carried.items():
             if model.joint(f"{joint}_{wheel}").bodyid[0] not in bodies or chain[-1] != posed.chassis:
-                yield f"joint '{joint}_{wheel}' must lie between the chassis and the tyre of 'wheel_{wheel}'"
+                yield f"joint '{joint}_{wheel}' must be between the chassis and the tyre of 'wheel_{wheel}'"
 
 
 def _tyres(posed: Posed) -> Iterator[str]:
@@ -167,30 +167,30 @@ def _tyres(posed: Posed) -> Iterator[str]:
         axis = posed.direction(data.geom_xmat[geom.id].reshape(3, 3)[:, 2])
         off = posed.place(data.geom_xpos[geom.id]) - posed.centre(wheel)
         if geom.type[0] != mujoco.mjtGeom.mjGEOM_CYLINDER or abs(axis[1]) < ALONG:
-            yield f"geom 'tyre_{wheel}' must be a cylinder whose axis is the wheel's"
+            yield f"geom 'tyre_{wheel}' must be a cylinder on the axis of the wheel"
         elif model.body(geom.bodyid[0]).name != f"wheel_{wheel}" or np.abs(off).max() > PLACE_M:
-            yield f"geom 'tyre_{wheel}' must lie in the middle of 'wheel_{wheel}', on the axis of its joint"
+            yield f"geom 'tyre_{wheel}' must be in the middle of 'wheel_{wheel}', on the axis of its joint"
 
 
 def _places(posed: Posed) -> Iterator[str]:
     at = {wheel: posed.centre(wheel) for wheel in WHEELS}
     for left, right in (WHEELS[:2], WHEELS[2:]):
         if not at[left][1] > 0.0 > at[right][1] or np.abs(at[left] - at[right] * [1, -1, 1]).max() > PLACE_M:
-            yield f"'wheel_{left}' and 'wheel_{right}' must mirror each other left and right of the chassis' x axis"
+            yield f"'wheel_{left}' and 'wheel_{right}' must be mirror images about the x axis of the chassis"
         if not np.allclose(posed.size(left), posed.size(right), rtol=1e-3):
-            yield f"'tyre_{left}' and 'tyre_{right}' must be of one size"
+            yield f"'tyre_{left}' and 'tyre_{right}' must have the same size"
     if abs(at["rl"][0]) > PLACE_M or not at["fl"][0] > 0.0:
         yield (
-            "the chassis' origin must lie below the middle of the rear axle, and x point to the front one: the rear "
-            f"wheels are at x = {at['rl'][0]:.3f} m, the front ones at {at['fl'][0]:.3f} m"
+            "the origin of the chassis must be below the middle of the rear axle, with x towards the front axle: the "
+            f"rear wheels are at x = {at['rl'][0]:.3f} m, the front ones at {at['fl'][0]:.3f} m"
         )
     for end in ("f", "r"):
         height, radius = at[f"{end}l"][2], posed.size(f"{end}l")[0]
         if abs(height - radius) > SHARE * radius:
             yield (
-                f"the chassis' origin must lie on the ground: 'wheel_{end}l' of radius {radius:.3f} m has its centre "
-                f"{height:.3f} m above it"
+                f"the origin of the chassis must be on the ground: 'wheel_{end}l' of radius {radius:.3f} m has its "
+                f"centre {height:.3f} m above it"
             )
     aside, track = inertial_of(posed).centre[1], at["fl"][1] - at["fr"][1]
     if abs(aside) > ASIDE * track:
-        yield f"its centre of mass lies {aside:.2f} m beside the middle; mind the parts' masses"
+        yield f"the centre of mass is {aside:.2f} m off the middle; check the masses of the parts"

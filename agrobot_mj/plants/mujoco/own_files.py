@@ -40,7 +40,7 @@ def own_files(name: str) -> OwnFiles:
     main = checked(name, (".xml", ".mjcf"), MOST_BYTES)
     reader = _Reader(main)
     if reader.model(main) > MOST_ELEMENTS:
-        reader.faults.append(f"has more than {MOST_ELEMENTS} elements with its replicates and attached models expanded")
+        reader.faults.append(f"there are more than {MOST_ELEMENTS} elements with replicates and attached models")
     if reader.faults:
         raise ValueError("\n".join(f"{main.name}: {fault}" for fault in dict.fromkeys(reader.faults)))
     return OwnFiles(main, tuple(reader.others))
@@ -103,21 +103,21 @@ class _Reader:
     def _take(self, name: str, most_bytes: int) -> Path | None:
         """Return a file in the folder of the body; if its name contains a path, add an error and return None."""
         if "/" in name or "\\" in name or name in ("", ".", ".."):
-            self.faults.append(f"{name!r}: must lie in the folder of the body, and be named without a path")
+            self.faults.append(f"{name!r}: must be in the folder of the body and named without a path")
             return None
         path = checked(str(self.main.parent / name), (), most_bytes)
         if path in self._open:
-            refuse(path, "includes or attaches itself; take that out")
+            refuse(path, "the file includes or attaches itself; remove the reference")
         self.others[path] = None
         if len(self.others) > MOST_FILES:
-            refuse(self.main, f"names more than {MOST_FILES} files; join some of them")
+            refuse(self.main, f"the body uses more than {MOST_FILES} files; merge some of them")
         return path
 
 
 def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
     """Yield messages on invalid attributes of an element."""
     if tag in NOT_OURS:
-        yield f"<{tag}>: a body is of rigid parts and needs no plugins; take it out"
+        yield f"<{tag}>: plugins are not supported in a body; remove the element"
     for key, text in given.items():
         numbers = _numbers(text) if key not in ("name", "class") else []
         if not all(map(isfinite, numbers)):
@@ -125,9 +125,9 @@ def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
         elif (key in SIZES or key.startswith("nuser_")) and any(number > LARGEST for number in numbers):
             yield f"<{tag} {key}>: must be at most {LARGEST}"
     if tag == "compiler":
-        yield from (f"<compiler {key}>: all files lie beside the body; leave it out" for key in FOLDERS & set(given))
+        yield from (f"<compiler {key}>: all files must be next to the body; omit it" for key in FOLDERS & set(given))
         if "settotalmass" in given:
-            yield "<compiler settotalmass>: give the bodies' own masses instead"
+            yield "<compiler settotalmass>: not supported; set the masses of the bodies instead"
 
 
 def _elements(path: Path) -> list[_Element]:
@@ -136,7 +136,7 @@ def _elements(path: Path) -> list[_Element]:
 
     def begin(tag: str, given: dict[str, str]) -> None:
         if not found and tag not in ("mujoco", "mujocoinclude"):
-            refuse(path, f"begins with <{tag[:40]}>; an MJCF file begins with <mujoco>")
+            refuse(path, f"the file begins with <{tag[:40]}>, but an MJCF file begins with <mujoco>")
         copies = replicates[-1] if replicates else 1
         found.append(_Element(tag, given, copies))
         if tag == "replicate":
@@ -148,7 +148,7 @@ def _elements(path: Path) -> list[_Element]:
             replicates.pop()
 
     def document_type(*_: Any) -> None:
-        refuse(path, "has a document type of its own; MJCF has none, take it out")
+        refuse(path, "the file declares a document type, which MJCF does not use; remove the declaration")
 
     parser = expat.ParserCreate()
     parser.StartElementHandler, parser.EndElementHandler = begin, end
@@ -156,7 +156,7 @@ def _elements(path: Path) -> list[_Element]:
     try:
         parser.Parse(path.read_bytes(), True)
     except expat.ExpatError as error:
-        refuse(path, f"is not XML: {error}")
+        refuse(path, f"the file is not valid XML: {error}")
     return found
 
 

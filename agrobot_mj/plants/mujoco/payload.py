@@ -33,12 +33,12 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
     """Return the body with its payload. Raise ValueError if the result is not physical."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
-        raise ValueError(f"mass_kg: leaves the chassis {mass:.0f} of its {bare.mass:.0f} kg; take less away")
+        raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis are left; remove less mass")
     found = _joined(bare, payload, mass)
     if not is_physical_inertia(found.inertia):
         principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()
         raise ValueError(
-            f"mass_kg: the inertia left for the chassis is not physical (principal moments {principal} kg m2); "
+            f"mass_kg: the resulting inertia of the chassis is not physical (principal moments {principal} kg m2); "
             f"use at most {100 * _fitting_share(bare, payload):.0f} % of this mass there, or move it towards the centre"
         )
     return found

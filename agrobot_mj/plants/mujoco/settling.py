@@ -155,24 +155,24 @@ def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Gr
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
     lifted = [name for name, load in zip(WHEELS, found.wheels[:, LOAD], strict=True) if load <= 0.0]
     if found.fallen:
-        how = f"it fell over {where}; gentler ground (terrain) or a lower tractor.cg_height_m"
+        how = f"the tractor rolled over {where}; use gentler ground (terrain) or a lower tractor.cg_height_m"
         return f"plant.settle_s: not at rest: {how}"
     if not isfinite(speed) or (rests and not lifted):
         return ""
-    told = "at rest" if rests else f"not at rest after {settled_s:g} s, still {1e3 * speed:.1f} mm/s"
+    told = "at rest" if rests else f"the tractor still moves at {1e3 * speed:.1f} mm/s after {settled_s:g} s"
     if lifted:
-        unloaded = f"no load on wheel {' and '.join(lifted)} {where}"
-        how = f"{unloaded}; gentler ground (terrain) or a lower tractor.cg_height_m"
+        unloaded = f"there is no load on wheel {' and '.join(lifted)} {where}"
+        how = f"{unloaded}; use gentler ground (terrain) or a lower tractor.cg_height_m"
     else:
         rise = east * cos(found.truth.yaw) + north * sin(found.truth.yaw)
         how = _motion(found, machine, where, atan(rise))
-    return f"plant.settle_limit_s: {told}: {how}; the run starts like that"
+    return f"plant.settle_limit_s: {told}: {how}; the run starts in this state"
 
 
 def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
     """Describe the motion on ground that rises by `along` in the heading direction [rad], and the keys to change."""
     if found.recent.drift < TRAVELLING * found.recent.greatest:
-        return f"it rocks or sinks on its tyres {where}; raise plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
+        return f"it rocks or sinks on its tyres {where}; increase plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
     turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift
     rolls = _rolling(found, machine, where, along) if turning else ""
     return rolls or _held(found.recent.drift, float(found.wheels[:, FRICTION_USE].max()), where)
@@ -184,7 +184,7 @@ def _held(drift: float, used: float, where: str) -> str:
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (
         f"it {how} {where} with its rear wheels held, at {100 * used:.0f} % of the tyres' grip; "
-        f"{shorter}gentler ground (terrain) or other tyres (plant.tyre)"
+        f"use {shorter}gentler ground (terrain) or other tyres (plant.tyre)"
     )
 
 
@@ -198,6 +198,6 @@ def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
         return ""
     drive = f"driveline.torque_limit_n_m ({strength.torque:.0f})" if driveline.connected else "driveline.connected (no)"
     return (
-        f"its wheels roll {where}, since drive and brake give way: {found.mass:.0f} kg need {needed:.0f} N m, which is "
-        f"beyond {drive} and driveline.brake_torque_n_m ({strength.brake:.0f}); raise one of them"
+        f"its wheels roll {where} because drive and brake cannot hold them: {found.mass:.0f} kg need {needed:.0f} N "
+        f"m, which is above {drive} and driveline.brake_torque_n_m ({strength.brake:.0f}); increase one of them"
     )

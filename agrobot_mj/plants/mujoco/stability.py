@@ -90,7 +90,7 @@ def _limit(part: Part, share: float) -> str:
     """Return the key of a part and its limit, for the ratio `share` of stability limit to actual value."""
     if part.value is None:
         table = "plant.tyre" if part.key.startswith("plant.tyre") else "implement"
-        return f"{table}: its springs and dampers must be below {share:.2g} of what they are"
+        return f"{table}: springs and dampers must be reduced to less than {share:.2g} times their values"
     if part.key.endswith(AT_LEAST):
         return f"{part.key}: must be at least {part.value / share:.2g}, got {part.value:g}"
     return f"{part.key}: must be below {part.value * share:.2g}, got {part.value:g}"

@@ -83,7 +83,7 @@ def _loop(path: str, title: str, unit: str, wanted: str, measured: str, true: st
 def _estimated(name: str, title: str, unit: str) -> Plot:
     error = Series("error", f"error_{name}", MEASURED)
     bounds = Series("+3 sigma", f"bound_{name}", BOUND), Series("-3 sigma", f"bound_{name}", BOUND, -1.0)
-    title = f"{title}: estimate less truth, 3 sigma"
+    title = f"{title}: estimate minus truth, 3 sigma"
     return Plot(f"estimator/{name}", title, unit, (*bounds, error), legend=False)
 
 
@@ -108,7 +108,7 @@ _ATTITUDE = Series("roll, left up", "roll", TRUE), Series("pitch, nose down", "p
 PLOTS = (
     Plot("tracking/error", "Tracking error, ahead and left +", "m", _ERRORS),
     _loop("yaw_rate/loop", "Yaw rate", "deg/s", "yaw_rate_ref", "yaw_rate_hat", "yaw_rate"),
-    _single("yaw_rate/error", "Yaw rate: reference less measured", "deg/s", "error", "e_yaw_rate"),
+    _single("yaw_rate/error", "Yaw rate: reference minus measured", "deg/s", "error", "e_yaw_rate"),
     Plot("control/command", "Steering command", "deg", _COMMAND),
     _loop("steering/angle", "Steering angle", "deg", "steer_ref", "steer_measured", "steer"),
     _single("steering/valve", "Steering valve", "V", "voltage", "valve_voltage"),
@@ -119,7 +119,7 @@ PLOTS = (
     _single("speed/valve", "Pedal valve", "V", "voltage", "pedal_voltage"),
     _single("speed/torque", "Torque on the driven wheels", "N m", "torque", "drive_torque", TRUE),
     _wheels("load", "Wheel load", "kN", "load"),
-    _wheels("friction_use", "Share of the friction in use", "-", "friction_use"),
+    _wheels("friction_use", "Used fraction of the friction", "-", "friction_use"),
     _wheels("slip_angle", "Slip angle", "deg", "slip_angle"),
     _wheels("slip_ratio", "Slip ratio, driving +", "%", "slip_ratio"),
     _wheels("longitudinal_force", "Longitudinal force", "kN", "fx"),
@@ -127,10 +127,10 @@ PLOTS = (
     _estimated("east", "East", "cm"),
     _estimated("north", "North", "cm"),
     _estimated("yaw", "Yaw", "deg"),
-    _single("estimator/speed", "Speed: estimate less truth", "m/s", "error", "error_speed"),
+    _single("estimator/speed", "Speed: estimate minus truth", "m/s", "error", "error_speed"),
     _single("estimator/nees", "NEES of the position (2 if consistent)", "-", "NEES", "position_nees"),
     _single("estimator/nis", "NIS of the position fixes (2 if consistent)", "-", "NIS", "position_nis"),
-    _single("estimator/bias", "Bias of the steering sensor: estimate", "deg", "estimate", "steer_bias_hat"),
+    _single("estimator/bias", "Estimated bias of the steering sensor", "deg", "estimate", "steer_bias_hat"),
     _single("estimator/faults", "Active faults", "-", "faults", "faults_active")._replace(includes=(0, 1), steps=True),
     _single("estimator/quality", "GNSS quality (2 fix, 1 float, 3 DGPS)", "-", "quality", "gnss_quality")._replace(
         includes=(0, 2), steps=True
@@ -145,9 +145,9 @@ DIFFERENCE = "difference"
 """Column of a comparison: the cross-track error minus the cross-track error of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
-    _single("difference", "Cross-track error less that of", "m", "", DIFFERENCE),
+    _single("difference", "Cross-track error minus that of", "m", "", DIFFERENCE),
     _single("command", "Steering command", "deg", "", "steer_ref"),
-    _single("network", "Network's part of the command, -tau_n", "deg", "", "tau_n"),
+    _single("network", "Network output in the command, -tau_n", "deg", "", "tau_n"),
     _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
     _single("speed", "Speed", "m/s", "", "speed"),
 )

@@ -65,7 +65,7 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
     if not family("c1", columns):
         return []
     return [
-        Plot("network/q", "Share of the lower firing, q", "-", (Series("q", "q", NETWORK),)),
+        Plot("network/q", "Weight of the lower firing level, q", "-", (Series("q", "q", NETWORK),)),
         Plot(
             *("network/consequents", "Consequents f; width: set of x1, colour: x2", "deg"),
             *(_lines([_rule(name) for name in family("f", columns)]), EVERY_TICKS),

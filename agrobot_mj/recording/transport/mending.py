@@ -41,7 +41,7 @@ def whole(path: Path) -> Iterator[Path]:
         mended = done.returncode == 0 and copy.is_file()
         if mended:
             print(
-                f"{path}: is incomplete because its run was killed or is active; the written part is shown",
+                f"{path}: the recording is incomplete because the run was killed or is active",
                 file=sys.stderr,
             )
         yield copy if mended else path

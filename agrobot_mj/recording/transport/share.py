@@ -60,7 +60,7 @@ async function start() {
   document.body.classList.add("ready");
 }
 if (typeof DecompressionStream === "undefined") {
-  state.textContent = "Needs Chrome 91, Firefox 113, Safari 16.4 or newer.";
+  state.textContent = "This page needs Chrome 91, Firefox 113, Safari 16.4 or newer.";
 } else {
   start().catch(error => { state.textContent = "The 3D viewer did not start: " + error; });
 }

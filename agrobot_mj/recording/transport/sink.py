@@ -84,7 +84,7 @@ class Sink:
         time.sleep(LAST_WORDS_S)
         if self.whole:
             os.truncate(self.path, self.whole)
-            print(f"{self.path}: cannot grow; is the disk full? The recording ends early", file=sys.stderr)
+            print(f"{self.path}: cannot be extended; check the disk space. The recording ends early", file=sys.stderr)
         else:
             self.path.unlink()
         self.path = None
@@ -97,9 +97,9 @@ def _make(path: Path) -> None:
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
     if path.exists() and not path.is_file() and not path.is_symlink():  # opening a pipe would block
-        raise OSError(errno.EINVAL, "is not a regular file; move it away", str(path))
+        raise OSError(errno.EINVAL, "is not a regular file; move it", str(path))
     if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:
-        raise OSError(errno.EFBIG, "no space for a recording", str(path))
+        raise OSError(errno.EFBIG, "there is no space for a recording", str(path))
     path.unlink(missing_ok=True)
     path.open("xb").close()  # the errors of rerun are not OSError
 
@@ -121,7 +121,7 @@ def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
 @cache
 def _report_switched_off() -> None:
     given = os.environ.get("RERUN", "off")
-    print(f"RERUN={given}: disables Rerun, so there is no recording; unset it to record", file=sys.stderr)
+    print(f"RERUN={given}: Rerun is disabled, so no recording is written; unset it to record", file=sys.stderr)
 
 
 def abandon(stream: rr.RecordingStream) -> None:

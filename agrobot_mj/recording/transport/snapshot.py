@@ -77,7 +77,7 @@ def snapshots(
     after the end.
     """
     if kind == "mp4" and shutil.which("ffmpeg") is None:
-        raise ScenarioError("--mp4: needs the program ffmpeg (apt-get install ffmpeg); --gif works without it")
+        raise ScenarioError("--mp4: ffmpeg is not installed (apt-get install ffmpeg); --gif works without it")
     drawn: dict[Path, None] = {}
     with whole(file) as readable:
         for patience in range(1, TRIES + 1):
@@ -89,7 +89,7 @@ def snapshots(
             except _LateError as error:
                 cause = str(error)
     raise SnapshotError(
-        f"{file}: no images after {TRIES} tries: {cause}; is the machine busy? Try again, with fewer --tab and --at"
+        f"{file}: no images in {TRIES} attempts: {cause}; try a less loaded machine, or fewer --tab and --at"
     )
 
 
@@ -110,12 +110,12 @@ def _draw(
     every = named | views  # a maximised view hides the tabs after it
     known = {name.lower() for name in every}
     if unknown := [name for name in tabs if name.lower() not in known]:
-        raise ScenarioError(f"{file}: no tab or view {unknown[0]}; there are {', '.join(every)}")
+        raise ScenarioError(f"{file}: there is no tab or view {unknown[0]} (available: {', '.join(every)})")
     shown = {name: place for name, place in every.items() if name.lower() in asked} if asked else named
     end_s = _end(viewer)
     times = times or (min(SHOWN_S, end_s),)
     if (last := max(times)) > end_s + TICK_S + ROUNDING_S:
-        raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end_s:g} s")
+        raise ScenarioError(f"{file}: --at {last:g}: the recording ends at {end_s:g} s; use an earlier time")
     draw = _picture if kind == "png" else partial(_animation, end_s, kind)
     files = {(tab, t): folder / f"{tab.lower().replace(' ', '_')}_{t:g}.{kind}" for tab in shown for t in times}
     check_names(folder, {path.name for path in files.values()} - {path.name for path in drawn})
@@ -215,7 +215,7 @@ def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> 
     """Load `readable`, the complete version of `file`, and return its layout."""
     deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(readable.resolve())).store_ids:
-        raise SnapshotError(f"{file}: the viewer cannot open it; is it a recording (.rrd)?")
+        raise SnapshotError(f"{file}: the viewer cannot open the file; specify a recording (.rrd)")
     while viewer.get_state().loading:
         if time.monotonic() > deadline:
             raise _LateError(f"the recording was not loaded within {patience * LOAD_S:g} s")
@@ -231,7 +231,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
     raise SnapshotError(
-        f"{file}: the recording has no tabs; was it written by agrobot-mj, and did the run last until its first block?"
+        f"{file}: the recording has no tabs; use one by agrobot-mj, of a run that was not stopped immediately"
     )
 
 
@@ -257,7 +257,7 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
             yield _connected(process, port, patience * START_S)
         except (RuntimeError, ConnectionError, TimeoutError) as error:
             if _lacks_driver(process):
-                raise SnapshotError(f"{file}: no images: Rerun's viewer finds no Vulkan driver; {REMEDY}") from None
+                raise SnapshotError(f"{file}: no images: the Rerun viewer finds no Vulkan driver; {REMEDY}") from None
             raise _LateError(str(error)) from None
 
 
@@ -275,7 +275,7 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) ->
     raise RuntimeError(
         f"the viewer did not start within {seconds:g} s"
         if process.poll() is None
-        else f"the viewer ended by itself with status {process.returncode}"
+        else f"the viewer exited with status {process.returncode}"
     )
 
 

@@ -20,8 +20,8 @@ from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 AHEAD = 2
 """Number of work items per worker in the queue: one running and one waiting, to bound memory without idle workers."""
 UNSTARTED = (
-    "no worker process can start: each imports the main program again, and that fails; save the program as a file with "
-    'its work below `if __name__ == "__main__":`, or ask for one job'
+    "no worker process can start because the import of the main program fails there; save the program as a file with "
+    'its code below `if __name__ == "__main__":`, or use one job'
 )
 Work = TypeVar("Work")
 Result = TypeVar("Result")
@@ -114,7 +114,7 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
     except OSError as error:  # raised by the semaphores of the queues
         text = f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable"
-        raise ScenarioError(f"{text}, or ask for one job") from error
+        raise ScenarioError(f"{text}, or use one job") from error
 
 
 def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:

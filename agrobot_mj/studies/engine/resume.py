@@ -114,7 +114,7 @@ class RowFiles:
         """Print the number of rows that are run again, with reasons."""
         if self.again:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
-            print(f"{self.folder}: rows of another identity are run again: {why}", file=sys.stderr)
+            print(f"{self.folder}: rows with another identity are run again: {why}", file=sys.stderr)
             self.again.clear()
 
     def write_bytes(self, name: Path, content: bytes) -> None:
@@ -126,7 +126,7 @@ class RowFiles:
         """Return the path of a file in the folder. Raises `ScenarioError` if a folder in the path is a link."""
         for place in name.parents[:-1]:
             if (self.folder / place).is_symlink():
-                raise ScenarioError(f"{self.folder / place}: is a link, which is not followed; move it away")
+                raise ScenarioError(f"{self.folder / place}: is a link, and links are not followed; remove the link")
         return self.folder / name
 
 

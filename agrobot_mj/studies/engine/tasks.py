@@ -146,8 +146,8 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 def other_code(parts: Sequence[str]) -> str:
     """Return the error message for a worker whose code differs in these parts from the code of the command."""
     return (
-        f"other {' and '.join(parts)} than this command: edited meanwhile, or registered where workers do not see it; "
-        "start the command, and workers of a scheduler, again, and register kinds at the top level of a module"
+        f"different {' and '.join(parts)}: the code was edited meanwhile, or registered where workers do not find it; "
+        "restart the command and the workers of a scheduler, and register kinds at the top level of a module"
     )
 
 

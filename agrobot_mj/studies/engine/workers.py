@@ -48,7 +48,7 @@ def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[t
             yield over_dask
         except CancelledError:
             raise ScenarioError(
-                f"--scheduler {address}: was lost; finished runs are kept, and the same command continues"
+                f"--scheduler {address}: the connection is lost; finished runs are kept; start the same command again"
             ) from None
 
 
@@ -59,7 +59,7 @@ def _client(address: str) -> "Client":
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         reason = f"no answer within {PATIENCE_S} s" if isinstance(error, TimeoutError) else str(error).splitlines()[0]
         raise ScenarioError(
-            f"--scheduler {address}: cannot be reached: {reason}; give its address as tcp://HOST:8786"
+            f"--scheduler {address}: the scheduler cannot be reached: {reason}; specify its address as tcp://HOST:8786"
         ) from None
 
 
@@ -70,7 +70,7 @@ def _workers(client: "Client", address: str) -> int:
     except Exception as error:
         raise ScenarioError(f"--scheduler {address}: a worker is not ready: {type(error).__name__}: {error}") from None
     if not codes:
-        raise ScenarioError(f"--scheduler {address}: has no workers; start some with: dask worker {address}")
+        raise ScenarioError(f"--scheduler {address}: it has no workers; start one with: dask worker {address}")
     for worker, text in codes.items():
         if apart := differing(text, code_text()):
             raise ScenarioError(f"--scheduler {address}: worker {worker} has {other_code(apart)}")

@@ -141,7 +141,7 @@ class Document:
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{escape(self.title)}</title><link rel="icon" href="data:,"><style>{STYLE}</style></head><body>
 {"".join(self.parts)}
-<p class="facts">Written by agrobot_mj {__version__}; this file needs no network.</p>
+<p class="facts">Written by agrobot_mj {__version__}; this file works offline.</p>
 <pre id="command"></pre>
 <script>{library}</script><script>const CHARTS = {charts};
 const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
@@ -210,5 +210,5 @@ def _library() -> str:
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:
-        raise ScenarioError("report: needs plotly; install it with: pip install 'agrobot-mj[report]'") from None
+        raise ScenarioError("report: plotly is not installed; pip install 'agrobot-mj[report]'") from None
     return str(get_plotlyjs()).replace("</script>", "<\\/script>")

@@ -27,7 +27,7 @@ LARGEST_DRAWN, MOST_TIMES = 0.1, 500
 """Maximum enlarged error as a fraction of the map size, and maximum enlargement [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
-APART = "The runs cover different pieces of path, so that errors of one ranking tell nothing about those of another."
+APART = "The runs cover different segments of the path, so errors of different rankings are not comparable."
 
 
 def read_signals(folder: Path) -> Signals:
@@ -113,7 +113,7 @@ def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
 
 def told(times: int) -> str:
     """Return the part of a title about enlarged cross-track errors; empty without enlargement."""
-    return f", cross-track errors drawn {times} times larger" if times > 1 else ""
+    return f", cross-track errors enlarged {times} times" if times > 1 else ""
 
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
@@ -139,12 +139,12 @@ def run_page(folder: Path) -> Document:
     title = scenario.get("title") or scenario.get("name") or folder.name
     about = [f"outcome: {metrics['outcome']}", f"identity {metrics.get('identity', 'unknown')}"]
     page = Document(title, facts(scenario, *about))
-    page.section("Where it went", "Drag to zoom, double-click to see everything again.")
+    page.section("Track", "Drag to zoom; double-click to reset the view.")
     estimate = {name: signals[name] for name in ("x_ref", "y_ref")} | {"x": signals["x_hat"], "y": signals["y_hat"]}
     error = chart_over_time({"run": signals}, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
     page.grid([map_of({"tractor": signals, "estimate": estimate}), ("Lateral error", error)])
     page.remarks(filter(None, (attribution(metrics), metrics.get("estimate_warning"))))
-    page.section("What it did")
+    page.section("Steering and speed")
     page.grid([("Steering", _pair(signals, "steer", "steering angle [deg]", 180 / np.pi))])
     page.grid([("Speed", _pair(signals, "speed", "speed [m/s]", 1.0)), *_shares(signals)])
     page.section("Numbers")
@@ -217,7 +217,7 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
     for number, piece in enumerate(pieces, 1):
         groups = ranked(Group(name, rows) for name, rows in places.items() if rows[0].get("piece") == piece)
         colours = [COLOURS[laws.index(_law(group.rows[0])) % len(COLOURS)] for group in groups]
-        title, text = (f"Ranking over piece {number} of the path", APART) if len(pieces) > 1 else ("Ranking", "")
+        title, text = (f"Ranking on segment {number} of the path", APART) if len(pieces) > 1 else ("Ranking", "")
         add_ranking(page, groups, title, text, colours)
 
 

@@ -63,7 +63,7 @@ def ranked(groups: Iterable[Group]) -> list[Group]:
 
 def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, colours: Sequence[str]) -> None:
     """Add a table of the groups, remarks, and box plots of the errors, with `colours` used in order."""
-    rule = "Success is to end as the scenario expects; the error is that of the successful runs that completed."
+    rule = "A run succeeds if it ends as the scenario expects. Errors refer to successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
     page.table((*head, *MEDIANS.values(), "NEES", "failed"), [_line(group) for group in groups])

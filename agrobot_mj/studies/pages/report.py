@@ -115,11 +115,11 @@ def write_report(folder: Path, metric: str | None = None) -> list[Path]:
     pages, sections = known_reports()
     found = next((name for name in pages if (folder / name).is_file()), None)
     if found is None:
-        raise ScenarioError(f"{folder}: contains no results to report; if interrupted, start the same command again")
+        raise ScenarioError(f"{folder}: the folder contains no results; if the command was interrupted, start it again")
     if isinstance(make := pages[found], str):
         raise ScenarioError(f"{folder}: {make}")
     if metric is not None and found not in sections:
-        raise ScenarioError(f"--metric {metric}: this report has no metric; omit the option")
+        raise ScenarioError(f"--metric {metric}: this type of report uses no metric; omit the option")
     check_folder(folder, FILES)
     try:
         with reporting_damage(folder / found, "reported"):

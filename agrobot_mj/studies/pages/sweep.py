@@ -30,8 +30,8 @@ from agrobot_mj.studies.sweep.store import read_rows
 
 SUCCESS = 0.8
 """Success rate at the boundary of failure in maps [-]."""
-APART = "The runs cover different pieces of path: an error on one is not comparable with that on another. "
-APART += "Without duration_s every run drives its path to the end."
+APART = "The runs cover different segments of the path, so their errors are not comparable. "
+APART += "Without duration_s every run ends at the end of its path."
 MOST_VALUES = 40
 """Maximum number of different values of a parameter used as an axis."""
 CLASS = 5
@@ -65,7 +65,7 @@ def sweep_page(folder: Path) -> Document:
     _add_worst(page, rows, again)
     page.section("The sweep")
     page.code("sweep.toml, resolved", (folder / "sweep.toml").read_text("utf-8"))
-    page.code("base.toml, its base scenario", (folder / "base.toml").read_text("utf-8"))
+    page.code("base.toml, the base scenario", (folder / "base.toml").read_text("utf-8"))
     return page
 
 
@@ -145,9 +145,9 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
         if _fills(group.rows, x, y)
     ]
     if charts:
-        text = f"Median {LABEL} of the successful runs; blank: none. Crosses: a run failed."
+        text = f"Median {LABEL} of the successful runs; blank cells have none. Crosses mark failed runs."
         text += f" Black line: the boundary at which {SUCCESS:.0%} of runs succeed."
-        page.section("Maps", text + " Click for the command of a run.")
+        page.section("Maps", text + " Click to show the command of a run.")
         page.grid(charts[:MOST_MAPS])
 
 
@@ -192,8 +192,8 @@ def _badness(row: Row) -> tuple[bool, float]:
 def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str], again: RerunCommand) -> None:
     if not numeric:
         return
-    text = "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs; crosses on top: failed ones."
-    page.section("Over one parameter", text + " Click a point for its command.")
+    text = "Lines: median of the successful runs, bars from 10 to 90 %. Points: runs. Crosses: failed runs."
+    page.section("Effect of one parameter", text + " Click a point to show its command.")
     drawn = again.plan.file.draws
     page.grid([(p, curves(groups, p, again, p in drawn)) for p in numeric[:MOST_CURVES]])
 
@@ -261,5 +261,5 @@ def _add_worst(page: Document, rows: Sequence[Row], again: RerunCommand) -> None
         times = enlargement([signals])
         cards.append((title + told(times), thumbnail(signals, times), again(row)))
     if cards:
-        page.section("The worst runs", "Thin: where the tractor should have gone; colour: where it went.")
+        page.section("The worst runs", "Thin: path; coloured: track of the tractor.")
         page.thumbnails(cards)

@@ -38,7 +38,7 @@ def _positive(pair: tuple[Number, Number]) -> tuple[Number, Number]:
 
 def _spread(pair: tuple[Number, Number]) -> tuple[Number, Number]:
     if pair[1] <= 0:
-        raise ValueError(f"the second number is the standard deviation, above 0, got {pair[1]}")
+        raise ValueError(f"the second number, the standard deviation, must be above 0, got {pair[1]}")
     return pair
 
 
@@ -118,7 +118,7 @@ class Steps(ValueList):
             raise ValueError(f"step: {self.step} never leads from {self.start} to {self.stop}; change its sign or size")
         if self._gaps > MOST_VALUES - 1:
             raise ValueError(
-                f"step: gives more than {MOST_VALUES:.0e} values from {self.start} to {self.stop}; enlarge it"
+                f"step: gives more than {MOST_VALUES:.0e} values from {self.start} to {self.stop}; increase it"
             )
         return self
 

@@ -170,8 +170,8 @@ class SweepPlan:
         """Raise `ScenarioError` if the number of runs exceeds the limit."""
         if self.total > max_runs:
             raise ScenarioError(
-                f"{self.sweep.name}: {self.total:,} runs ({self.parts}), the limit is {max_runs:,}; "
-                f"thin out the axes, draw samples instead, or allow them with --max-runs {self.total}"
+                f"{self.sweep.name}: the sweep has {self.total:,} runs ({self.parts}), and the limit is {max_runs:,}; "
+                f"use fewer values, draw samples instead, or set --max-runs {self.total}"
             )
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
@@ -213,7 +213,7 @@ class _Checker:
             return self._plain(error)
         command = scenario.guidance.outside
         if command:
-            return [f'guidance.kind: "{scenario.guidance.kind}" is driven by another program and cannot be swept']
+            return [f'guidance.kind: "{scenario.guidance.kind}" needs an external program and cannot be swept']
         return [*self._of_tractor(scenario), *self._of_place(scenario)]
 
     def _of_tractor(self, scenario: Scenario) -> list[str]:

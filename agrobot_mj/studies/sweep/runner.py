@@ -103,7 +103,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     """Merge the parts of a sweep in `folder`; return the number of rows of the table and of the plan."""
     if not sources:
-        raise ScenarioError(f"{folder}: no such folder; --merge joins the folders that --shard has written")
+        raise ScenarioError(f"{folder}: no such folder; specify folders written with --shard")
     with results(folder, (TABLE,), shared=True):
         return merge(sources, folder)
 
@@ -139,5 +139,5 @@ def _full_disk_told(store: Store) -> Iterator[None]:
         if error.errno not in (errno.ENOSPC, errno.EDQUOT):
             raise
         kept = sum(1 for _ in store.rows())
-        text = f"{error.strerror}; {kept:,} finished runs are kept; free some space and start the same command again"
+        text = f"{error.strerror}; {kept:,} finished runs are kept; free disk space and start the same command again"
         raise OSError(error.errno, text, str(store.folder)) from None

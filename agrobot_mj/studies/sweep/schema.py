@@ -33,7 +33,7 @@ MOST_SEEDS = 2**31
 def _seeds(given: Any) -> Any:
     counted = isinstance(given, int) and 0 < given <= MOST_SEEDS
     if isinstance(given, bool) or not ((isinstance(given, list) and given) or counted):
-        raise ValueError(f"must be a number of runs above 0, to {MOST_SEEDS:.2g}, or a list of seeds, got {given!r}")
+        raise ValueError(f"must be a number of runs from 1 to {MOST_SEEDS:.2g}, or a list of seeds, got {given!r}")
     return tuple(given) if isinstance(given, list) else given
 
 
@@ -109,45 +109,47 @@ class SweepFile(Spec):
             lists["seeds"] = self.seeds
         for name, values in lists.items():
             if twice := [text for text, count in Counter(map(_text, values)).items() if count > 1]:
-                yield f"{name}: has {', '.join(twice[:3])} more than once; name each value once"
+                yield f"{name}: {', '.join(twice[:3])} is listed more than once; list each value once"
         for variant in self.variant:
             if "seed" in variant.set:
-                yield f"variant {variant.name!r}: seed: has no effect; write seeds = [...] beside base"
+                yield f"variant {variant.name!r}: seed: has no effect; set seeds = [...] at the top level"
 
     def _clashes(self) -> list[str]:
         """Return error messages about repeated keys and values, and about draws without samples."""
         names = [variant.name for variant in self.variant]
         found = [
-            f"variant: there are {names.count(n)} of the name {n!r}" for n in dict.fromkeys(names) if names.count(n) > 1
+            f"variant: {names.count(n)} variants are named {n!r}; rename one"
+            for n in dict.fromkeys(names)
+            if names.count(n) > 1
         ]
         found += self._copies()
         for part, keys in (("axes", self.axes), ("draws", self.draws)):
             others = {"draws": self.draws} if part == "axes" else {}
             others |= {f"variant {variant.name!r}": variant.set for variant in self.variant}
             found += [
-                f"{part}.{key}: is in {other} as well; name it once"
+                f"{part}.{key}: the key is also in {other}; specify it once"
                 for other, o in others.items()
                 for key in keys
                 if key in o
             ]
             if "seed" in keys:
-                found.append(f"{part}.seed: write seeds = [...] beside base")
+                found.append(f"{part}.seed: has no effect; set seeds = [...] at the top level")
         if self.method == "saltelli" and self.samples & (self.samples - 1):
             found.append(f"samples: must be a power of two with saltelli, got {self.samples}")
         if self.method == "screening":
             found += self._unfit_for_screening()
         if not self.draws and "samples" in self.model_fields_set and self.samples > 1:
-            found.append("samples: there is nothing to draw; add [draws], or repeat runs with seeds")
+            found.append("samples: no parameter is drawn; add [draws], or repeat runs with seeds")
         return found
 
     def _unfit_for_screening(self) -> Iterator[str]:
         """Yield reasons against a regression on ranks: too few points, or values without an order."""
         if self.samples < (least := POINTS_PER_DRAW * len(self.draws)):
-            yield f"samples: must be at least {least} with screening, {POINTS_PER_DRAW} a draw, got {self.samples}"
+            yield f"samples: must be at least {least} with screening, {POINTS_PER_DRAW} per draw, got {self.samples}"
         for key, draw in self.draws.items():
             values = draw.choice if isinstance(draw, Choice) else ()
             if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
-                yield f'draws.{key}: screening needs numbers; make it an axis, or write method = "saltelli"'
+                yield f'draws.{key}: screening needs numbers; make it an axis, or set method = "saltelli"'
 
 
 def _text(value: Any) -> str:
@@ -183,7 +185,7 @@ def read_sweep(source: str | Path) -> Sweep:
     path = find_sweep(source)
     data, folder = read_toml(path), path.parent.resolve()
     if not isinstance(data.get("base"), str):
-        raise ScenarioError(f'{path.name}: base: name a scenario, as in base = "side_slope"')
+        raise ScenarioError(f'{path.name}: base: is missing; specify a scenario, as in base = "side_slope"')
     try:
         file = SweepFile.model_validate_json(json_text(data, path.name))
     except ValidationError as error:
@@ -259,9 +261,9 @@ def _lines(source: str, error: ValidationError) -> list[str]:
             known = {"axes": ["count", "from", "step", "to"], "draws": [*DRAWS, "within"]}.get(str(keys[0]), known)
             text = f"unknown key{suggestion(str(keys[-1]), known)} (known: {', '.join(known)})"
         elif kind == "union_tag_invalid":
-            text = f"names no distribution; write one of {', '.join(f'{tag} = [...]' for tag in DRAWS)}"
+            text = f"is not a distribution; write one of {', '.join(f'{tag} = [...]' for tag in DRAWS)}"
         elif kind == "too_short" and keys[0] == "axes":
-            text = "has no values; list at least one, or leave the axis out"
+            text = "has no values; list at least one, or omit the axis"
         elif kind.startswith("model") and keys[0] == "axes":
             text = f"must be a list or a table {{ from, to, count }} or {{ from, to, step }}, got {each['input']!r}"
         key = ".".join(str(key) for key in keys)

@@ -66,9 +66,9 @@ def begun(folder: Path) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError):
-        raise ScenarioError(f"{folder / PLAN}: cannot be read; --fresh starts over") from None
+        raise ScenarioError(f"{folder / PLAN}: cannot be read; start again with --fresh") from None
     if not _is_plan(content):
-        raise ScenarioError(f"{folder / PLAN}: is not a sweep plan; name another folder, or start over with --fresh")
+        raise ScenarioError(f"{folder / PLAN}: is not a sweep plan; specify another folder, or use --fresh")
     return dict(content)
 
 
@@ -187,7 +187,7 @@ class Store(RowFiles):
             if (odd := _odd_value([self.line(*each) for each in self.rows()])) is None:
                 raise
             number, name, value = odd
-            what = f"{name}: {shortened(repr(value))} is of another type than in the other rows"
+            what = f"{name}: {shortened(repr(value))} has a different type than in the other rows"
             fix = "delete the file, also in the folder that it was merged from, and start the same command again"
             file = self.row_file(self.asked(self.plan.task(number)))
             raise ScenarioError(f"{file}: {what}; {fix}") from error
@@ -254,14 +254,14 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
     for source, plan in plans.items():
         if plan is None:
             raise ScenarioError(
-                f"{source}: has no results of a sweep ({PLAN}); name the folders that --shard has written"
+                f"{source}: the folder has no results of a sweep ({PLAN}); specify folders written with --shard"
             )
     common: dict[str, Any] = target or plans[sources[0]] or {}
     for source, plan in plans.items():
         different = [part for part, digest in common["of"].items() if (plan or {})["of"].get(part) != digest]
         if different:
             raise ScenarioError(
-                f"{source}: belongs to another sweep than the rest: different {', '.join(different)}; "
+                f"{source}: the folder belongs to another sweep: different {', '.join(different)}; "
                 "run it again there, or omit it"
             )
     return common

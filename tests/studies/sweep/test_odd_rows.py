@@ -58,7 +58,7 @@ def test_error_for_a_value_of_the_wrong_type_names_its_file(whole, tmp_path, cal
     assert status == 2
     assert "Traceback" not in err
     assert f"{row_file(where, 2)}: {key}: " in err
-    assert "is of another type than in the other rows; delete the file" in err
+    assert "has a different type than in the other rows; delete the file" in err
     for place in {where, file.parent / "out"}:
         row_file(place, 2).unlink()
     assert call(*arguments, "--out", where)[0] in ((0, 1) if merged else (0,))

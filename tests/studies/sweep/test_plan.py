@@ -116,7 +116,7 @@ base = "figure_eight"
 
 @pytest.mark.parametrize("seeds", ["0", "true", "100000000000000000000"])
 def test_number_of_seeds_that_overflows_is_rejected(plan, seeds):
-    assert "seeds: must be a number of runs above 0" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
+    assert "seeds: must be a number of runs from 1" in faults(plan, f'base = "circle"\nseeds = {seeds}\n')[0]
 
 
 def test_number_too_large_for_a_float_is_rejected(plan):
@@ -142,7 +142,7 @@ z = { log_uniform = [0, 1] }
     keys = [line.partition(": ")[0] for line in found]
     named = {"axes.terrain.grade_deg", "axes.path.speed_m_s.count", "draws.x", "draws.y.uniform"}
     assert set(keys) >= {"seeds", "keeep", *named}
-    assert "axes.terrain.grade_deg: has no values; list at least one, or leave the axis out" in found
+    assert "axes.terrain.grade_deg: has no values; list at least one, or omit the axis" in found
     assert any(line.startswith("keeep: unknown key; did you mean 'keep'?") for line in found)
     assert any(line.startswith("axes.tractor.mass_kg: step: -1 never leads from 0 to 1") for line in found)
     assert any(line.startswith("draws.z.log_uniform: must be above 0") for line in found)
@@ -166,7 +166,7 @@ seeds = 5
     backwards = [f"  plant.kind={p}, terrain.kind={t}, path.speed_m_s=-1.0" for p in PLANTS for t in ("flat", "slope")]
     assert found[0].startswith("path.speed_m_s: must be at least 0.001, got -1.0, in 4 combinations:")
     assert found[1:5] == backwards
-    assert found[5].startswith("terrain.kind: the bicycle plant knows only flat ground, got 'slope'")
+    assert found[5].startswith("terrain.kind: the bicycle plant supports only flat ground, got 'slope'")
     assert found[6:] == ["  plant.kind=bicycle, terrain.kind=slope, path.speed_m_s=1.0"]
 
 
@@ -174,18 +174,18 @@ def test_key_given_in_two_places_of_a_sweep_is_rejected(plan):
     text = EXAMPLE.replace('"steering.valve.dead_band_v" = 0.8', '"tractor.mass_kg" = 700.0, "terrain.grade_deg" = 3')
     found = faults(plan, text)
     assert found == [
-        "axes.terrain.grade_deg: is in variant 'lqr, worn valve' as well; name it once",
-        "draws.tractor.mass_kg: is in variant 'lqr, worn valve' as well; name it once",
+        "axes.terrain.grade_deg: the key is also in variant 'lqr, worn valve'; specify it once",
+        "draws.tractor.mass_kg: the key is also in variant 'lqr, worn valve'; specify it once",
     ]
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("seeds = [1, 7, 1, 1]\n", "seeds: has 1 more than once; name each value once"),
+        ("seeds = [1, 7, 1, 1]\n", "seeds: 1 is listed more than once; list each value once"),
         ('[axes]\n"guidance.kind" = ["lqr", "stanley", "lqr"]\n', 'axes.guidance.kind: has "lqr" more than once'),
         ('[axes]\n"path.speed_m_s" = [1, 1.0]\n', "axes.path.speed_m_s: has 1 more than once"),
-        ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; write seeds"),
+        ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; set seeds"),
     ],
 )
 def test_duplicate_runs_are_rejected(plan, text, message):
@@ -218,7 +218,7 @@ def test_sweep_of_thousands_of_combinations_is_checked(plan, count):
 
 
 def test_error_names_an_invalid_or_unknown_base_scenario(plan):
-    assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: name a scenario")
+    assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: is missing; specify a scenario")
     (line,) = faults(plan, 'base = "side_slop"')
     assert line.startswith("base: unknown scenario 'side_slop'; did you mean 'side_slope")
     (line,) = faults(plan, 'base = "side_slope"\n[set]\n"terrain.grade_deg" = 80')
@@ -245,12 +245,12 @@ def test_impossible_tractors_are_reported_before_any_run(plan):
     inertia = faults(
         plan, 'base = "figure_eight"\n[axes]\n"tractor.yaw_inertia_kg_m2" = { from = 100, to = 900, count = 9 }'
     )
-    assert "leave the chassis an impossible inertia" in inertia[0]
+    assert "give an impossible inertia of the chassis" in inertia[0]
     places = [line.strip() for line in inertia if line.startswith("  ")]
     assert "tractor.yaw_inertia_kg_m2=100" in places
     assert "tractor.yaw_inertia_kg_m2=400" not in places
     drawn = faults(plan, 'base = "circle"\nset = { "plant.kind" = "bicycle" }\naxes = { "tractor.track_m" = [1, 3] }')
-    assert "leave the chassis an impossible inertia" in drawn[0]
+    assert "give an impossible inertia of the chassis" in drawn[0]
     (stiff, *where) = faults(
         plan, 'base = "figure_eight"\n[axes]\n"tractor.rear_tyre_damping_n_s_m" = [2e3, 1e6]\n"path.radius_m" = [9, 10]'
     )
@@ -259,7 +259,7 @@ def test_impossible_tractors_are_reported_before_any_run(plan):
     (light,) = faults(
         plan, 'base = "figure_eight"\nseeds = 3\n[set]\nfault = [{ kind = "payload", mass_kg = -690, start_s = 1.0 }]'
     )
-    assert light.startswith("fault[0].mass_kg: leaves the chassis")
+    assert light.startswith("fault[0].mass_kg: only ")
 
 
 @pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000], ids=["decimal", "hexadecimal"])

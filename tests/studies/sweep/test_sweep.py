@@ -212,11 +212,11 @@ def test_changed_sweep_file_runs_only_new_combinations(serial, file, tmp_path, c
     (folder / "notes.txt").write_text("mine")
     status, out, err = call(file, "--jobs", 1, "--out", folder)
     assert status == 0
-    assert out.startswith("8 runs done, 8 were there")
+    assert out.startswith("8 runs done, 8 already present")
     assert err == ""
     assert set(table(folder)["path.speed_m_s"].to_pylist()) == {0.8, 1.3}
     file.write_text(TEXT.replace("[0.8, 1.2]", "[0.8]"), encoding="utf-8")
-    assert call(file, "--jobs", 1, "--out", folder)[1].startswith("0 runs done, 8 were there")
+    assert call(file, "--jobs", 1, "--out", folder)[1].startswith("0 runs done, 8 already present")
     assert table(folder).num_rows == 8
     assert call(file, "--jobs", 1, "--shard", "1/8", "--out", folder, "--fresh")[0] == 0
     assert (folder / "notes.txt").exists()
@@ -231,7 +231,7 @@ def test_runs_are_repeated_after_a_data_file_changes(tmp_path, call):
     (tmp_path / "route.csv").write_text("x_m,y_m\n0,0\n10,0\n20,2\n")
     status, out, err = call("mine.toml", "--jobs", 1, "--out", "out")
     assert (status, out[:11]) == (0, "1 runs done")
-    assert err.startswith("out: rows of another identity are run again: 1 with other files\n")
+    assert err.startswith("out: rows with another identity are run again: 1 with other files\n")
 
 
 PLUGIN = '''
@@ -280,10 +280,10 @@ def test_run_that_raises_an_error_is_recorded_and_workers_load_plugins(tmp_path)
     assert rows[1]["error"] == "RuntimeError: no such thing (nasty.py, line 17)"
     assert "process died" in rows[2]["error"]
     assert "of which 2 did not end as expected" in out
-    assert without_progress(err) == "2 runs raised an error; column error says which\n"
+    assert without_progress(err) == "2 runs raised an error, listed in column error\n"
     (tmp_path / "nasty.py").write_text(PLUGIN + "# changed\n")
     again = processes.command(tmp_path, "sweep", "mine.toml", "--plugin", "nasty.py", "--out", "out")
-    assert again.stderr.startswith("out: rows of another identity are run again: 3 with other plugins\n")
+    assert again.stderr.startswith("out: rows with another identity are run again: 3 with other plugins\n")
 
 
 def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path, call, monkeypatch):
@@ -298,7 +298,7 @@ def test_a_full_disk_is_reported_and_the_command_resumes(serial, file, tmp_path,
 
     monkeypatch.setattr(resume, "write_json", write)
     status, out, err = call(file, "--jobs", 1, "--out", folder)
-    text = "No space left on device; 7 finished runs are kept; free some space and start the same command again"
+    text = "No space left on device; 7 finished runs are kept; free disk space and start the same command again"
     assert (status, out, err) == (1, "", f"{folder}: {text}\n")
     monkeypatch.undo()
     found = run_sweep(file, folder, SweepOptions(jobs=1, quiet=True))
@@ -330,7 +330,7 @@ def test_sweep_keeps_the_files_requested_by_keep(tmp_path):
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b"])
 def test_an_invalid_shard_is_reported(call, file, text):
     status, _, err = call(file, "--shard", text)
-    assert (status, err) == (2, f"--shard {text}: write part and number of parts as 1/4, from 1/4 to 4/4\n")
+    assert (status, err) == (2, f"--shard {text}: write the part and the number of parts as in 1/4, from 1/4 to 4/4\n")
 
 
 def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):
@@ -339,12 +339,12 @@ def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):
     status, _, err = call("--merge", serial, "other", "--out", "all")
     assert (status, err) == (
         2,
-        "other: belongs to another sweep than the rest: different sweep; run it again there, or omit it\n",
+        "other: the folder belongs to another sweep: different sweep; run it again there, or omit it\n",
     )
     (tmp_path / "empty").mkdir()
     assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
     status, _, err = call("--merge", "mine.toml", "--out", "nowhere")
-    assert (status, "nowhere: no such folder; --merge joins" in err) == (2, True)
+    assert (status, "nowhere: no such folder; specify folders written with --shard" in err) == (2, True)
     assert not Path("nowhere").exists()
 
 
@@ -400,7 +400,7 @@ def killed_and_resumed(folder, text, kill_after_rows, serial_table):
         before = there
     out, err = processes.command(folder, "sweep", "mine.toml", "--out", "out", "--jobs", "1")[1:]
     assert without_progress(err) == ""
-    done, kept = map(int, re.match(r"(\d+) runs done, (\d+) were there", out).groups())
+    done, kept = map(int, re.match(r"(\d+) runs done, (\d+) already present", out).groups())
     assert kept == len(before)
     assert done + kept == serial_table.num_rows
     assert before.items() <= {file: file.stat().st_mtime_ns for file in rows.rglob("[0-9a-f]*.json")}.items()
