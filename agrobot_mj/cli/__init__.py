@@ -81,7 +81,6 @@ def _of_plugin(error: Exception) -> str:
 
 
 def _called() -> tuple[int, str]:
-    """Return the exit status of the command and its error message."""
     try:
         Path.cwd()
     except FileNotFoundError:

@@ -53,7 +53,6 @@ def document(command: str, status: int, error: str, content: Mapping[str, Any]) 
 
 @contextmanager
 def _stdout_to_stderr() -> Iterator[None]:
-    """Redirect all output within the block to stderr, including output of worker processes and libraries."""
     sys.stdout.flush()
     kept = os.dup(1)
     os.dup2(2, 1)

@@ -84,7 +84,6 @@ app = typer.Typer(
 
 
 def _add(commands: Commands) -> None:
-    """Add commands with the common options. Raises `ScenarioError` for a name in use."""
     for function, given in commands.items():
         if (name := command_name(function)) in COMMANDS:
             raise ScenarioError(f"a command {name} already exists")
@@ -96,7 +95,6 @@ def _add(commands: Commands) -> None:
 
 
 def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
-    """Return a deprecated command with a message on stderr that names its replacement."""
 
     @wraps(command)
     def begun(*given: Any, **options: Any) -> Any:

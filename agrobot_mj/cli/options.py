@@ -20,7 +20,6 @@ from agrobot_mj.simulation.results import check_folder
 
 
 def _starting_with(incomplete: str) -> list[str]:
-    """Return library names for shell completion."""
     return [name for name in scenario_files() if name.startswith(incomplete)]
 
 
@@ -178,10 +177,7 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the results folder: `out`, or a folder in runs/ named after `default` in safe characters.
-
-    Raises `ScenarioError` for a folder that is not writable, or that contains foreign files.
-    """
+    """Return the results folder: `out`, or a folder in runs/ named after `default` in safe characters."""
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]

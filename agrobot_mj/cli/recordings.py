@@ -69,12 +69,10 @@ def snapshot(
 
 
 def _has_display() -> bool:
-    """Return whether windows can be opened; True on systems other than Linux."""
     return not sys.platform.startswith("linux") or any(os.environ.get(key) for key in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def _check_recording(file: Path) -> None:
-    """Raise `ScenarioError` unless `file` is a recording."""
     if not file.is_file():
         raise ScenarioError(f"{file}: {absence(file)}")
     with file.open("rb") as stream:

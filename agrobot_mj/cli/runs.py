@@ -64,10 +64,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorder of a run, to its folder or to a live viewer; empty if neither is requested.
-
-    Without rerun-sdk a message on stderr takes the place of the recording.
-    """
+    """Return the recorder of a run, to its folder or to a live viewer; empty if neither is requested."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):

@@ -61,7 +61,6 @@ def sweep(
 
 
 def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
-    """Merge results folders into one table; a sweep file stands for its default folder."""
     from agrobot_mj.studies.sweep import merged
 
     folders = [Path(source) for source in sources if Path(source).is_dir()]
@@ -77,7 +76,6 @@ def _merge(sources: list[str], out: Path | None, quiet: bool) -> None:
 
 
 def _shard(text: str | None) -> tuple[int, int]:
-    """Return part number and number of parts from the text `i/n`."""
     if text is None:
         return 1, 1
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())

@@ -59,15 +59,11 @@ def _value(flag: str) -> str:
 
 
 def _as_toml(value: str) -> str:
-    """Return a value of the command line as TOML: a number as it is, other words in quotes."""
     return value if re.fullmatch(r"[+-]?\d[\d.e+-]*|true|false|\.\.\.", value) else f'"{value}"'
 
 
 def _key(word: str) -> str:
-    """Return the scenario key with this name, with or without unit, or the kind of the table with this name.
-
-    If several keys match, the shortest one is returned.
-    """
+    """Return the scenario key with this name, with or without unit, or the kind of the table with this name."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

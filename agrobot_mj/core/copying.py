@@ -64,7 +64,6 @@ def _tuple(value: tuple[Any, ...], memo: dict[int, Any]) -> tuple[Any, ...]:
 
 
 def _generator(generator: Generator) -> Generator:
-    """Return a generator that continues the same random sequence and spawns the same children."""
     bits = generator.bit_generator
     made = type(bits)(SeedSequence(**cast(SeedSequence, bits.seed_seq).state))
     made.state = bits.state

@@ -75,10 +75,7 @@ def read_identity(text: object) -> Identity | None:
 
 
 def differing(text: object, other: str) -> list[str]:
-    """Return the names of the parts in which two identity or code texts differ; [""] for an invalid text.
-
-    The comparison starts at the end of the texts: a code text has no scenario part and no files part.
-    """
+    """Return the names of the parts in which two identity or code texts differ; [""] for an invalid text."""
     names, one, two = Identity._fields[::-1], str(text).split("-")[::-1], other.split("-")[::-1]
     if len(one) < len(two):
         return [""]
@@ -116,7 +113,6 @@ def libraries() -> str:
 
 
 def _version(name: str) -> str:
-    """Return the version line of an installed library; `metadata.version` would take milliseconds."""
     try:
         text = distribution(name).read_text("METADATA") or ""
     except PackageNotFoundError:
@@ -169,10 +165,7 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
-    """Return the file of a module, or all files of the package that contains the module.
-
-    Excludes the standard library, this package and, unless `installed` is true, installed libraries.
-    """
+    """Return the file of a module, or all files of the package that contains the module."""
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
         return []
@@ -186,7 +179,6 @@ def _files_of(name: str, installed: bool) -> list[Path]:
 
 
 def _place(name: str) -> Path | None:
-    """Return the file of a module without importing the module."""
     if name in sys.modules:
         place = getattr(sys.modules[name], "__file__", None)
     else:

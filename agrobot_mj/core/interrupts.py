@@ -180,7 +180,6 @@ def _put_back() -> None:
 
 
 def _raise_signals(numbers: list[int]) -> None:
-    """Send all given signals to this process, even if a handler raises an exception."""
     if numbers:
         try:
             signal.raise_signal(numbers[0])

@@ -34,7 +34,6 @@ CHECKSUM = 4
 
 
 def _content() -> str:
-    """Return a hex digest of the sources of all kernels."""
     digest, package = hashlib.sha256(), Path(__file__).parents[1]
     for path in sorted(package.rglob("*.py")):
         text = path.read_bytes()
@@ -174,7 +173,6 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
 
 @cache
 def _tell() -> None:
-    """Print the message on a damaged cache, once per process."""
     print(f"{CACHE}: damaged compiled kernels are discarded and compiled again", file=sys.stderr)
 
 

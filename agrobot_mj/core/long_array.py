@@ -39,7 +39,6 @@ class LongArray:
         self._room = rows if self._map is None else 0
 
     def _mapped(self, shape: tuple[int, ...]) -> Array:
-        """Return an array mapped to a new temporary file."""
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - open as long as this array
         self._file.truncate(8 * prod(shape))
         self._map = mmap.mmap(self._file.fileno(), 0)
@@ -80,7 +79,6 @@ class LongArray:
 
 
 def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
-    """Return an array in memory; print a message once per folder. Raises OSError naming the folder if too large."""
     folder = tempfile.gettempdir()
     if 8 * prod(shape) > MOST_BYTES:
         reason = os.strerror(error.errno or errno.EIO)

@@ -132,10 +132,7 @@ def loaded(source: Source) -> Source:
 
 
 def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
-    """Raise `FieldLogError` unless `t` (n,) [s] is finite, increasing, and plausible in seconds.
-
-    `unit_key` is the key that sets the unit of the times.
-    """
+    """Raise `FieldLogError` unless `t` (n,) [s] is finite, increasing, and plausible in seconds."""
     where = f"{name}: {column!r}"
     if len(t) < 2:
         raise FieldLogError(f"{where} has {len(t)} rows; a log needs at least two")
@@ -241,7 +238,6 @@ def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
 
 
 def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
-    """Return cells as floats, shape (n,). Raises `FieldLogError` for cells that are not numbers."""
     kind = cells.type
     if pa.types.is_dictionary(kind):
         cells, kind = cells.cast(kind.value_type), kind.value_type
@@ -269,7 +265,6 @@ def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
 
 
 def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
-    """Return a description of the content of a non-numeric column, and the fix."""
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         words = [(k, v) for k, v in enumerate(cells.to_pylist(), 1) if v]
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))

@@ -179,7 +179,6 @@ class GnssFloat(Scripted):
         return state, conditions._replace(gnss_quality=quality, gnss_offset=(x + dx, y + dy))
 
     def _jump(self, state: FloatState, t: float) -> FloatState:
-        """Return the state with a new offset from `t` [s] on."""
         east, north = (self.jump_sigma_m * state.generator.standard_normal(2)).tolist()
         jumps = t + state.generator.exponential(self.jump_interval_s)
         return state._replace(jumps_s=jumps, offset=(east, north))

@@ -37,11 +37,7 @@ ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 
 
 def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:
-    """Return all metrics of a run as JSON values, starting with `outcome` if given.
-
-    `route` is the sampled path, if available. Raises `ScenarioError` if a metric returns values that its `columns` do
-    not declare.
-    """
+    """Return all metrics of a run as JSON values, starting with `outcome` if given."""
     view, found = RunView(log, route), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
         values = metric.evaluate(view)

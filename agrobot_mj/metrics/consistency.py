@@ -40,7 +40,6 @@ class Consistency(Metric):
 
 
 def _level_sideslip(view: RunView) -> dict[str, float | None]:
-    """Return the metric `level_sideslip`; empty if the estimator does not report sideslip."""
     try:
         sideslip = view.column("sideslip_hat")
     except (KeyError, ValueError):  # missing column
@@ -52,7 +51,6 @@ def _level_sideslip(view: RunView) -> dict[str, float | None]:
 
 
 def _antenna_mounting(view: RunView) -> dict[str, float | None]:
-    """Return the metric `antenna_mounting`; empty if the estimator does not report a mounting error."""
     try:
         mounting = view.column("mounting_hat")
     except (KeyError, ValueError):  # missing column

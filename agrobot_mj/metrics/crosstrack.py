@@ -33,10 +33,7 @@ class BesidePath(NamedTuple):
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Return the signed offset of the points (x, y) from the circles, left positive, shape (n,) [m].
-
-        The offset is exact if the path between the nearest points is a line or an arc.
-        """
+        """Return the signed offset of the points (x, y) from the circles, left positive, shape (n,) [m]."""
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
         ahead, left = np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east
@@ -52,10 +49,7 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
 
 
 def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
-    """Return the positions of the points (x, y) [m] relative to `path` at the times `t` [s], each of shape (n,).
-
-    `route` is the sampled path, if available.
-    """
+    """Return the positions of the points (x, y) [m] relative to `path` at the times `t` [s], each of shape (n,)."""
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
     beside = BesidePath(found[:, 0], found[:, 1], found[:, 2:])
     place, seen = 0.0, -inf

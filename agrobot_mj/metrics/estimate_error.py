@@ -40,10 +40,7 @@ def _inner(a: Vectors, b: Vectors, across: bool) -> float:
 
 
 def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
-    """Return the error of the estimated CG and the contribution of each cause, shape (ticks,), forward + i left [m].
-
-    The contribution of the filter is the residual.
-    """
+    """Return the error of the estimated CG and the contribution of each cause, shape (ticks,), forward + i left [m]."""
     s: Any = view.log.scenario
     tractor, column = s.tractor, view.column
     turned = np.exp(-1j * column("yaw"))

@@ -51,7 +51,6 @@ def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dic
 
 
 def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | None]]:
-    """Return the tracking errors of each row range in `choices`."""
     found: list[dict[str, float | None]] = [{} for _ in choices]
     for names, values in _columns(view):
         for name, statistic in names.items():

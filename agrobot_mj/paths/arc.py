@@ -92,10 +92,7 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the time [s] for the distance covered by `t` [s] at full speed, and speed / full speed at `t` [-].
-
-    The speed rises linearly from rest in the time `ramp` [s].
-    """
+    """Return the time [s] for the distance covered by `t` [s] at full speed, and speed / full speed at `t` [-]."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
@@ -113,10 +110,7 @@ def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tupl
 
 
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
-    """Return the reference of a point at `pose` with `speed` [m/s], negative in reverse.
-
-    `sharpness` [1/m2] is the change of curvature per metre along the heading.
-    """
+    """Return the reference of a point at `pose` with `speed` [m/s], negative in reverse."""
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)
     yaw = pi if yaw == -pi else yaw  # an angle just above pi may round to -pi
     return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature, sharpness * speed)

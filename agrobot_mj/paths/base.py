@@ -45,10 +45,7 @@ class PathOutline(NamedTuple):
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference of a path at time `t` [s].
-
-    Raise `ScenarioError` if the path returns no numeric reference, and `NotFiniteError` for NaN or infinity.
-    """
+    """Return the reference of a path at time `t` [s]."""
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:
@@ -62,10 +59,7 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 
 
 def start_of(path: "ReferencePath") -> Reference:
-    """Return the initial pose of the tractor: the start of the path with the offset and heading keys applied.
-
-    Raise `ScenarioError` if the path does not return a finite reference.
-    """
+    """Return the initial pose of the tractor: the start of the path with the offset and heading keys applied."""
     r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
         return r
@@ -74,7 +68,6 @@ def start_of(path: "ReferencePath") -> Reference:
 
 
 def _planned(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference at time `t` [s], before a run. Raise `ScenarioError` if it is not finite."""
     try:
         return reference_at(path, t)
     except NotFiniteError as error:
@@ -131,10 +124,7 @@ class ReferencePath(Spec):
         raise NotImplementedError
 
     def outline(self) -> PathOutline:
-        """Return samples of the first lap, one per tick up to MAX_SAMPLES.
-
-        Raise `ScenarioError` if a sample is not finite.
-        """
+        """Return samples of the first lap, one per tick up to MAX_SAMPLES."""
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)
         found = np.array([_planned(self, t) for t in times.tolist()])

@@ -128,5 +128,4 @@ class FigureEight(Transitions, ReferencePath):
 
 
 def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float]:
-    """Return the segments of one lap, last segment first, and the length of the lap [m]."""
     return _pieces(path.radius_m, path.straight_m, path.sharpness(path.speed_m_s))

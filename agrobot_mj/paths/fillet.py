@@ -59,10 +59,7 @@ class Corner(NamedTuple):
 
 
 def rounded(points: Array, closed: bool, how: Rounding) -> Course:
-    """Return one lap along the polyline `points`, shape (n, 2) or (n, 3): x, y [m] and speed [m/s].
-
-    The last point of a closed path equals its first. Raise ValueError with the waypoint if the path reverses.
-    """
+    """Return one lap along the polyline `points`, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
     legs = np.diff(points[:, :2], axis=0)
     lengths, yaws = np.hypot(*legs.T).tolist(), np.arctan2(legs[:, 1], legs[:, 0]).tolist()
     speeds = points[:, 2].tolist() if points.shape[1] == 3 else None

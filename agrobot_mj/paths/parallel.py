@@ -64,10 +64,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Return the passes in the order of travel, numbered across the field from the first.
-
-        Raise ValueError if U turns allow no order.
-        """
+        """Return the passes in the order of travel, numbered across the field from the first."""
         width = half_turn_width(self.turn_radius_m, self.sharpness(self.turn_speed_m_s))
         across = ceil(width / self.swath_m - 1e-9)
         if self.turn != "u" or across <= 1:
@@ -97,7 +94,6 @@ class Parallel(Transitions, Timed):
         return chain(start, (piece for piece, _ in self._pieces()), self.cusp_pause_s)
 
     def _pieces(self) -> Iterator[tuple[Piece, bool]]:
-        """Yield each segment, and whether it is a pass."""
         side, order = self.orientation[1], self.order
         turn = self.turn, self.turn_radius_m, self.sharpness(self.turn_speed_m_s), self.turn_speed_m_s
         yield Piece(self.length_m), True

@@ -44,7 +44,6 @@ class TimedCourse:
     """Course with the time of each joint."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
-        """Create the course with limits of speed [m/s], lateral and longitudinal acceleration [m/s2]."""
         course = course.divided()
         in_bends = np.sqrt(lateral / np.maximum(course.peaks, 1e-12))
         limits = np.minimum(np.minimum(speed, course.speeds), in_bends)

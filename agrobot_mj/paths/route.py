@@ -142,10 +142,7 @@ class SampledRoute:
         return self._nearest_from(*self.search(x, y, near, t), x, y)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
-        """Return the number of the sample nearest to (x, y) [m], and whether it is inside the searched range.
-
-        The range is within `window` [m] of the arc length `near` [m] on both sides, on the leg of time `t` [s].
-        """
+        """Return the number of the sample nearest to (x, y) [m], and whether it is inside the searched range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + window)
@@ -210,7 +207,6 @@ class SampledRoute:
             self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
 
     def _append(self, new: Array) -> None:
-        """Add consecutive samples (n, 9), and record changes of the direction of travel."""
         known = self._samples[-1:]
         joined = np.concatenate([known, new])
         distance = known[0, S] + np.cumsum(np.hypot(np.diff(joined[:, X]), np.diff(joined[:, Y])))

@@ -53,7 +53,6 @@ def track(stamp: Stamp, crs: str, closed: bool) -> Track:
 
 
 def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
-    """Return the longest line, or ring, or all points of a file, and a note about the others."""
     lines = [shape for shape in shapes if not shape.ring and shape.role != "point"]
     rings = [shape for shape in shapes if shape.ring and shape.role != "hole"]
     if not (choice := lines or rings):
@@ -66,7 +65,6 @@ def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
 
 
 def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
-    """Return the cleaned waypoints of a shape, and sentences about the others. Raise ValueError if they are invalid."""
     points = shape.points
     if len(points) > MAX_ROWS:
         raise ValueError(f"the file has {len(points)} waypoints, and the limit is {MAX_ROWS}; remove some rows")

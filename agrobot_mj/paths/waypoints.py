@@ -83,7 +83,6 @@ class Waypoints(Transitions, Timed):
         return (*self._track().notes, *_lap(self)[1])
 
     def _track(self) -> Track:
-        """Return the waypoints of the file. Raise ValueError if it is invalid."""
         try:
             self._stamp = self._stamp or stamp_of(self.file)
             return track(self._stamp, self.crs, self.closed)
@@ -125,7 +124,6 @@ class Waypoints(Transitions, Timed):
 
 @lru_cache(maxsize=16)
 def _lap(path: Waypoints) -> tuple[Course, tuple[str, ...]]:
-    """Return one lap of a path, and a sentence if a recorded track had to be smoothed."""
     points, reason = path.waypoints(), ""
     try:
         lap = path.rounded(points) if path.corners == "fillet" else smooth(points, path.smoothing_m, path.closed)

@@ -260,7 +260,6 @@ class BicyclePlant(RunningPlant):
 
     @property
     def _arrays(self) -> tuple[AnyArray, ...]:
-        """Arrays modified in place by a tick."""
         return self.state, self.samples, *self.valve_memory, *self.drive_memory
 
     def save(self) -> BicycleState:

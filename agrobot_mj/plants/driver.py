@@ -33,7 +33,6 @@ class Trace:
         return Trace(self.truths + later.truths, self._wheels + later._wheels)
 
     def __getitem__(self, name: str) -> Array:
-        """Return the time series of a field of `Truth`, shape (n,)."""
         return np.array([getattr(truth, name) for truth in self.truths])
 
     @property

@@ -127,7 +127,6 @@ def stacked(
 
 
 def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> rrb.Vertical:
-    """Return the column next to the scene: plots, and below them the states with the same time axis."""
     plots = aligned(plots)
     room = plots[0][1].room if plots else 0.0
     name = f"States; the run: {shown.outcome.replace('_', ' ')}" if shown.outcome else "States"

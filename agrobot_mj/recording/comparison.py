@@ -103,7 +103,6 @@ def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
 
 
 def _values(log: Log) -> dict[str, Array]:
-    """Return the available signals of a run by plot of `COMPARED`, in the unit of the plot."""
     found = {}
     for plot in COMPARED:
         column = plot.series[0].column
@@ -119,7 +118,6 @@ def _values(log: Log) -> dict[str, Array]:
 
 
 def _add_differences(runs: Sequence[RecordedRun]) -> None:
-    """Add the difference from the cross-track error of the first run to every other run on the same path."""
     first = runs[0].values.get("cross_track")
     for run in runs[1:]:
         own = run.values.get("cross_track")
@@ -130,7 +128,6 @@ def _add_differences(runs: Sequence[RecordedRun]) -> None:
 
 
 def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
-    """Send the tractor and the track of a run."""
     log = run.log
     times = nanoseconds(log.column("t"))
     there = sound_rows(log.poses, log.column("x"), log.column("y"))
@@ -148,7 +145,6 @@ def _send(stream: rr.RecordingStream, run: RecordedRun) -> None:
 
 
 def _send_name(stream: rr.RecordingStream, run: RecordedRun, times: Times, places: Array) -> None:
-    """Send the name of a run above its tractor, which is at `places` (n, 3) [m]."""
     scene, size, entity = run.log.scene, run.log.scenario.tractor.size, f"{NAMES}/{run.entity}"
     top = max(geom.pos[2] + min(geom.size) for geom in scene.geoms if geom.body == scene.bodies[0])
     name_points(stream, entity, [run.name], [run.colour])
@@ -202,7 +198,6 @@ def _painted(geom: Geom, run: RecordedRun) -> Geom:
 
 
 def _blueprint(runs: Sequence[RecordedRun], plots: Sequence[tuple[Plot, Frame]], reference: Array) -> rrb.Blueprint:
-    """Return the layout of a comparison: scene with plots next to it, and the tab of text."""
     longest = max((run.log for run in runs), key=lambda log: log.rows.filled)
     t = longest.column("t")
     end_s = float(t[-1]) if len(t) else 0.0

@@ -81,7 +81,6 @@ def _page(scenario: Scenario, result: str) -> str:
 
 
 def _metrics(metrics: dict[str, Any], title: str) -> str:
-    """Return the numbers and texts of a table as Markdown, without nested tables."""
     rows = [
         (name, _cell(value), unit_of(name)) for name, value in metrics.items() if isinstance(value, int | float | str)
     ]
@@ -89,7 +88,6 @@ def _metrics(metrics: dict[str, Any], title: str) -> str:
 
 
 def _turns(metrics: dict[str, Any]) -> str:
-    """Return a Markdown table with one column per turn."""
     turns, shares = metrics["per_turn"], metrics["nn_share"]
     if not turns:
         return ""
@@ -101,7 +99,6 @@ def _turns(metrics: dict[str, Any]) -> str:
 
 
 def _passes(metrics: dict[str, Any]) -> str:
-    """Return the pass-to-pass accuracy with one line per pass; empty for a path without passes."""
     found = metrics.get("iso_12188_2_style")
     if found is None:
         return ""

@@ -70,7 +70,6 @@ def path_errors(s: Tables) -> list[str]:
 
 
 def _are_spans(turns: Any) -> bool:
-    """Return whether `turns` contains at least one pair of times (start, end) [s], all finite and not negative."""
     try:
         return len(turns) > 0 and all(0.0 <= start <= end < inf for start, end in turns)
     except (TypeError, ValueError):

@@ -33,7 +33,6 @@ def _faults(scenario: Scenario) -> Iterator[str]:
 
 
 def _late(scenario: Scenario) -> Iterator[str]:
-    """Yield a hint if the latency of all fixes exceeds the limit of the supervisor."""
     late, most = scenario.sensors.gnss.latency_s, scenario.supervisor.coasting_after_s
     if scenario.supervisor.enabled and late > most:
         why = f"the latency of the fixes is always longer (sensors.gnss.latency_s = {late:g} s), so the tractor coasts"
@@ -41,7 +40,6 @@ def _late(scenario: Scenario) -> Iterator[str]:
 
 
 def _overruled(scenario: Scenario) -> Iterator[str]:
-    """Yield a hint if the scenario overrides most keys of its machine, as in a resolved file of another machine."""
     given = flat(explicit_values(on_machine({"machine": scenario.machine})))
     used = dict(flat(scenario.model_dump(mode="json")))
     other = [key for key, value in given if used.get(key) != value]
@@ -59,7 +57,6 @@ def _machine(scenario: Scenario) -> list[str]:
 
 
 def _learned(scenario: Scenario) -> Iterator[str]:
-    """Yield a hint if a learned map belongs to a lap of another length."""
     if (file := getattr(scenario.guidance, "file", None)) is None:
         return
     lap = SampledRoute(scenario.path).lap()

@@ -51,10 +51,7 @@ EXACT = 1e-6
 
 
 def embody(data: dict[str, Any], source: str) -> set[str]:
-    """Add the keys of `[tractor]` that the body file defines to plain data; return their names.
-
-    Raises `ScenarioError` with all errors of the body file, or with all keys that contradict it.
-    """
+    """Add the keys of `[tractor]` that the body file defines to plain data; return their names."""
     tractor = data.get("tractor")
     if not isinstance(tractor, dict) or not isinstance(name := tractor.get("mjcf"), str) or not name:
         return set()

@@ -45,7 +45,6 @@ def json_text(data: Mapping[str, Any], source: str) -> bytes:
 
 
 def _as_plain(value: Any) -> Any:
-    """Convert a numpy value to a Python value, and other objects to text."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
 
 
@@ -156,10 +155,7 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute: in the first folder that contains the file, otherwise in the last folder.
-
-    Library files keep their names, unless one of the folders contains a file of the same name.
-    """
+    """Make file paths absolute: in the first folder that contains the file, otherwise in the last folder."""
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]
@@ -196,10 +192,7 @@ def files(data: Any) -> list[Path]:
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace file paths in plain data by unique file names in one folder; return the original path of each name.
-
-    Library files keep their names. Raises `ScenarioError` if a file named in another file cannot keep its name.
-    """
+    """Replace file paths in plain data by unique file names in one folder; return the original path of each name."""
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):

@@ -67,7 +67,6 @@ def path_hints(scenario: Scenario) -> Iterator[str]:
 
 
 def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
-    """Yield a hint about a bend close to the steering limit, or else about a change of curvature that is too fast."""
     tractor, rate = s.tractor, s.vehicle.steering_rate
     if not s.path.max_curvature or not rate:
         return
@@ -119,19 +118,16 @@ def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
 
 
 def _radius(s: Scenario) -> tuple[str, str]:
-    """Return the name of the bend radius in messages, and the key at the start of the message."""
     key = s.path.radius_key
     return (f"path.{key}", f"path.{key}") if key else ("bends", "path")
 
 
 def _speed_key(s: Scenario, worst: Change) -> str:
-    """Return the key that limits the speed at the change."""
     turning = getattr(s.path, "turn_speed_m_s", s.path.speed_m_s)
     return "path.turn_speed_m_s" if worst.speed <= 1.001 * turning and turning < s.path.speed_m_s else "path.speed_m_s"
 
 
 def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
-    """Yield a hint if the path leaves the ground, unless the scenario expects this outcome."""
     if s.expected_outcome == "left_terrain":
         return
     try:

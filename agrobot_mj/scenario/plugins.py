@@ -143,17 +143,13 @@ def _same(there: Any, member: type[Spec]) -> bool:
 
 
 def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
-    """Return the error for a name of another class; the message includes the file of a class outside the package."""
     own = there.__module__.startswith("agrobot_mj.")
     file = None if own else getattr(sys.modules.get(there.__module__), "__file__", None)
     return ScenarioError(f"register: {what} already exists{f', from {file}' if file else ''}; choose {choose}")
 
 
 def _family(member: type[Spec]) -> list[Key]:
-    """Return the keys of the family of a class, shortest key first.
-
-    The members of a family share a base class with `member`. A family has several keys if its members can be nested.
-    """
+    """Return the keys of the family of a class, shortest key first."""
     bases: dict[type, dict[Key, None]] = {}
     for key in keys(Scenario):
         for known in key.kinds.values():

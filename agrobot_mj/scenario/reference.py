@@ -53,7 +53,6 @@ def families() -> dict[str, dict[str, type[Spec]]]:
 
 @cache
 def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
-    """Return the families for one state of the schema, which is the cache key."""
     found: dict[str, dict[str, type[Spec]]] = {}
     for key in keys(Scenario):
         if kinds := key.kinds:
@@ -79,10 +78,7 @@ class KnownKind(NamedTuple):
 
 
 def known_kinds() -> list[KnownKind]:
-    """Return all kinds of all parts, all sensors and all metrics.
-
-    A kind that is also allowed in a nested table of its family, such as a law inside another law, is listed once.
-    """
+    """Return all kinds of all parts, all sensors and all metrics."""
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
     found = [
@@ -122,13 +118,11 @@ def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
 
 @cache
 def _properties(owner: type[Spec], built: object) -> dict[str, Any]:
-    """Return the JSON schemas of the keys of a class, for one state of the schema, which is the cache key."""
     found: dict[str, Any] = owner.model_json_schema()["properties"]
     return found
 
 
 def _in_words(schema: dict[str, Any]) -> str:
-    """Return type and range of a JSON schema in words."""
     if options := schema.get("anyOf"):
         return ", or ".join(_in_words(option) for option in options)
     if "const" in schema or "enum" in schema:
@@ -144,7 +138,6 @@ def _in_words(schema: dict[str, Any]) -> str:
 
 
 def _as_toml(value: Any) -> str:
-    """Return a default as TOML, or a word for the default of a table."""
     if value is None:
         return "omitted"
     if isinstance(value, Spec):
@@ -209,7 +202,6 @@ def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
 
 
 def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
-    """Return description and keys of a kind."""
     table, kind = chosen
     part = families()[table][kind]
     more = (inspect.getdoc(part) or "").partition("\n")[2]
@@ -218,7 +210,6 @@ def _kind_text(chosen: tuple[str, str], having: list[TableClass]) -> str:
 
 
 def _metric_text(metric: Metric) -> str:
-    """Return description and values of a metric."""
     width = max((len(column.name) for column in metric.columns), default=0)
     values = [f"  {column.name:{width}}  {column.description} [{column.unit}]" for column in metric.columns]
     text = inspect.getdoc(type(metric)) or ""
@@ -243,7 +234,6 @@ def _holding(words: list[str]) -> list[str]:
 
 
 def _words(words: list[str]) -> str:
-    """Return the search words with their synonyms, for the first line of the result."""
     others = list(dict.fromkeys(other for word in words for other in alternatives(word)[1:]))
     also = f" or {', '.join(map(repr, others))}" if others else ""
     return f"no key {' '.join(words)!r}; keys that contain it{also}"
@@ -254,7 +244,6 @@ def _indented(text: str) -> list[str]:
 
 
 def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
-    """Return description, unit, type, default and source of a key, and the kinds that have the key."""
     rows = {"unit": doc.unit, "value": doc.kind, "default": doc.default, "source": doc.source}
     lines = [*_indented(doc.text), *(f"  {name:8} {text}" for name, text in rows.items() if text)]
     chosen = dict.fromkeys(choice for place in having for choice in place.kinds)
@@ -266,7 +255,6 @@ def _doc_lines(doc: Doc, having: list[TableClass]) -> list[str]:
 
 
 def _kinds_of(table: str) -> list[str]:
-    """Return one line per kind of a table, with the default marked; empty for a table without kinds."""
     kinds, usual = families().get(table, {}), usual_kind(table)
     width = max(map(len, kinds), default=0)
     lines = [
@@ -284,7 +272,6 @@ def usual_kind(table: str) -> str | None:
 
 
 def _keys_of(table: str, having: list[TableClass]) -> list[str]:
-    """Return the keys of a table with their defaults, and with the kinds if only some kinds have the key."""
     rows: dict[tuple[str, str], tuple[str, list[str]]] = {}
     for place in having:
         for name in place.owner.model_fields:
@@ -301,7 +288,6 @@ def _keys_of(table: str, having: list[TableClass]) -> list[str]:
 
 
 def _in_short(place: TableClass, name: str) -> tuple[str, str]:
-    """Return the default and a one-line description of a key; the kinds of a table without description."""
     doc, parts = document(place, name), members(place.owner.model_fields[name].annotation)
     text = " ".join(doc.text.split())
     if not text and parts:
@@ -310,7 +296,6 @@ def _in_short(place: TableClass, name: str) -> tuple[str, str]:
 
 
 def _nearest(key: str) -> str:
-    """Return the end of the error message for an unknown key, with up to three similar keys."""
 
     def likeness(dotted: str) -> float:
         whole = SequenceMatcher(None, key, dotted).ratio()
@@ -336,7 +321,6 @@ def json_schema() -> dict[str, Any]:
 
 
 def _drop_titles(schema: Any) -> None:
-    """Remove generated titles, which repeat the keys."""
     if isinstance(schema, list):
         for item in schema:
             _drop_titles(item)

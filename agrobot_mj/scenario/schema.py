@@ -72,10 +72,7 @@ class Scenario(Tables):
 def resolve(
     data: dict[str, Any], source: str, overrides: Mapping[str, Any] | None = None, files: bool = True
 ) -> Scenario:
-    """Return a scenario from plain data with overrides by dotted key; `source` names the data in messages.
-
-    Without `files`, path and ground are not checked. Raises `ScenarioError`.
-    """
+    """Return a scenario from plain data with overrides by dotted key; `source` names the data in messages."""
     overrides = overrides or {}
     default = on_machine(data, overrides)
     for key, value in sorted(overrides.items(), key=lambda item: item[0] != "machine"):

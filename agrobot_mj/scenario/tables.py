@@ -175,7 +175,6 @@ class Tables(Spec):
 
 
 def _contradictions(s: Tables) -> list[str]:
-    """Yield error messages about keys that are valid individually but contradict each other."""
     found = []
     if abs(s.steps_per_tick * s.step_s - TICK_S) > 1e-9:
         better = next(TICK_S / n for n in DIVISORS if TICK_S / n <= s.step_s)
@@ -205,7 +204,6 @@ def _special(terrain: Terrain) -> str:
 
 
 def _beyond_the_bicycle(s: Tables) -> list[str]:
-    """Yield error messages about features that the bicycle plant does not support."""
     found = []
     if s.terrain.kind != "flat":
         found.append(

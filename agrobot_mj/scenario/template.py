@@ -63,7 +63,6 @@ def _in_default(key: str) -> bool:
 
 
 def _key(place: TableClass, name: str) -> list[str]:
-    """Return the lines of a key: description, then the key as a comment."""
     about = wrap(" ".join(place.owner.describe(name).split()), 118)
     value = getattr(place.default, name, None)
     line = f"{name} =" if value is None else tomli_w.dumps({name: value}).strip()
@@ -71,7 +70,6 @@ def _key(place: TableClass, name: str) -> list[str]:
 
 
 def _table(key: str) -> list[str]:
-    """Return the lines of a table with its default kind."""
     kind = usual_kind(key)
     place = next(place for place in places(Scenario(), key.split(".")) if place.kinds[-1] == (key, kind))
     lines = [*_kinds(key), f"[{key}]", f'kind = "{kind}"']
@@ -84,7 +82,6 @@ def _table(key: str) -> list[str]:
 
 
 def _list(key: str) -> list[str]:
-    """Return the lines of a list of tables; it is empty by default."""
     kind = next(iter(families()[key]))
     return [*_kinds(key), f"# [[{key}]]", f'# kind = "{kind}"', f"# see `agrobot-mj explain {key}`"]
 

@@ -56,7 +56,6 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
 
 
 def _draw(logs: Sequence[tuple[Case, Log]], folder: Path) -> None:
-    """Draw the figures; without matplotlib, print the command that installs it."""
     if not installed("matplotlib"):
         print('no figures: matplotlib is not installed; pip install "agrobot-mj[report]"', file=sys.stderr)
         return
@@ -71,7 +70,6 @@ def _metrics(place: Path) -> dict[str, Any]:
 
 
 def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
-    """Return the log of a run from its files, including poses that were kept for the common recording."""
     task = store.asked(store.plan.task(number))
     sim = Simulation(store.file(task, "scenario.toml"))
     table = pq.read_table(store.file(task, "signals.parquet").absolute())
@@ -83,7 +81,6 @@ def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:
 
 
 def _row(case: Case, piece: int, row: Row, metrics: dict[str, Any]) -> Row:
-    """Return a row of comparison.json."""
     law = {"controller": case.controller, "guidance": case.scenario.guidance.kind, "variant": case.variant}
     about = {"plant": case.plant, **law, "seed": case.seed, "folder": case.folder, "piece": piece}
     end = ("outcome", "expected") if metrics else ("outcome", "expected", "error", "wall_s", "identity")
@@ -162,11 +159,7 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence per plant: which law has the smallest lateral mean square error in every seed.
-
-    A second plant adds how that error differs from the one on the first plant. There are no sentences if a run failed
-    or the runs cover different segments of the path.
-    """
+    """Return a sentence per plant: which law has the smallest lateral mean square error in every seed."""
     if any(error_of(row, "lateral_mse") is None for row in rows) or len({row.get("piece") for row in rows}) > 1:
         return []
     found, first = list[str](), dict[str, float]()
@@ -204,7 +197,6 @@ def _place(row: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def _numbers(row: Mapping[str, Any], pd_mse: float | None) -> list[str]:
-    """Return the cells of a table row, starting with the lateral mean square error."""
     mse = error_of(row, "lateral_mse")
     turns = (row.get("per_turn") or []) if has_errors(row) else []
     whole = {turn["turn"]: turn for turn in turns if turn["complete"]}

@@ -161,7 +161,6 @@ def competing(
 
 
 def _is_law(variant: SweepVariant) -> bool:
-    """Return whether a variant changes the guidance law or its yaw controller."""
     return any(key.split(".")[0] in ("guidance", "controller") for key in variant.set)
 
 
@@ -213,7 +212,6 @@ def _takes_controller(scenario: Scenario) -> bool:
 
 
 def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
-    """Return the scenario with a law and a plant. Raises `ScenarioError`."""
     try:
         changed = scenario.changed({"plant.kind": plant, **law.overrides})
     except ScenarioError as error:
@@ -228,7 +226,6 @@ def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
 
 
 def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
-    """Return the scenario with a law and a plant, or the error if the combination is impossible."""
     try:
         return _checked(scenario, plant, law)
     except ScenarioError as error:

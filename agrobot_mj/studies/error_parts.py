@@ -21,7 +21,6 @@ def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
 
 
 def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
-    """Return a sentence if the estimator part exceeds the guidance part in most runs; otherwise an empty string."""
     parts = [(row, error_of(row, ESTIMATOR), error_of(row, GUIDANCE)) for row in rows]
     known = [(row, estimator, guidance) for row, estimator, guidance in parts if estimator is not None and guidance]
     led = [row for row, estimator, guidance in known if estimator > guidance]
@@ -35,7 +34,6 @@ def _dominance(cases: Mapping[str, Sequence[Row]], rows: Sequence[Row]) -> str:
 
 
 def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
-    """Return a sentence with the case of the minimum guidance part."""
     means = {
         name: fmean(values)
         for name, rows in cases.items()
@@ -46,7 +44,6 @@ def _ahead(cases: Mapping[str, Sequence[Row]]) -> str:
 
 
 def _warnings(rows: Sequence[Row]) -> list[str]:
-    """Return a sentence with the number of runs with warnings about the estimate, and the first warning."""
     warned = [text for row in rows if (text := row.get("estimate_warning"))]
     if not warned:
         return []

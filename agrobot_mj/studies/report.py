@@ -144,7 +144,6 @@ FIGURES += [control_signals, yaw_rate_error, q]
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:
-    """Return a figure of a tracking error over time, with all runs of a plant in one panel."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         t, values = run.log.column("t"), -run.log.column(column)
@@ -157,7 +156,6 @@ def _error(runs: Runs, column: str, label: str) -> Figure:
 def _panels(
     runs: Runs, draw: Callable[[Axes, ReportedRun], None], label: str, keys: list[Line2D], rows: bool = True
 ) -> Figure:
-    """Return a figure over time with one column of panels per plant, and one row per law or a single row."""
     plants, laws = _plants(runs), list(dict.fromkeys(run.law for run in runs)) if rows else [""]
     height = 1.45 * len(laws) + 0.7 if rows else 2.6
     figure = Figure((PANEL_WIDTH_IN * len(plants), height), layout="constrained")
@@ -171,7 +169,6 @@ def _panels(
 
 
 def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D]) -> None:
-    """Mark the ends of turns, limit and label the axes, and add the legend."""
     _leave_out_lost(grid, next((limit for unit, limit in LOST.items() if unit in label), np.inf))
     ends = [end for _, end in runs[0].log.scenario.path.turns_s[:-1]][:10]
     for axes in grid.flat:
@@ -209,13 +206,11 @@ def _legend(figure: Figure, keys: list[Line2D]) -> None:
 
 
 def _width(widths: Sequence[float], columns: int) -> float:
-    """Return the width of a legend filled column by column [in]."""
     rows = -(-len(widths) // columns)
     return sum(max(widths[first : first + rows]) for first in range(0, len(widths), rows))
 
 
 def _has(run: ReportedRun, column: str) -> bool:
-    """Return whether a signal has values other than zero."""
     return bool(np.nan_to_num(run.log.column(column)).any())
 
 
@@ -233,14 +228,12 @@ def _keys(runs: Runs) -> list[Line2D]:
 
 
 def _failed(runs: Runs) -> list[Line2D]:
-    """Return the legend entry of failed runs; empty without failed runs."""
     if not any(run.failed for run in runs):
         return []
     return [Line2D([], [], label="failed", color="black", marker="x", markersize=5, linestyle="")]
 
 
 def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> None:
-    """Mark the end of a failed run with a cross."""
     if run.failed and len(x):
         axes.scatter(x[-1:], y[-1:], marker="x", s=25, color=_colour(runs, run.law), zorder=3)
 
@@ -280,7 +273,6 @@ def _draw_noisy(axes: Axes, t: Array, values: Array, colour: str) -> None:
 
 
 def _smooth(t: Array, values: Array) -> Array:
-    """Return the centred moving average of the finite values over SMOOTHING_S."""
     return values if len(t) < 2 else moving_mean(values, round(SMOOTHING_S / (t[1] - t[0])))
 
 

@@ -73,10 +73,7 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % bootstrap interval of the mean, reproducible for the same values.
-
-    The interval of a single value is the value; NaN without values.
-    """
+    """Return the two-sided 95 % bootstrap interval of the mean, reproducible for the same values."""
     from scipy.stats import bootstrap
 
     if len(values) < 2:

@@ -48,10 +48,7 @@ class Sized(Spec):
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Return the numbers of cells to the east and north in a grid with square cells of at most `largest` [m].
-
-    The longer side is divided evenly; cells of the same size cover the shorter side.
-    """
+    """Return the numbers of cells to the east and north in a grid with square cells of at most `largest` [m]."""
     longer, shorter = max(half_sizes), min(half_sizes)
     most = max(1, ceil(2 * longer / largest - 1e-9))
     fewest = max(1, ceil(most * shorter / longer - 1e-9))

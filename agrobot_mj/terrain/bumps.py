@@ -104,6 +104,5 @@ def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[f
 
 
 def _between(nodes: Array, low: float, high: float) -> slice:
-    """Return the slice of the nodes of an axis between `low` and `high` [m]."""
     step = (nodes[-1] - nodes[0]) / (nodes.size - 1)
     return slice(max(0, ceil((low - nodes[0]) / step)), max(0, ceil((high - nodes[0]) / step)))

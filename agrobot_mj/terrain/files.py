@@ -65,7 +65,6 @@ def read_picture(file: str) -> Array:
 
 @contextmanager
 def _keyed() -> Iterator[None]:
-    """Prepend the key `file` to the message of a ValueError."""
     try:
         yield
     except ValueError as error:
@@ -73,7 +72,6 @@ def _keyed() -> Iterator[None]:
 
 
 def _fits(path: Path, shape: tuple[int, ...]) -> None:
-    """Raise ValueError if the shape is not a grid or is too large."""
     if len(shape) != 2:
         refuse(path, f"the array has {len(shape)} dimensions; store heights as an array of rows and columns")
     rows, columns = shape
@@ -84,7 +82,6 @@ def _fits(path: Path, shape: tuple[int, ...]) -> None:
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:
-    """Return the result of `read`; convert any exception to a message with the `fix`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # e.g. numpy's warning for a header with an impossible size
@@ -157,7 +154,6 @@ def _read_tiff(path: Path) -> Sheet:
 
 
 def _text(path: Path, size: int = -1) -> list[str]:
-    """Return the words in the first `size` characters; by default in the complete file."""
 
     def read() -> list[str]:
         with path.open(encoding="utf-8-sig") as stream:
@@ -168,7 +164,6 @@ def _text(path: Path, size: int = -1) -> list[str]:
 
 
 def _head_of(path: Path) -> dict[str, float]:
-    """Return the header as numbers by key, in lower case."""
     found: dict[str, float] = {}
     words = _text(path, LONGEST_HEAD)
     for word, number in zip(words[::2], words[1::2], strict=False):

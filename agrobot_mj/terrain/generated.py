@@ -68,7 +68,6 @@ class Generated(Sized, Tilted):
         return columns, rows
 
     def _fitting(self) -> str:
-        """Return the values of keys that limit the number of nodes, as text for a message."""
         east, north = (2 * half for half in self.half_sizes)
         # (east u + 2) (north u + 2) = MOST_NODES for u nodes per metre: 2 more than cells, whose number is rounded up
         linear, square = east + north, east * north

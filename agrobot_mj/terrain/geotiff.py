@@ -61,7 +61,6 @@ def values_of(path: Path, image: Any) -> Array:
 
 
 def _geo_keys(tags: Any) -> dict[int, int]:
-    """Return the geo keys whose value is stored in the key itself."""
     words = [int(word) for word in tags.get(GEO_KEYS, ())]
     rows = zip(*(words[k::4] for k in range(4)), strict=False)
     return {key: value for key, where, _, value in list(rows)[1:] if where == 0}

@@ -100,7 +100,6 @@ def tile_of(memory: SoilMemory, row: int, column: int) -> int:
 
 
 def _places(memory: SoilMemory) -> AnyArray:
-    """Return the row and column of every tile in use, shape (n, 2), in the order of the store."""
     found = np.argwhere(memory.tiles >= 0)
     ordered: AnyArray = found[np.argsort(memory.tiles[tuple(found.T)])].astype(np.int32)
     return ordered

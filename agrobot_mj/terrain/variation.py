@@ -96,7 +96,6 @@ class Variation(Spec):
         return friction, 1e3 * strength
 
     def _log_normal(self, name: str, shape: tuple[int, int], cell: float, spread: float) -> Array:
-        """Return a field of mean 1 whose standard deviation is `spread` [-]."""
         variance = log1p(spread * spread)
         return np.exp(self._gaussian(name, shape, cell, sqrt(variance)) - variance / 2)
 

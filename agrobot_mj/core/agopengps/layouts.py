@@ -122,7 +122,6 @@ def _scan_reply(data: bytes) -> ScanReply:
 
 
 def _plain(message: Callable[..., Message], layout: str) -> Codec:
-    """Return the codec of a host message with unscaled fields, zero-padded to eight bytes."""
     fields = Struct(layout)
     return Codec(
         HOST, fields.size, lambda m: fields.pack(*m).ljust(8, b"\0"), lambda data: message(*fields.unpack_from(data))

@@ -70,7 +70,6 @@ def data_sheet(machine: str) -> Iterator[Measured]:
 
 
 def _plant(scenario: Scenario, ground: Ground = LEVEL) -> MujocoPlant:
-    """Return the machine at rest on the ground."""
     assert isinstance(scenario.plant, Mujoco)
     plant = MujocoPlant(scenario.plant, scenario.vehicle, ground, Clock.of(scenario.step_s))
     plant.reset(ORIGIN)
@@ -107,7 +106,6 @@ def _turning(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _rate(driver: Driver, side: int) -> float:
-    """Return the steering rate near straight ahead at full voltage [deg/s]."""
     seen = np.concatenate(
         [t.steer_samples for t in driver.go_by_voltage(6.0, NEUTRAL_V + side * FULL_RANGE_V / 2).truths]
     )

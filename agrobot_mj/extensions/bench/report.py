@@ -25,7 +25,6 @@ def validation_page(folder: Path) -> Document:
 
 
 def _bands(judged: list[dict[str, Any]]) -> Chart:
-    """Return the chart of the position of each number within its band, one row per manoeuvre."""
     data = []
     for k, subject in enumerate(dict.fromkeys(check["subject"] for check in judged)):
         points = [(c, place) for c in judged if c["subject"] == subject and (place := _place(c)) is not None]

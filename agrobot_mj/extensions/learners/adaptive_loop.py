@@ -210,7 +210,6 @@ class AdaptiveLoop(AngleLoop):
         return side._replace(gain=gain, offset=gain * dead_band)
 
     def _first(self) -> tuple[Side, Side]:
-        """Return both sides with the gain and dead band of the keys and their initial uncertainty."""
         g, d = radians(self.gain_deg_s_v), self.dead_band_v
         share, band = UNSURE
         P = ((share * g) ** 2, share**2 * g * g * d, (share * g * d) ** 2 + (g * band) ** 2)

@@ -121,10 +121,7 @@ class LapMap(Spec):
         return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
 
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
-        """Return the state before the first tick, at arc length `s` [m] of a path with laps of length `lap` [m].
-
-        `known` has the values of the quantity `name` learned in an earlier run.
-        """
+        """Return the state before the first tick, at arc length `s` [m] of a path with laps of length `lap` [m]."""
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
         rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
@@ -162,7 +159,6 @@ class LapMap(Spec):
         return {key: np.column_stack([place, value]) for key, value in zip(_names(name), values, strict=True)}
 
     def _next_lap(self, state: LapState, lap: int, bound: float) -> LapState:
-        """Finish the present lap: evaluate its map, learn from it and return the state for lap number `lap`."""
         state = _met(state, -1, 0.0, None)
         ticks, square, learnt, corrected = state.cells.T
         fresh = state._replace(lap=lap, cells=np.zeros_like(state.cells), here=np.zeros_like(state.here), whole=True)

@@ -81,10 +81,7 @@ class AngleLearner(LearningLaw):
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law plus the learned angle `ahead`, of which the wheels have reached `answered` [rad].
-
-        `offset` is the lateral distance of the tractor from the path [m].
-        """
+        """Return the inner law plus the learned angle `ahead`, of which the wheels have reached `answered` [rad]."""
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         wanted, limit = command.steer + ahead, situation.machine.steer_limit
         free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None

@@ -132,10 +132,7 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """Return the `Answer` of a run with an external program; `given` contains scenario, keys and overrides.
-
-    `about` returns a text about the metrics of the link. If the program never starts, the recording is deleted.
-    """
+    """Return the `Answer` of a run with an external program; `given` contains scenario, keys and overrides."""
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.results import remove, results

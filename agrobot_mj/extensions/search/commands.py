@@ -79,14 +79,12 @@ def limit(
 
 
 def _tell(key: str, quiet: bool, law: str, tried: "Tried") -> None:
-    """Print the outcomes of the runs of a law at one value of the key."""
     ends = f" ({tried.ends})" if tried.unexpected else ""
     if not quiet:
         say(f"{law}: {key} = {tried.value:g}: {tried.share} succeed{ends}")
 
 
 def _ends(text: str) -> tuple[float, float]:
-    """Return start and end of a range `A:B`. Raises `ScenarioError` for other text."""
     first, colon, last = text.partition(":")
     try:
         if colon:
@@ -267,7 +265,6 @@ def tune(
 
 
 def _score(part: dict[str, Any], name: str) -> str:
-    """Return a mean cost as text, with the failed runs."""
     failed = part[name]["failed"]
     return f"{part[name]['mean']:.3f}" + (f" (failed {failed})" if failed else "")
 

@@ -36,10 +36,7 @@ class MeasuredCourse:
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the trajectories of an ordinary run and of a failed run, if any, with the times of their branches [s].
-
-    `kept` gives the recording files to keep and their names in the folder.
-    """
+    """Return the trajectories of an ordinary run and of a failed run, if any, with the times of their branches [s]."""
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
     rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
@@ -68,11 +65,7 @@ class _Renamed(NamedTuple):
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return the figure of an ordinary and a failed run, its empty panel and its panel of the margin.
-
-    The figure shows the margin over time, and both tracks with the reference. Dots mark branches of the noise, crosses
-    the time at which the condition was met.
-    """
+    """Return the figure of an ordinary and a failed run, its empty panel and its panel of the margin."""
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
     close, above = panels["close"], panels["above"]

@@ -41,7 +41,6 @@ def _counts(outcomes: dict[str, int]) -> str:
 
 
 def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
-    """Return the chart of the success rate over the key."""
     tried = law["tried"]
     rates = [100 * (1 - t["failed"] / t["runs"]) for t in tried]
     bars = error_bars(rates, [(100 * t["low"], 100 * t["high"]) for t in tried])
@@ -81,7 +80,6 @@ def importance_section(page: Document, folder: Path, metric: str | None) -> list
 
 
 def _shares(each: Influence, metric: str) -> Chart:
-    """Return the chart of the fractions with intervals; Sobol indices also of first order."""
     parts = {"share": [(s.share, s.low, s.high) for s in each.shares]}
     if each.unexplained is None:
         parts["first order"] = [(s.effect, s.effect - s.half, s.effect + s.half) for s in each.shares]

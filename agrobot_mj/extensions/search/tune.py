@@ -122,7 +122,6 @@ def _acquisition(row: dict[str, Any]) -> Judgement:
 
 
 def _travel(row: dict[str, Any]) -> float:
-    """Return the cost of a run's steering travel [-]."""
     return float(row["steer_travel_deg"] / row["end_s"] / TRAVEL_DEG_S)
 
 
@@ -149,11 +148,7 @@ def tune(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Tune the gains of the scenario's law; return the content of tuning.json in `folder`.
-
-    The rows of the runs are stored in the folder. `done` is called with the number of evaluations per generation.
-    Raises `ScenarioError`.
-    """
+    """Tune the gains of the scenario's law; return the content of tuning.json in `folder`."""
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
     check_tractors(case.scenario for case in (*training, *test))
@@ -172,10 +167,7 @@ def search(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search with `budget` evaluations of the objective, in complete generations; return gains and history.
-
-    The first generation contains the scenario's gains, the good gains `known`, and others over their ranges.
-    """
+    """Search with `budget` evaluations of the objective, in complete generations; return gains and history."""
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -254,7 +246,6 @@ def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Lim
 
 
 def _judged(cases: Sequence[TuningCase], gains: Overrides, do: RunTasks) -> dict[str, Any]:
-    """Return the scores of these gains and of the present gains, by case."""
     found: dict[str, Any] = {
         "speeds_m_s": sorted({case.speed for case in cases}),
         "seeds": sorted({case.seed for case in cases}),

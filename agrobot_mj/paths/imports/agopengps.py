@@ -108,7 +108,6 @@ def read_agopengps(text: str) -> ShapeFile:
 
 
 def _rings(lines: _Lines) -> Iterator[Polyline]:
-    """Yield the rings of Boundary.txt or Headland.txt; the first is the outer one."""
     outer = role = HEADS[lines.head]
     while lines:
         over = True

@@ -30,7 +30,6 @@ def read_geojson(text: str) -> ShapeFile:
 
 
 def _features(content: Mapping[str, Any]) -> Iterator[tuple[Any, Mapping[str, Any]]]:
-    """Yield geometry and properties of each feature."""
     kind = content.get("type")
     if kind == "FeatureCollection":
         features = content.get("features")
@@ -89,7 +88,6 @@ def _listed(found: Any) -> list[Any]:
 
 
 def _points(found: Any) -> Array:
-    """Return the first two numbers of each position, shape (n, 2)."""
     found = _listed(found)
     try:
         points = np.array([(float(each[0]), float(each[1])) for each in found]).reshape(-1, 2)
@@ -99,7 +97,6 @@ def _points(found: Any) -> Array:
 
 
 def _per_point(properties: Mapping[str, Any], count: int) -> dict[str, Array]:
-    """Return the properties that are lists with one number for each point."""
     found = {}
     for key in NUMBERS:
         value = properties.get(key)

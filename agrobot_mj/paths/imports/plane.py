@@ -59,7 +59,6 @@ def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: Loca
 
 
 def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
-    """Return the shapes in degrees: longitude, latitude, continuous over the antimeridian."""
     convert = (lambda points: points) if crs == DEGREES else _converter(crs)
     shapes = [replace(shape, points=convert(shape.points)) for shape in file.shapes if len(shape.points)]
     lon = np.concatenate([shape.points[:, 0] for shape in shapes])
@@ -71,7 +70,6 @@ def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
 
 
 def _converter(crs: str) -> Callable[[Array], Array]:
-    """Return the function from coordinates of a system, east first, to longitude and latitude [deg]."""
     pyproj = required("pyproj", "fields", f"the coordinate system {crs[:40]}")
     try:
         transformer = pyproj.Transformer.from_crs(crs, DEGREES, always_xy=True)
@@ -97,7 +95,6 @@ def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
 
 
 def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None) -> LocalShapes:
-    """Return shapes in metres after a shift, with a note about it."""
     moved = [replace(shape, points=shape.points - shift) if any(shift) else shape for shape in file.shapes]
     checked_extent(moved)
     told = f"({shift[0]:.0f}, {shift[1]:.0f}) m is subtracted from all coordinates" if any(shift) and not origin else ""

@@ -29,10 +29,7 @@ READERS: Readers = {
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
-    """Return the shapes of a file. Raise ValueError that names the file, the problem and the fix.
-
-    `more` contains readers of further types, which are tried first.
-    """
+    """Return the shapes of a file. Raise ValueError that names the file, the problem and the fix."""
     path = checked(name, (), most_bytes)
     try:
         data = path.read_bytes()
@@ -47,7 +44,6 @@ def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = N
 
 
 def _decoded(data: bytes) -> str:
-    """Return the text of a file. Raise ValueError if it is binary."""
     for codec in ("utf-16",) if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig",):
         try:
             text = data.decode(codec)

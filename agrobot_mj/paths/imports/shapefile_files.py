@@ -33,13 +33,11 @@ def read_shapefile(path: Path) -> ShapeFile:
 
 
 def _parts(path: Path) -> dict[str, str]:
-    """Return the existing files next to the .shp."""
     found = {end: path.with_suffix(f".{end}") for end in ("shx", "dbf")}
     return {end: str(file) for end, file in found.items() if file.is_file()}
 
 
 def _crs(path: Path) -> str:
-    """Return the coordinate system of the .prj file; empty without one."""
     file = path.with_suffix(".prj")
     if not file.is_file() or file.stat().st_size > MOST_PRJ_BYTES:
         return ""

@@ -49,7 +49,6 @@ class ShapeFile:
     """Sentences about omitted or repaired shapes."""
 
     def __post_init__(self) -> None:
-        """Raise ValueError for a coordinate that is not finite or too large."""
         for shape in self.shapes:
             if len(wrong := np.flatnonzero(~(np.abs(shape.points) <= LARGEST).all(axis=1))):
                 east, north = shape.points[wrong[0]].tolist()

@@ -70,7 +70,6 @@ def read_table(text: str) -> ShapeFile:
 
 
 def _shape(names: list[str], values: Array, rows: Array, notes: tuple[str, ...]) -> ShapeFile:
-    """Return the shape of the values, shape (n, columns), after a check of the unit of the positions."""
     geographic = "lat" in names
     points = values[:, [names.index(name) for name in (("lon", "lat") if geographic else ("x", "y")) if name in names]]
     if not geographic and len(points) > 1 and np.abs(points).max() <= MOST_DEGREES:
@@ -85,13 +84,11 @@ def _shape(names: list[str], values: Array, rows: Array, notes: tuple[str, ...])
 
 
 def _separator(lines: list[str]) -> str:
-    """Return the separator of the columns: tab, semicolon or comma."""
     first = next((line for line in lines if line.strip()), "")
     return next((mark for mark in "\t;" if mark in first), ",")
 
 
 def _rows(lines: list[str], split: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and cells of each non-empty row."""
     for number, line in enumerate(lines, start=1):
         cells = [cell.strip() for cell in next(csv.reader([line], delimiter=split), [])]
         if not any(cells):
@@ -102,7 +99,6 @@ def _rows(lines: list[str], split: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
-    """Return the columns named by the first row, and a note about ignored columns."""
     known, columns, unused = {name: key for key, names in NAMES.items() for name in names}, dict[str, TableColumn](), []
     for k, cell in enumerate(cells):
         unit = UNIT.search(cell)
@@ -124,7 +120,6 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
 
 
 def _positional(number: int, cells: list[str], split: str) -> list[TableColumn]:
-    """Return the columns of a file without names."""
     if len(cells) not in (2, 3):
         raise ValueError(
             f"row {number}: it has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
@@ -141,7 +136,6 @@ def _is_number(cell: str, split: str) -> bool:
 
 
 def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int, split: str) -> list[float]:
-    """Return the checked values of a row."""
     if len(cells) != width:
         raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; use the same number")
     values = []

@@ -31,7 +31,6 @@ def read_kml(text: str) -> ShapeFile:
 
 
 def _of_placemark(mark: ElementTree.Element) -> Iterator[Polyline]:
-    """Yield the shapes of a placemark."""
     name = (mark.findtext("name") or "").strip()
     for polygon in mark.iter("Polygon"):
         for side, role in (("outerBoundaryIs", ""), ("innerBoundaryIs", "hole")):
@@ -54,7 +53,6 @@ def _coordinates(element: ElementTree.Element) -> Array:
 
 
 def _numbers(cells: list[list[str]]) -> Array:
-    """Return longitude and latitude of each position, shape (n, 2)."""
     try:
         points = np.array([(float(cell[0]), float(cell[1])) for cell in cells]).reshape(-1, 2)
     except (ValueError, IndexError):

@@ -211,7 +211,6 @@ def parts(t: TractorParameters) -> Iterator[Panel]:
 
 
 def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], paint: str) -> Panel:
-    """Return a box in the middle of the tractor with half width `y`."""
     half, at = ((x[1] - x[0]) / 2, y, (z[1] - z[0]) / 2), ((x[0] + x[1]) / 2, 0.0, (z[0] + z[1]) / 2)
     return Panel(name, "box", half, at, paint)
 
@@ -229,7 +228,6 @@ def _tube(name: str, start: Triple, end: Triple, radius: float, paint: str = "ir
 
 
 def _front(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the bonnet, grilles, lamps and exhaust."""
     tall, long, y = o.high - o.low, o.nose - o.dash, o.half
     edge = o.low + 0.82 * tall
     yield _box("hood", (o.dash, o.nose), y, (o.low, edge), "blue")
@@ -251,7 +249,6 @@ def _band(at: float, low: float, high: float, tall: float) -> tuple[float, float
 
 
 def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the gearbox and rear axle, and the engine, tank and steps between the wheels if they fit."""
     rr, low = t.rear_wheel_radius_m, 0.8 * min(t.rear_wheel_radius_m, o.low)
     y, (behind, ahead) = min(0.15 * t.track_m, o.inside), o.between
     front = max(ahead, 0.3 * t.wheelbase_m)
@@ -273,7 +270,6 @@ def _drivetrain(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the segments of an arc above each rear wheel, and the floor between the fenders."""
     rr, step = t.rear_wheel_radius_m, radians(FENDER_DEG[1] - FENDER_DEG[0])
     radius, outer = 1.07 * rr + o.gap, t.track_m / 2 + 0.4 * t.rear_wheel_width_m
     half = (1.06 * radius * sin(step / 2), (outer - o.inside) / 2, 0.012 * sqrt(t.wheelbase_m))
@@ -285,7 +281,6 @@ def _fenders(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _seat(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the seat with its mounting box, and the steering wheel with its column."""
     x, wide, z, dash = o.dash - SEAT_BEFORE, min(0.19, o.inside - 0.02), o.floor + SEATED, o.dash
     yield Panel("seat", "box", (0.17, wide, 0.06), (x, 0.0, z), "iron")
     yield Panel("seat_back", "box", (0.05, wide, 0.17), (x - 0.19, 0.0, z + 0.18), "iron")
@@ -303,7 +298,6 @@ def _with_roll_bar(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the glass doors, the posts, the roof with lamps, and a beacon; the cab is wider above the rear wheels."""
     (_, wide, roof), back, front = o.bar, -0.2 * t.wheelbase_m, o.dash - 0.02
     sill = min(2.14 * t.rear_wheel_radius_m + 2 * o.gap, roof - 0.3)
     yield _box("cab_base", (back, front), o.inside, (o.floor - 0.06, sill), "blue")
@@ -319,7 +313,6 @@ def _cab(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield a deck above the wheels on a hull between them, with lamps, scanner and bumper."""
     L, T, tail = t.wheelbase_m, t.track_m, -0.55 * t.rear_wheel_radius_m
     deck = 2 * max(t.front_wheel_radius_m, t.rear_wheel_radius_m) + 2 * o.gap + 0.03
     high = deck + 0.28 * sqrt(L / 1.4)
@@ -336,7 +329,6 @@ def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 
 def _antenna(o: Outline, t: TractorParameters) -> Iterator[Panel]:
-    """Yield the mast from the highest part to the antenna if the antenna is higher."""
     x, _, z = o.bar
     if (height := t.antenna_height_m) > z:
         start = {"cab": (0.0, 0.0, z), "robot": (0.0, 0.0, z - 0.1)}.get(t.style, (x, 0.0, z))

@@ -39,7 +39,6 @@ PROTECTED = Protected(_C, _NAMES)
 
 
 def _function(name: str) -> Any:
-    """Return a protected C function int f(const mjModel*, mjData*)."""
     if config.DISABLE_JIT:
         return ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)(PROTECTED.addresses[name])
     return types.ExternalFunction(f"agrobot_{name}", types.int32(types.intp, types.intp))

@@ -24,7 +24,6 @@ class Clutches:
     """Clutches of a running tractor; the state is `eq_active` of MjData and the offsets."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, machine: Machine) -> None:
-        """Create the clutches of `machine`."""
         self.model, self.data, self.drive = model, data, machine.driveline
         rear = machine.tractor.rear_wheel
         self.rolling_radius = rear.radius - rear.deflection / 3
@@ -82,6 +81,5 @@ class Clutches:
         self.data.eq_active[i] = closed
 
     def _turned(self, name: str) -> tuple[float, float]:
-        """Return the angles that a clutch couples [rad]."""
         fl, fr, rl, rr = (float(self.data.qpos[at]) for at in self.angles.values())
         return (rl, rr) if name == LOCK else (0.5 * (fl + fr), 0.5 * (rl + rr))

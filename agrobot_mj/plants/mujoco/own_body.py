@@ -43,11 +43,7 @@ DIGITS = 10
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:
-    """Return the keys of `[tractor]` with their values derived from the body in the file `name`.
-
-    `springs` are the tyre keys set by a scenario, which determine the deflection at rest. Raise ValueError with a line
-    per error, beginning with the file name.
-    """
+    """Return the keys of `[tractor]` with their values derived from the body in the file `name`."""
     files = own_files(name)
     return dict(_measured(str(files.main), tuple(stamp(str(f)) for f in (files.main, *files.others)), *springs.items()))
 
@@ -79,7 +75,6 @@ def _measured(name: str, _stamps: tuple[Stamp | None, ...], *springs: tuple[str,
 
 
 def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> TractorParameters:
-    """Return the tractor with these parameters. Raise ValueError if they are invalid."""
     try:
         return TractorParameters.model_validate(found | springs)
     except ValidationError as error:
@@ -90,7 +85,6 @@ def _checked(short: str, found: dict[str, float], springs: dict[str, float]) -> 
 
 
 def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Return a valid body as spec and as compiled model. Raise ValueError with a line per error."""
     main = own_files(name).main
     try:
         spec = mujoco.MjSpec.from_file(str(main))

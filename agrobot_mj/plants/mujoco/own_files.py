@@ -86,7 +86,6 @@ class _Reader:
         return self._sizes[path]
 
     def _read(self, path: Path, size: _Size) -> None:
-        """Read an MJCF file and the files that it references."""
         self._open.append(path)
         for tag, given, copies in _elements(path):
             self.faults += _faults(tag, given)
@@ -101,7 +100,6 @@ class _Reader:
         self._open.pop()
 
     def _take(self, name: str, most_bytes: int) -> Path | None:
-        """Return a file in the folder of the body; if its name contains a path, add an error and return None."""
         if "/" in name or "\\" in name or name in ("", ".", ".."):
             self.faults.append(f"{name!r}: must be in the folder of the body and named without a path")
             return None
@@ -115,7 +113,6 @@ class _Reader:
 
 
 def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
-    """Yield messages on invalid attributes of an element."""
     if tag in NOT_OURS:
         yield f"<{tag}>: plugins are not supported in a body; remove the element"
     for key, text in given.items():
@@ -131,7 +128,6 @@ def _faults(tag: str, given: dict[str, str]) -> Iterator[str]:
 
 
 def _elements(path: Path) -> list[_Element]:
-    """Return all elements of an XML file. Raise ValueError if it is not MJCF."""
     found, replicates = list[_Element](), list[int]()
 
     def begin(tag: str, given: dict[str, str]) -> None:
@@ -161,7 +157,6 @@ def _elements(path: Path) -> list[_Element]:
 
 
 def _numbers(text: str) -> list[float]:
-    """Return the numbers in an attribute; empty for other text."""
     try:
         return [float(word) for word in text.split()]
     except ValueError:

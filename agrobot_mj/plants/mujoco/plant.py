@@ -60,7 +60,6 @@ class MujocoPlant(RunningPlant):
         seed: int = 1,
         payloads: Payloads = (),
     ) -> None:
-        """Create a tractor on its ground, with `seed` for the soil under the implement. Raise as `build`."""
         self.spec, self.machine, self.tractor = spec, machine, machine.tractor
         native = spec.tyre.native
         built = build(spec.tyre, machine, ground, clock.dt, seed, payloads)
@@ -122,7 +121,6 @@ class MujocoPlant(RunningPlant):
         return truth
 
     def _place(self, start: Reference) -> None:
-        """Place the tractor on the ground at rest, and clear all memories."""
         mujoco.mj_resetData(self.model, self.data)
         self.tyred.bristles[:], self.tyred.report[:] = 0.0, 0.0
         forget(self.ground.memory)
@@ -171,10 +169,7 @@ class MujocoPlant(RunningPlant):
         return self.truth()
 
     def step_through(self, drive: Drive) -> None:
-        """Run the physics steps of one tick at constant voltages, without evaluating the outcome.
-
-        Contacts are detected only from the first step in which the tractor could touch the ground.
-        """
+        """Run the physics steps of one tick at constant voltages, without evaluating the outcome."""
         if self.contacts:
             self.contacts.set_friction()
         if drive.brake != self.braking:
@@ -200,16 +195,13 @@ class MujocoPlant(RunningPlant):
             self.option.impratio = self.contacts.impratio * (STICKING_CONTACT if stands else 1.0)
 
     def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
-        """Return the first arguments of `run_steps`."""
         actuators, samples = self.actuators, self.samples
         return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
 
     def _look(self) -> None:
-        """Store the current motion as `motion`."""
         self.motion: TractorMotion = self._observe(self.views, self.actuators, *self.sites)
 
     def _apply_conditions(self, conditions: Conditions) -> None:
-        """Apply faults and disturbances. Raise ValueError if the chassis with its payload is not physical."""
         self.chassis.carry(conditions.payload)
         self.conditions = conditions
         valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
@@ -230,7 +222,6 @@ class MujocoPlant(RunningPlant):
 
     @property
     def _memories(self) -> tuple[AnyArray, ...]:
-        """Arrays outside MjData modified in place by a tick."""
         tyred, valve, drive = self.tyred, self.valve_memory, self.drive_memory
         hung = self.implement.arrays if self.implement else ()
         own = tyred.bristles, tyred.report, tyred.tyres.relaxation, self.loads, self.samples, self.cylinder

@@ -93,7 +93,6 @@ def _text(names: Sequence[str]) -> str:
 
 
 def _thread_key() -> int:
-    """Return a new key of thread-specific values."""
     key = ctypes.c_uint32() if sys.platform == "linux" else ctypes.c_ulong()
     if error := ctypes.CDLL(None).pthread_key_create(ctypes.byref(key), None):
         raise OSError(error, os.strerror(error))

@@ -170,7 +170,6 @@ def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Gr
 
 
 def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """Describe the motion on ground that rises by `along` in the heading direction [rad], and the keys to change."""
     if found.recent.drift < TRAVELLING * found.recent.greatest:
         return f"it rocks or sinks on its tyres {where}; increase plant.settle_limit_s or tractor.*_tyre_damping_n_s_m"
     turning = abs(found.truth.wheel_speed) > ROLLING * found.recent.drift

@@ -87,7 +87,6 @@ def _check(model: mujoco.MjModel, data: mujoco.MjData, found: tuple[Sprung, ...]
 
 
 def _limit(part: Part, share: float) -> str:
-    """Return the key of a part and its limit, for the ratio `share` of stability limit to actual value."""
     if part.value is None:
         table = "plant.tyre" if part.key.startswith("plant.tyre") else "implement"
         return f"{table}: springs and dampers must be reduced to less than {share:.2g} times their values"
@@ -123,7 +122,6 @@ def _tyres(
 
 
 def _soil(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
-    """Yield the springs of the soil on the tool, and of the depth wheel."""
     origin, body, one = data.xpos[parts.body], (parts.body,), np.ones(1)
     if (law := hitched.tool) is not None:
         along, across = draught(law, FASTEST_M_S, law.depth) / GIVE, DEEPEST * law.cornering / law.relaxation
@@ -135,7 +133,6 @@ def _soil(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts:
 
 
 def _axle(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> Iterator[Sprung]:
-    """Yield the springs of the implement's tyres: vertical, and the carcass sideways."""
     axle, tyres, two = hitched.axle, parts.tyres, np.ones(2)
     if axle is None or parts.native:
         return
@@ -149,7 +146,6 @@ def _axle(data: mujoco.MjData, spec: ImplementBase, hitched: HitchedBody, parts:
 
 
 def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: Array) -> tuple[Part, Part]:
-    """Return the spring and damper of an implement's wheels, with keys that begin with `name`."""
     k, c = (f"{name}_stiffness_n_m", wheel.stiffness), (f"{name}_damping_n_s_m", wheel.damping)
     return (
         Part(f"implement.{k[0]}", _value(spec, *k), k[1] * on, 0.0 * on),
@@ -167,6 +163,5 @@ def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
 
 
 def _largest(mobility: Array, weights: Array) -> float:
-    """Return the maximum eigenvalue of mobility times diagonal weights."""
     root = np.sqrt(weights)
     return float(np.linalg.eigvalsh(root[:, None] * mobility * root).max())

@@ -106,10 +106,7 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, extended until an axis of `most_steps` steps contains two labels.
-
-    A third label is added if a small extension is sufficient.
-    """
+    """Return the range from `low` to `high`, extended until an axis of `most_steps` steps contains two labels."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):

@@ -163,10 +163,7 @@ REPORTED = "reported/"
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """Return a plot for each reported column that is to be plotted and is not shown elsewhere.
-
-    `elsewhere` are the columns of other plots and lanes.
-    """
+    """Return a plot for each reported column that is to be plotted and is not shown elsewhere."""
     known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
     return [
         _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)._replace(
@@ -178,7 +175,6 @@ def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[
 
 
 def _title(column: Column) -> str:
-    """Return the description of a column as a title, without its condition for missing values."""
     text = column.description.partition("; null")[0]
     return text[:1].upper() + text[1:]
 

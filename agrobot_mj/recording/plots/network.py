@@ -80,7 +80,6 @@ def network_plots(columns: Sequence[str]) -> list[Plot]:
 
 
 def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Sequence[str]) -> Plot:
-    """Return the plot of parameter families of input k."""
     unit = INPUTS[k]
     lines = _lines([_set(name) for start in families for name in family(start, columns)])
     widths = path.startswith("network/widths")
@@ -103,7 +102,6 @@ def _set(column: str) -> Series:
 
 
 def _lines(series: list[Series]) -> tuple[Series, ...]:
-    """Return at most MOST_LINES of the series, evenly chosen."""
     chosen = np.linspace(0, len(series) - 1, min(len(series), MOST_LINES)).astype(int)
     return tuple(series[i] for i in chosen)
 
@@ -156,7 +154,6 @@ class Firing:
             send(stream, f"{shown.entity}/values", times, [partitioned(LABELS, labels, values.shape[1])])
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
-        """Send the format and colours of a map, and the labels of its rows and columns."""
         height, width = shown.sizes
         brightest = min(4.0 / (height * width), 1.0)  # four times the value if all rules fire equally
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)

@@ -107,29 +107,23 @@ class Signals:
         return found
 
     def _table(self, first: int) -> Array:
-        """Return all signals from row `first`, shape (rows, columns of the log and of `derived`)."""
         values = self.rows.values[first : self.rows.filled]
         with np.errstate(over="ignore", invalid="ignore"):  # diverged runs contain values up to infinity
             return np.column_stack([values, *derived(self.rows, first).values()])
 
 
 def _send(stream: rr.RecordingStream, entity: str, column: rr.TimeColumn, numbers: Array) -> None:
-    """Send the points of all series, `numbers` (n, series)."""
     scalars = partitioned(SCALARS, ScalarBatch(numbers.ravel()), numbers.shape[1])
     stream.send_columns(entity, [column], [scalars])
 
 
 def _varies(numbers: Array) -> bool:
-    """Return whether the `numbers` (rows, series) of a plot are not all constant."""
     columns = [column[np.isfinite(column)] for column in numbers.T]
     return any(column.size > 0 and column.max() > column.min() for column in columns)
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Return the moving means of `numbers` (rows, series), NaN for missing values; None if no series is noisy.
-
-    A slow curve stays near its mean; an oscillating curve fills its plot.
-    """
+    """Return the moving means of `numbers` (rows, series), NaN for missing values; None if no series is noisy."""
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
     if len(numbers) < 2 * WINDOWS or not 0 < span < np.inf:

@@ -27,10 +27,7 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield a recording that can be opened: `path`, or a temporary repaired copy of an incomplete file.
-
-    The copy lacks at most one chunk. The original file is unchanged.
-    """
+    """Yield a recording that can be opened: `path`, or a temporary repaired copy of an incomplete file."""
     if ends_well(path):
         yield path
         return

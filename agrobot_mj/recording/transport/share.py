@@ -68,10 +68,7 @@ if (typeof DecompressionStream === "undefined") {
 
 
 def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Path | None = None) -> Path:
-    """Write a page with a recording, and a PNG to show until the viewer has started; return the page.
-
-    Raises OSError if the viewer cannot be read or the page cannot be written.
-    """
+    """Write a page with a recording, and a PNG to show until the viewer has started; return the page."""
     files = viewer_files()
     with whole(recording) as readable:
         content = readable.read_bytes()
@@ -118,7 +115,6 @@ def viewer_files() -> Mapping[str, bytes]:
 
 
 def _loaded(address: str) -> bytes:
-    """Return a file of the server on this machine, without proxies."""
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     with opener.open(address, timeout=START_S) as response:
         found: bytes = response.read()

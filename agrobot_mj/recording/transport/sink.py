@@ -38,7 +38,6 @@ class Sink:
     """Connection of `stream` to a file, a viewer, or both."""
 
     def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False, spare: int = 0) -> None:
-        """Connect the stream, with `spare` bytes of the disk reserved. Raises OSError if the file cannot be written."""
         self.stream, self.path, self.live, self.whole, self.spare = stream, path, live, 0, spare
         sinks: list[rr.FileSink | rr.GrpcSink] = []
         if path is not None:

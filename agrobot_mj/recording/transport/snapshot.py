@@ -104,7 +104,6 @@ def _draw(
     kind: Kind,
     quiet: bool,
 ) -> None:
-    """Render the images that are not in `drawn`."""
     root, named = _tabs(file, layout)
     asked, views = {name.lower() for name in tabs}, _views(layout)
     every = named | views  # a maximised view hides the tabs after it
@@ -138,7 +137,6 @@ def _draw(
 
 
 def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]) -> bytes:
-    """Return the image of the viewer at time `t` [s], as PNG."""
     shown = _encoded([_frame(viewer, t, view)], "PNG")
     advance()
     return shown
@@ -147,7 +145,6 @@ def _picture(viewer: ViewerClient, t: float, view: str | None, advance: Callable
 def _animation(
     end_s: float, kind: Kind, viewer: ViewerClient, t: float, view: str | None, advance: Callable[[], None]
 ) -> bytes:
-    """Return an animation of the viewer from time `t` [s], for a recording with the end `end_s` [s]."""
     frames = []
     for k, at in enumerate(frame_times(t, end_s).tolist()):
         frames.append(_frame(viewer, at, view, SETTLE_FRAME_S if k else SETTLE_S))
@@ -181,7 +178,6 @@ def frame_times(t: float, end: float) -> Array:
 
 
 def _end(viewer: ViewerClient) -> float:
-    """Return the last time of the recording [s]."""
     lines = [line for recording in viewer.get_state().recordings for line in recording.timelines]
     return max((line.end / 1e9 for line in lines if line.name == TIMELINE and line.end is not None), default=0.0)
 
@@ -205,14 +201,12 @@ def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = S
 
 
 def _encoded(frames: Sequence[Image.Image], kind: str) -> bytes:
-    """Return the frames as one file that repeats endlessly."""
     content, first = io.BytesIO(), frames[0]
     first.save(content, kind, save_all=len(frames) > 1, append_images=frames[1:], duration=1000 // FRAMES_PER_S, loop=0)
     return content.getvalue()
 
 
 def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> dict[str, Any]:
-    """Load `readable`, the complete version of `file`, and return its layout."""
     deadline = time.monotonic() + patience * LOAD_S
     if not viewer.open(str(readable.resolve())).store_ids:
         raise SnapshotError(f"{file}: the viewer cannot open the file; specify a recording (.rrd)")
@@ -225,7 +219,6 @@ def _opened(viewer: ViewerClient, file: Path, readable: Path, patience: int) -> 
 
 
 def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
-    """Return the index of the tab container in the layout, and the indices of the tabs by name."""
     for place, parts in layout.items():
         container = parts.get("ContainerBlueprint", {})
         if container.get("container_kind") == "Tabs":
@@ -236,7 +229,6 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
 
 
 def _views(layout: dict[str, Any]) -> dict[str, str]:
-    """Return the index of each 3D view by name."""
     views = {place: parts for place, parts in layout.items() if "ViewBlueprint" in parts}
     return {_name(parts): place for place, parts in views.items() if parts["ViewBlueprint"]["class_identifier"] == "3D"}
 
@@ -247,7 +239,6 @@ def _name(parts: dict[str, Any]) -> str:
 
 @contextmanager
 def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[ViewerClient]:
-    """Yield a viewer without window on the loopback interface; the viewer ends with the block."""
     port = free_port()
     command = [*RERUN, "--headless", "--window-size", f"{size[0]}x{size[1] + TITLE_BAR}"]
     command += ["--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"]
@@ -262,7 +253,6 @@ def _viewer(file: Path, patience: int, size: tuple[int, int]) -> Iterator[Viewer
 
 
 def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) -> ViewerClient:
-    """Return a client of the viewer after its first frame."""
     deadline = time.monotonic() + seconds
     while process.poll() is None and time.monotonic() < deadline:
         try:
@@ -280,7 +270,6 @@ def _connected(process: "subprocess.Popen[bytes]", port: int, seconds: float) ->
 
 
 def _lacks_driver(process: "subprocess.Popen[bytes]") -> bool:
-    """Return whether the viewer ended because of a missing graphics driver."""
     end(process)
     output = process.stderr.read().decode(errors="replace") if process.stderr else ""
     return "adapter" in output or "render context" in output

@@ -31,7 +31,6 @@ class Events:
     """Sender of the event markers."""
 
     def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
-        """Create the markers; `size` is the size of the tractor divided by the default size [-]."""
         self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size
         self.count, self.limited = 0, -QUIET_TICKS - 1
 
@@ -48,7 +47,6 @@ class Events:
             self._send(stream, [(last, outcome.replace("_", " "), BAD)], ABOVE_M * self.size)
 
     def _faults(self, first: int, count: int) -> list[tuple[int, str, int]]:
-        """Return row, label and colour of the start and end of each fault."""
         found, before = [], min(first, 1)
         t = self.rows.column("t", first - before)[: before + count]
         for subject, faults in self.faults.items():

@@ -260,7 +260,6 @@ def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares
 
 
 def _apron(ground: Ground, field: _Field) -> _Part:
-    """Return a plane of one shade that continues the ground around the tiles."""
     x_min, x_max, y_min, y_max = ground.extent
     x1, y1 = field.x0 + field.columns * field.width, field.y0 + field.rows * field.height
     across = [max(x_min, field.x0 - APRON_M), *np.linspace(field.x0, x1, APRON_STEPS + 1), min(x_max, x1 + APRON_M)]

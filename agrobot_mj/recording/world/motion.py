@@ -118,7 +118,6 @@ class BodyMotion:
             send_ruts(stream, log.ruts, self.ground, log.column("t"), log.poses[:, wheels, :2])
 
     def _sound(self, first: int) -> int:
-        """Return the number of valid rows from row `first`."""
         tracks = [self.rows.column(name, first) for track in TRACKS for name in (track.x, track.y)]
         return sound_rows(self.rows.poses[first : self.rows.filled], *tracks)
 

@@ -33,7 +33,6 @@ class InputCopies:
     """Input copies of one results folder. Each file is read once."""
 
     def __init__(self, folder: Path, write: Callable[[Path, bytes], None]) -> None:
-        """Create the store; `write` writes a file given by its path relative to the folder."""
         self.folder, self.write = folder.absolute(), write
         self._copies: dict[tuple[str, Path], Path] = {}
 

@@ -81,7 +81,6 @@ class Pool:
             suspects = []
 
     def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
-        """Return the result of one item, computed in a separate process. Raises `ScenarioError` if it cannot start."""
         executor = _executor(1, self._scratch.name)
         try:
             with held_back():
@@ -118,7 +117,6 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
 
 
 def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
-    """End the processes of an executor, immediately if `at_once`, otherwise after their work."""
     for process in list((executor._processes or {}).values()) if at_once else ():
         process.terminate()
     executor.shutdown(wait=True, cancel_futures=at_once)
@@ -127,10 +125,7 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Yield each work item with its completed future; at most `window` items are submitted at a time.
-
-    Ends early, after the submitted items, if the executor is broken.
-    """
+    """Yield each work item with its completed future; at most `window` items are submitted at a time."""
     running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
     while running:
         for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -150,7 +145,6 @@ def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Wo
 
 
 def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
-    """Initialise a worker: load the plugins of the parent, whose kinds scenarios may use."""
     tempfile.tempdir = scratch
     _leave_signals_to_the_parent()
     load_plugins(plugins)

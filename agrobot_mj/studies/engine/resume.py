@@ -181,7 +181,6 @@ def _numbered(tasks: Sequence[Task], number: int) -> Task:
 
 
 def _source(measure: Callable[..., Any] | None) -> list[str]:
-    """Return the name of a measuring function, and the digest of its source file."""
     if measure is None:
         return []
     file = getattr(sys.modules.get(measure.__module__), "__file__", None)

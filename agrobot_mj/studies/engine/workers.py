@@ -27,10 +27,7 @@ PATIENCE_S = 10
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
-    """Yield a function that performs tasks with a Dask scheduler.
-
-    Raises `ScenarioError` if the scheduler is unreachable or lost, or if its workers are unsuitable.
-    """
+    """Yield a function that performs tasks with a Dask scheduler."""
     # Dask reports a lost scheduler as a traceback; this module raises a readable error.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:
@@ -64,7 +61,6 @@ def _client(address: str) -> "Client":
 
 
 def _workers(client: "Client", address: str) -> int:
-    """Return the number of worker threads, after a check that all workers have the code of this process."""
     try:
         codes: dict[str, str] = client.run(_ready, loaded_files())
     except Exception as error:
@@ -78,7 +74,6 @@ def _workers(client: "Client", address: str) -> int:
 
 
 def _ready(plugins: tuple[Path, ...]) -> str:
-    """Return the code of a worker after loading the plugins."""
     load_plugins(plugins)
     return code_text()
 

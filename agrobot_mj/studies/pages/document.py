@@ -90,7 +90,6 @@ class Document:
     """Page under construction."""
 
     def __init__(self, title: str, facts: Iterable[str]) -> None:
-        """Create a page; `facts` are short phrases below the title."""
         self.title, self.charts = title, dict[str, Chart]()
         line = " · ".join(escape(fact) for fact in facts)
         self.parts = [f"<h1>{escape(title)}</h1>", f'<p class="facts">{line}</p>']
@@ -198,7 +197,6 @@ def finite(value: Any) -> Any:
 
 
 def _cell(tag: str, value: object) -> str:
-    """Return an HTML table cell; keys may break at underscores on narrow pages."""
     digits = ".0f" if isinstance(value, float) and abs(value) >= 1000 else ".3g"
     text = "-" if value is None else f"{value:{digits}}" if isinstance(value, float) else str(value)
     number = ' class="number"' if isinstance(value, int | float | None) and not isinstance(value, bool) else ""
@@ -206,7 +204,6 @@ def _cell(tag: str, value: object) -> str:
 
 
 def _library() -> str:
-    """Return the source of plotly.js, from the extra `report`."""
     try:
         from plotly.offline import get_plotlyjs
     except ImportError:

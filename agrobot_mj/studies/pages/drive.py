@@ -122,7 +122,6 @@ def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor
 
 
 def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
-    """Return a chart of curves (time, values) by name, without empty curves."""
     data = [
         line(t, values, name, COLOURS[k % len(COLOURS)])
         for k, (name, (t, values)) in enumerate(curves.items())
@@ -164,13 +163,11 @@ def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
 
 
 def _pair(signals: Signals, column: str, label: str, factor: float) -> Chart:
-    """Return a chart of a signal and its reference over time."""
     pairs = {"true": column, "reference": f"{column}_ref"}
     return _curves(label, {who: (signals["t"], factor * signals[c]) for who, c in pairs.items() if c in signals})
 
 
 def _shares(signals: Signals) -> list[tuple[str, Chart]]:
-    """Return the charts of the parts of the steering command, for controllers with a network."""
     if not np.nan_to_num(signals.get("tau_n", np.zeros(1))).any():
         return []
     parts = {"network": -np.degrees(signals["tau_n"]), "PD": np.degrees(signals["tau_c"])}
@@ -222,7 +219,6 @@ def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
 
 
 def _marked(row: Mapping[str, Any]) -> str:
-    """Return the name of the law of a run, with the outcome of a failed run."""
     text = failures([row])
     return f"{_law(row)} (failed {text})" if text else _law(row)
 

@@ -96,6 +96,5 @@ def _line(group: Group) -> tuple[object, ...]:
 
 
 def _median(errors: Iterable[float | None]) -> float | None:
-    """Return the median of the valid errors [cm]."""
     known = [error for error in errors if error is not None]
     return float(f"{CENTIMETRES * np.median(known):.3g}") if known else None

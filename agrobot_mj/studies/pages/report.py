@@ -106,10 +106,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a results folder and return the files. Raises `ScenarioError`.
-
-    `metric` is the metric for sections that evaluate one.
-    """
+    """Write the report of a results folder and return the files. Raises `ScenarioError`."""
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")
     pages, sections = known_reports()

@@ -152,7 +152,6 @@ def _add_maps(page: Document, groups: Sequence[Group], numeric: Sequence[str], a
 
 
 def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
-    """Return whether the rows contain all pairs of values of two parameters."""
     pairs = {(row[x], row[y]) for row in rows}
     counts = [len({pair[k] for pair in pairs}) for k in (0, 1)]
     return min(counts) > 1 and len(pairs) == counts[0] * counts[1]
@@ -252,7 +251,6 @@ def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False)
 
 
 def _add_worst(page: Document, rows: Sequence[Row], again: RerunCommand) -> None:
-    """Add the worst runs with an image of their tracks."""
     cards = []
     for row in sorted((row for row in rows if row["error"] is None), key=_badness, reverse=True)[:WORST]:
         value = error_of(row, METRIC)

@@ -124,7 +124,6 @@ class Steps(ValueList):
 
     @property
     def _gaps(self) -> float:
-        """Number of steps between the ends; infinite on overflow."""
         return (float(self.stop) - float(self.start)) / float(self.step)
 
     def __len__(self) -> int:

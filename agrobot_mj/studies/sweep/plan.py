@@ -139,7 +139,6 @@ class SweepPlan:
 
     @cached_property
     def _draws(self) -> dict[str, list[Any]]:
-        """Random values by key, one per run; one per sample and seed for paired draws."""
         if not self.file.draws:
             return {}
         rows = self.samples * len(self.sweep.seeds) * (1 if self.file.paired else self.combinations)
@@ -186,7 +185,6 @@ class SweepPlan:
             raise ScenarioError("\n".join(self._listed(wrong, self.checks)))
 
     def _listed(self, wrong: dict[str, list[str]], checked: int) -> Iterator[str]:
-        """Yield every error with the combinations that have it."""
         room = MOST_LINES
         for fault, found in wrong.items():
             places = list(dict.fromkeys(found))
@@ -217,18 +215,15 @@ class _Checker:
         return [*self._of_tractor(scenario), *self._of_place(scenario)]
 
     def _of_tractor(self, scenario: Scenario) -> list[str]:
-        """Return the errors of the tractor, cached by its properties."""
         room = len(self.tractors) < MOST_KEPT
         return self._found(self.tractors, tractor_key(scenario), room, partial(check_tractor, scenario))
 
     def _of_place(self, scenario: Scenario) -> list[str]:
-        """Return the errors of path and field; only of the path after MOST_GROUNDS different fields."""
         tractor, fields = scenario.tractor, len(self.places) < MOST_GROUNDS
         key = (scenario.path, scenario.terrain, scenario.ticks, tractor.wheelbase_m, tractor.steer_limit_deg)
         return self._found(self.places, key, fields, partial(check_files, scenario, self.base.name, fields))
 
     def _found(self, known: dict[object, list[str]], key: object, room: bool, check: Callable[[], None]) -> list[str]:
-        """Return the errors reported by `check`, stored under `key` if there is `room`."""
         if key in known:
             return known[key]
         faults = []
@@ -255,11 +250,7 @@ def points_of(method: str, samples: int, draws: int) -> int:
 
 
 def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
-    """Return the design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d).
-
-    For each of n points (a, b) of a Sobol sequence in 2 d dimensions, the design contains a, a with each single
-    coordinate replaced from b, and b.
-    """
+    """Return the design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d)."""
     from scipy.stats import qmc
 
     base = qmc.Sobol(2 * dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]
@@ -269,7 +260,6 @@ def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
 
 
 def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
-    """Return points that fill the interior of the unit cube, shape (n, dimensions)."""
     generator = stream(seed, "sweep draws")
     if method == "random":
         points = generator.random((n, dimensions))

@@ -123,7 +123,6 @@ def _prepare(store: Store, options: SweepOptions, part: range) -> None:
 
 
 def _is_other(store: Store) -> bool:
-    """Return whether the folder contains results of another sweep."""
     try:
         return store.changed
     except ScenarioError:
@@ -132,7 +131,6 @@ def _is_other(store: Store) -> bool:
 
 @contextmanager
 def _full_disk_told(store: Store) -> Iterator[None]:
-    """Add the number of stored runs, and how to continue, to the error of a full disk."""
     try:
         yield
     except OSError as error:

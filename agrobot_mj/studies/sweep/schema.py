@@ -103,7 +103,6 @@ class SweepFile(Spec):
         return self
 
     def _copies(self) -> Iterator[str]:
-        """Yield error messages about repeated values, whose runs would be counted as independent."""
         lists = {f"axes.{key}": axis.values for key, axis in self.axes.items() if isinstance(axis, Listed)}
         if isinstance(self.seeds, tuple):
             lists["seeds"] = self.seeds
@@ -115,7 +114,6 @@ class SweepFile(Spec):
                 yield f"variant {variant.name!r}: seed: has no effect; set seeds = [...] at the top level"
 
     def _clashes(self) -> list[str]:
-        """Return error messages about repeated keys and values, and about draws without samples."""
         names = [variant.name for variant in self.variant]
         found = [
             f"variant: {names.count(n)} variants are named {n!r}; rename one"
@@ -143,7 +141,6 @@ class SweepFile(Spec):
         return found
 
     def _unfit_for_screening(self) -> Iterator[str]:
-        """Yield reasons against a regression on ranks: too few points, or values without an order."""
         if self.samples < (least := POINTS_PER_DRAW * len(self.draws)):
             yield f"samples: must be at least {least} with screening, {POINTS_PER_DRAW} per draw, got {self.samples}"
         for key, draw in self.draws.items():
@@ -234,7 +231,6 @@ def last(key: str) -> str:
 
 
 def _as_table(file: SweepFile) -> dict[str, Any]:
-    """Return a sweep without its axes as plain data that can be read again."""
     data = file.model_dump(mode="json", exclude={"axes", "draws"})
     return {**data, "axes": {}, "draws": {key: draw.written for key, draw in file.draws.items()}}
 
@@ -247,7 +243,6 @@ def resolved(sweep: Sweep) -> dict[str, Any]:
 
 
 def _lines(source: str, error: ValidationError) -> list[str]:
-    """Return one line per error of a sweep file."""
     found = []
     errors, more = first_faults(error)
     for each in errors:

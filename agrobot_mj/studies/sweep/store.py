@@ -57,10 +57,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
 
 
 def begun(folder: Path) -> dict[str, Any] | None:
-    """Return the content of `plan.json` in a folder; None without the file.
-
-    Raises `ScenarioError` for an invalid plan, and for a plan that names files outside the folder.
-    """
+    """Return the content of `plan.json` in a folder; None without the file."""
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
     except FileNotFoundError:
@@ -172,10 +169,7 @@ class Store(RowFiles):
         return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
-        """Write all rows as one table in the order of the runs; return the number of rows.
-
-        Raises `ScenarioError` for a value whose type differs from the rest of its column.
-        """
+        """Write all rows as one table in the order of the runs; return the number of rows."""
         rows, pieces = (self.line(*each) for each in self.rows()), []
         try:
             while some := list(islice(rows, IN_A_PIECE)):
@@ -208,7 +202,6 @@ class Store(RowFiles):
                 self.put(task, contents)
 
     def _row_files(self) -> list[Path]:
-        """Return all row files, of this plan and of other plans."""
         found = (Path(file) for folder in _entries(self.folder / ROWS) for file in _entries(Path(folder)))
         return [file for file in found if _ROW.fullmatch(file.name)]
 
@@ -220,10 +213,7 @@ def read_rows(folder: Path) -> list[dict[str, Any]]:
 
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the rows of several folders of the same sweep; return the number of rows present and expected.
-
-    Raises `ScenarioError` for a folder without sweep or with another sweep.
-    """
+    """Merge the rows of several folders of the same sweep; return the number of rows present and expected."""
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
@@ -241,7 +231,6 @@ def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 
 def _plan_in(folder: Path) -> SweepPlan:
-    """Return the plan of the sweep in a results folder. Raises `ScenarioError` for damaged files."""
     try:
         return SweepPlan(read_sweep(folder / "sweep.toml"))
     except ScenarioError as error:
@@ -249,7 +238,6 @@ def _plan_in(folder: Path) -> SweepPlan:
 
 
 def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the common plan of all folders and of `target`, if given. Raises `ScenarioError` if the plans differ."""
     plans = {source: begun(source) for source in sources}
     for source, plan in plans.items():
         if plan is None:
@@ -268,7 +256,6 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
 
 
 def _is_plan(content: Any) -> bool:
-    """Return whether the content of a `plan.json` is a plan with files of its own folder only."""
     if not isinstance(content, dict) or not isinstance(content.get("of"), dict):
         return False
     runs, files = content.get("runs"), content.get("files", [])
@@ -276,7 +263,6 @@ def _is_plan(content: Any) -> bool:
 
 
 def _entries(folder: Path) -> list[str]:
-    """Return the paths in a folder; empty for a link."""
     return sorted(entry.path for entry in os.scandir(folder)) if folder.is_dir() and not folder.is_symlink() else []
 
 
@@ -312,18 +298,15 @@ def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
 
 
 def _kind(value: Any) -> type:
-    """Return the type of a value, float for integers."""
     return float if type(value) is int else type(value)
 
 
 def _columns(rows: list[dict[str, Any]]) -> pa.Table:
-    """Return rows as a table; columns of numbers are integer only if all values are integers."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     return pa.table({name: pa.array([row.get(name) for row in rows]) for name in names})
 
 
 def _in_order(table: pa.Table) -> pa.Table:
-    """Return the table with wall time and version as last columns, and with empty columns as numbers."""
     end = [name for name in ("wall_s", "identity", "version") if name in table.column_names]
     table = table.select([name for name in table.column_names if name not in end] + end)
     empty = {"error": pa.string()}

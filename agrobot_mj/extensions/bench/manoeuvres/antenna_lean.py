@@ -113,10 +113,7 @@ def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
 
 
 def offset(scenario: Scenario, slope: SlopeState) -> float:
-    """Return the steady offset of the true CG from the line, uphill [m]. Raises ValueError if the law saturates.
-
-    The controller must be `pd` or contain a network or an integral.
-    """
+    """Return the steady offset of the true CG from the line, uphill [m]. Raises ValueError if the law saturates."""
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
     phi, beta, delta = slope

@@ -23,10 +23,7 @@ DRIFT_MM = 1.0
 
 
 def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
-    """Return the motion of the CG from `SETTLED_S` until `seconds` [mm], and its speed over the last 10 s [mm/min].
-
-    Raises ValueError for less than 20 s.
-    """
+    """Return the motion of the CG from `SETTLED_S` until `seconds` [mm], and its speed over the last 10 s [mm/min]."""
     if seconds < 2 * SETTLED_S:
         raise ValueError(f"park for {2 * SETTLED_S:g} s or more, got {seconds:g}")
     settled = round(SETTLED_S / TICK_S)

@@ -50,7 +50,6 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> list[Check]:
-    """Return checks of both angles [deg] against theory."""
     heading = m.about(f"crab of the heading, {grade:g} deg", tyre.kind, "deg")
     mean = m.about(f"mean crab, {grade:g} deg", tyre.kind, "deg")
     if not tyre.judged:

@@ -19,10 +19,7 @@ __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_com
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Measure a tyre, given by kind or TOML file, on the rig; return the files written into `out`.
-
-    Raises `ScenarioError` if the source is not a tyre.
-    """
+    """Measure a tyre, given by kind or TOML file, on the rig; return the files written into `out`."""
     specimen = load_specimen(source)
     with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
         try:

@@ -156,7 +156,6 @@ def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: fl
 
 
 def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Axes, str]]]:
-    """Return a figure with one panel per axle, and pairs of panel and axle."""
     kind = _kind(table)
     axles = list(dict.fromkeys(_rows(table, tyre=kind)["axle"].to_pylist()))
     figure = Figure((PANEL_WIDTH_IN * len(axles), height), layout="constrained")
@@ -167,7 +166,6 @@ def _panels(table: pa.Table, height: float = 2.6) -> tuple[Figure, list[tuple[Ax
 
 
 def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -> Figure:
-    """Label the ordinate, add the legend of the first panel, and return the figure."""
     first = grid[0][0]
     first.set_ylabel(label)
     handles, names = first.get_legend_handles_labels()
@@ -183,7 +181,6 @@ def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
 
 
 def _kind(table: pa.Table) -> str:
-    """Return the kind of the tyre on the rig, which is in the first row."""
     return str(table["tyre"][0])
 
 

@@ -43,10 +43,7 @@ class Specimen(NamedTuple):
 
 
 def load_specimen(source: str) -> Specimen:
-    """Return the default tyre of a kind, or the tyre of a TOML file.
-
-    Raises `ScenarioError` with all errors of the input in one message.
-    """
+    """Return the default tyre of a kind, or the tyre of a TOML file."""
     kinds = list(families()["plant.tyre"])
     if source in kinds:
         return _resolved({"tyre": {"kind": source}}, "tyre.", source)
@@ -68,7 +65,6 @@ def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
 
 
 def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
-    """Return the tyre resolved as in a scenario, so that its keys have the same meaning."""
     tyre, known = data.pop("tyre"), ", ".join(families()["plant.tyre"])
     if not isinstance(tyre, dict):
         raise ScenarioError(f"{source}: {prefix.rstrip('.')}: must be a table, got {tyre!r}")

@@ -61,7 +61,6 @@ class Towed:
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
     def _carry(self, load: float) -> None:
-        """Load the sled with `load` [N] and let it settle."""
         if load == self.load:
             return
         self.load, self.model = load, _model(self.contact, self.tractor, WHEELS[self.wheel], load, self.dt)

@@ -72,10 +72,7 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for a steering error, set point minus angle computed by the board [rad].
-
-    The PWM is the proportional term plus the minimum PWM, limited by a value that increases with the error.
-    """
+    """Return the PWM for a steering error, set point minus angle computed by the board [rad]."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:

@@ -86,7 +86,6 @@ def run_link(
 
 
 def _keys(scenario: Scenario) -> AgOpenGps:
-    """Return the keys of the link. Raises `ScenarioError` for any other guidance."""
     if not isinstance(scenario.guidance, AgOpenGps):
         kind = scenario.guidance.kind
         raise ScenarioError(f'guidance.kind: "{kind}" is not supported by a link; set it to "agopengps"')
@@ -94,7 +93,6 @@ def _keys(scenario: Scenario) -> AgOpenGps:
 
 
 def _check_recorded(path: Path, scenario: Scenario) -> None:
-    """Raise `ScenarioError` if the record is from a different scenario."""
     there, here = dict(flat(recorded_scenario(path))), dict(flat(tomllib.loads(scenario.portable()[0])))
     other = [key for key in there.keys() & here.keys() if there[key] != here[key] and key not in FREE]
     if other:

@@ -105,7 +105,6 @@ class Session:
         return measured
 
     def _turn(self, measured: Measurement) -> Actuation:
-        """Perform one turn and return the steering output of the board."""
         for incoming in self.channel.begin(self.turn):
             self._take(incoming)
         heard = self.state.tally.steer_data
@@ -119,7 +118,6 @@ class Session:
         return actuation
 
     def _tell(self, before: BoardState) -> None:
-        """Notify the user of changes since the state `before`."""
         after, refuses = self.state, self.board.refuses
         when = f"{(self.turn - self.started) * TICK_S:.1f} s" if self.started >= 0 else "before the run"
         if refuses(after) and not refuses(before):
@@ -134,7 +132,6 @@ class Session:
         return self.turn % round(1 / (self.spec.position_rate_hz * TICK_S)) == 0
 
     def _position(self) -> bool:
-        """Send the position of the tractor; return whether a position was sent."""
         sentence = self.receiver.sentence(self.received, self.now)
         if sentence is not None:
             self._send(sentence)
@@ -154,7 +151,6 @@ class Session:
         self.traffic.add(Datagram(self.turn, wall, "out", address, data))
 
     def _starts(self, actuation: Actuation) -> bool:
-        """Return whether the clock starts in this turn; only turns with a position start it."""
         heard = self.state.tally.steer_data > 0
         ready = {"now": True, "heard": heard, "engaged": actuation.engaged}[self.options.start]
         if ready and self._position_is_due():
@@ -172,7 +168,6 @@ class Session:
         return False
 
     def _missing(self) -> str:
-        """Return a text about the messages that the host has not sent yet."""
         tally, (carrier, program) = self.state.tally, PROGRAMS[self.spec.host]
         if tally.steer_data:
             return f": {program} answers, but has not engaged"

@@ -50,7 +50,6 @@ class UdpSockets:
     """Sockets on the port of the boards, which send to one host."""
 
     def __init__(self, address: str = "127.0.0.1", board_port: int = BOARD_PORT, host_port: int = HOST_PORT) -> None:
-        """Open the sockets. Raises `ScenarioError` if the port is in use."""
         ip = address_of(address)
         self.target, self.port, self.lost = (address, host_port), board_port, 0
         self.sockets: list[socket.socket] = []

@@ -35,7 +35,6 @@ class Camera:
     def __init__(
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
     ) -> None:
-        """Create a renderer for images of `size`, width and height [pixels]. Raises `NoDisplayError` without OpenGL."""
         spec = tractor_spec(Machine(tractor))
         if (hitched := implement.hitched(tractor)) is not None:
             add_implement(spec, hitched, tractor, native=False)
@@ -81,7 +80,6 @@ class Camera:
 
 
 def _light(spec: mujoco.MjSpec) -> None:
-    """Add sky, sun and the colours of a field."""
     spec.visual.map.zfar = 40.0
     kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
     for name, kind, pattern, first, second in (

@@ -132,7 +132,6 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return self._observe(), reward, terminated, truncated, info
 
     def __copy__(self) -> "FollowPath":
-        """Return an independent environment in the same state."""
         return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -144,7 +143,6 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self.components = observation.table(*self._seen)
 
     def _reward(self, turn: float) -> float:
-        """Return the reward of the tick that has ended, for the steering action `turn`; 0 in a diverged run."""
         beside = self._moment.beside_truth
         new = max(beside.s - self._farthest, 0.0)
         self._farthest = max(self._farthest, beside.s)
@@ -154,13 +152,11 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
     @property
     def _running(self) -> Simulation:
-        """Return the simulation of this episode. Raises RuntimeError before the first episode."""
         if self.sim is None:
             raise RuntimeError("step and render need an episode; call reset() first")
         return self.sim
 
     def _speed(self, action: list[float]) -> float:
-        """Return the speed of an action [m/s]."""
         reference = observation.reference_speed(self._moment)
         if len(action) > 1:
             return reference * (1.0 + min(max(action[1], -1.0), 1.0))
@@ -168,7 +164,6 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return reference + min(max(more, -MOST_CATCH_UP_M_S), MOST_CATCH_UP_M_S)
 
     def _look(self, sim: Simulation, steer: float) -> Moment:
-        """Return the state of the episode from which observations are computed."""
         e, t = sim.estimate, sim.truth
         beside = sim.path.nearest(e.x, e.y, self._place, t.t)
         self._place = beside.s
@@ -178,7 +173,6 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return observation.observation(self.components, self.highest, self._moment)
 
     def _info(self) -> dict[str, Any]:
-        """Return true values for `info`, unavailable to a real agent."""
         sim, beside = self._running, self._moment.beside_truth
         lag, outcome = sim.path.passed(sim.truth.t) - beside.s, sim.outcome
         if not outcome and not abs(beside.offset) <= self.max_offset_m:
@@ -188,10 +182,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
-        """Return an image of the tractor on its path, uint8, shape (height, width, 3); None without a render mode.
-
-        Raises `NoDisplayError` without OpenGL.
-        """
+        """Return an image of the tractor on its path, uint8, shape (height, width, 3); None without a render mode."""
         if self.render_mode is None:
             return None
         sim = self._running

@@ -20,11 +20,9 @@ class FollowPathVector(SyncVectorEnv):
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
     ) -> None:
-        """Create the environments; `autoreset_mode` as in gymnasium."""
         super().__init__([partial(FollowPath, **keywords)] * num_envs, autoreset_mode=autoreset_mode)
 
     def __copy__(self) -> "FollowPathVector":
-        """Return independent environments in the same state."""
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:

@@ -44,10 +44,7 @@ LARGEST = 1e9
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
-    """Write the run of `folder` as MCAP into that folder or into `out`; return the file and the number of messages.
-
-    Raises `ScenarioError` if the folder contains no run or a damaged run, or if the extra `mcap` is not installed.
-    """
+    """Write the run of `folder` as MCAP into that folder or into `out`; return the file and the number of messages."""
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: the folder has no {name}; specify the folder of a run")
@@ -66,7 +63,6 @@ def _waited(file: Path) -> float:
 
 
 def _signals(file: Path) -> pa.Table:
-    """Return the signals used by the messages. Raises `ScenarioError` for missing columns and impossible values."""
     try:
         schema = pq.read_schema(file.absolute())
     except (pa.ArrowException, OSError, ValueError):
@@ -83,10 +79,7 @@ def _signals(file: Path) -> pa.Table:
 
 
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
-    """Write a run into `file`; return the number of messages. Raises `ScenarioError` without the extra `mcap`.
-
-    Stamps count from the start of the node, `waited_s` before the start of the run [s].
-    """
+    """Write a run into `file`; return the number of messages. Raises `ScenarioError` without the extra `mcap`."""
     library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
         writer = library.Writer(str(temporary))

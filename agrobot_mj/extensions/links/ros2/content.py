@@ -124,10 +124,7 @@ def site_of(scenario: Scenario) -> Site:
 
 
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
-    """Return all messages of a tick by topic, /clock last; `yaw` is the yaw of the inertial unit [rad].
-
-    `time` is the time of the stamps [s]. Default: the time of the run.
-    """
+    """Return all messages of a tick by topic, /clock last; `yaw` is the yaw of the inertial unit [rad]."""
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
     if isfinite(s.gyro) or isfinite(s.imu_roll):
@@ -278,5 +275,4 @@ def _transform(at: Content, parent: str, child: str, place: Content, turn: Conte
 
 
 def _diagonal(*variances: float) -> list[float]:
-    """Return a row-major matrix with these values on the diagonal."""
     return [float(x) for x in np.diag(variances).ravel()]

@@ -43,10 +43,7 @@ class RosNode:
     """
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
-        """Create the node. `stamped`: /cmd_vel is a TwistStamped; `namespace` applies to the node and its topics.
-
-        Raises `ScenarioError` without rclpy and for an invalid domain or namespace.
-        """
+        """Create the node. `stamped`: /cmd_vel is a TwistStamped; `namespace` applies to the node and its topics."""
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
@@ -123,10 +120,7 @@ def full_topic(namespace: str, name: str) -> str:
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
-    """Return the reason why no commands arrive on /cmd_vel, with the fix; empty if unknown.
-
-    `types` are the message types of its publishers, such as `geometry_msgs/msg/Twist`.
-    """
+    """Return the reason why no commands arrive on /cmd_vel, with the fix; empty if unknown."""
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:
         fix = f"{'omit' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"

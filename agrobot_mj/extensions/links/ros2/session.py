@@ -108,7 +108,6 @@ class RosSession:
     """One run over a port; `run` may be called once."""
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
-        """Create the session. Raises `ScenarioError` if the guidance is not `cmd_vel`."""
         spec: GuidanceLaw = sim.scenario.guidance
         if not isinstance(spec, CmdVel):
             raise ScenarioError(f'guidance.kind: "{spec.kind}" is not controlled by /cmd_vel; set it to "cmd_vel"')
@@ -162,7 +161,6 @@ class RosSession:
         return sample
 
     def _turn(self, sample: TickSample) -> None:
-        """Publish the messages of one tick and read the newest command."""
         port, lock_step = self.port, self.options.pace == "lock_step"
         held = lock_step and self.started >= 0
         before = port.heard
@@ -194,7 +192,6 @@ class RosSession:
             self.request = VelocityRequest(port.last.speed, port.last.yaw_rate, 0.0)
 
     def _starts(self) -> None:
-        """Start the clock of the run after its start event. Raises `NoProgramError` after the maximum wait."""
         if self.options.start == "now" or self.port.heard:
             if self.port.heard and self.options.pace == "lock_step":
                 self._settle()
@@ -235,10 +232,7 @@ def ros2(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario with guidance `cmd_vel` as a ROS node and write into `folder`.
-
-    Raises `ScenarioError` without rclpy and for any other guidance, `NoProgramError` if no command arrives.
-    """
+    """Run a scenario with guidance `cmd_vel` as a ROS node and write into `folder`."""
     with ExitStack() as stack:
         if not options.network:
             stack.enter_context(loopback_only())

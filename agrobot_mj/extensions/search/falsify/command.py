@@ -36,10 +36,7 @@ def falsify(
     jobs: int | None = None,
     done: Callable[[Combination], object] = lambda tried: None,
 ) -> Falsified:
-    """Search for the mildest failing combination; write the result and the rows of the runs into `folder`.
-
-    `done` is called with each evaluated combination. Raises `ScenarioError`.
-    """
+    """Search for the mildest failing combination; write the result and the rows of the runs into `folder`."""
     question.check(scenario)
     mild = scenario.changed(question.overrides(scenario, (0.0,) * len(question.varied)))
     check_tractors([mild, mild.changed({"seed": scenario.seed + max(question.seeds, CONFIRMED) - 1})])
@@ -78,12 +75,10 @@ def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -
 
 
 def _name(found: Falsified) -> str:
-    """Return the label of the result in the figure."""
     return "closest" if found.verdict == NOT_FOUND else "answer"
 
 
 def _draw_tried(axes: Axes, q: FalsifyQuestion, found: Falsified) -> None:
-    """Plot the combinations over the two keys with the largest changes, or the margin over a single key."""
     order = sorted(range(len(q.varied)), key=lambda k: -abs(found.mildest.distances[k]))
     x, *more = [q.varied[k].key for k in order[:2]]
 

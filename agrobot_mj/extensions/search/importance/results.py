@@ -28,10 +28,7 @@ NEGLIGIBLE = 0.05
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Return the Markdown table with rank, fraction of the variance and effect of each draw in each group.
-
-    Ranks are ranges if the samples do not determine the order.
-    """
+    """Return the Markdown table with rank, fraction of the variance and effect of each draw in each group."""
     head, rows = importance_rows(found)
     return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
 
@@ -50,7 +47,6 @@ def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[st
 
 
 def _cells(share: Share, trusted: bool) -> list[str]:
-    """Return rank, fraction with interval, and effect of a draw in a group."""
     rank = share.rank if trusted else "?"
     cells = [rank, f"{share.share:.2f} ({share.low:.2f} to {share.high:.2f})", f"{share.effect:.2f} ± {share.half:.2f}"]
     return cells if share.correlation is None else [*cells, f"{share.correlation:.2f}"]
@@ -108,7 +104,6 @@ def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
 
 
 def _rank(first: Influence, key: str) -> str:
-    """Return the rank of a draw in the first group."""
     return "?" if first.flaws else next(share.rank for share in first.shares if share.key == key)
 
 
@@ -164,10 +159,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of the point means caused by the seeds; None with one seed.
-
-    `values` has shape (points, seeds).
-    """
+    """Return the fraction of the variance of the point means caused by the seeds; None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -199,7 +191,6 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
 
 
 def _check_metric(metric: str, rows: Rows) -> None:
-    """Raise `ScenarioError` unless the column is a result of all runs, including failed runs."""
     names = list(rows[0])
     known = [name for name in names[names.index("outcome") + 1 :] if name not in ("error", *WALL, "version")]
     if metric not in known or metric not in names:

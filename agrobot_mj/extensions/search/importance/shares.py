@@ -103,10 +103,7 @@ class Regression(NamedTuple):
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return the fractions and the upper limit of the part that is neither linear nor noise.
-
-    `draws` has shape (n, d), `values` (n,).
-    """
+    """Return the fractions and the upper limit of the part that is neither linear nor noise."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -187,7 +184,6 @@ def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
 
 
 def _impossible(share: Share) -> list[str]:
-    """Return texts about intervals entirely outside the range from 0 to 1."""
     ends = {"first-order": (share.effect - share.half, share.effect + share.half), "total": (share.low, share.high)}
     return [
         f"{share.key}: the {name} index is from {low:.2f} to {high:.2f}"

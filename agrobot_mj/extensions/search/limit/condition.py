@@ -40,7 +40,6 @@ class Condition:
     """Condition on the metrics of a run. Raises `ScenarioError` for invalid text."""
 
     def __init__(self, text: str, metrics: Collection[str]) -> None:
-        """Read a condition; `metrics` are the allowed names, in addition to `outcome`."""
         self.text, self.metrics, self._names = text, metrics, set[str]()
         if len(text) > LONGEST:
             self._refuse(f"the text has more than {LONGEST} characters")

@@ -151,7 +151,6 @@ class _Search:
 
 
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
-    """Return the results of `count` runs; seeds count up from the scenario's seed plus `first`."""
     seeds = range(scenario.seed + first, scenario.seed + first + count)
     return [*do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
 
@@ -218,11 +217,7 @@ def limit(
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
-    """Search for the limit of each kind of guidance; write the results and the rows of the runs into `folder`.
-
-    `begin` is called with the scenarios at both ends of the range before the first run. `beside` are the overrides of a
-    baseline without the fault or disturbance, searched in the same way. Raises `ScenarioError`.
-    """
+    """Search for the limit of each kind of guidance; write the results and the rows of the runs into `folder`."""
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
     for each in scenarios.values():
@@ -254,7 +249,6 @@ def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> d
 
 
 def _plain(found: Found | Counterpart) -> dict[str, Any]:
-    """Return a result as plain data."""
     return {**found._asdict(), "tried": [tried.written for tried in found.tried]}
 
 

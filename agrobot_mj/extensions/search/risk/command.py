@@ -52,10 +52,7 @@ def risk(
     done: Callable[[Population], object] = lambda population: None,
     quiet: bool = True,
 ) -> Risk:
-    """Estimate the probability that a run fails; write the result and the rows of the runs into `folder`.
-
-    `done` is called with each finished splitting; progress is shown unless `quiet`. Raises `ScenarioError`.
-    """
+    """Estimate the probability that a run fails; write the result and the rows of the runs into `folder`."""
     question.check()
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)

@@ -135,10 +135,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """Return the mean of independent estimates, with Student's interval for its logarithm.
-
-    The estimates are positive and skewed; their logarithm is not skewed.
-    """
+    """Return the mean of independent estimates, with Student's interval for its logarithm."""
     from scipy.stats import t
 
     n, mean = len(values), fsum(values) / len(values)
