@@ -23,7 +23,6 @@ _HOMES = {
     "register": "agrobot_mj.scenario.plugins",
     "run": "agrobot_mj.simulation.api",
 }
-"""Module of each name of the API, imported on first use."""
 
 
 def __getattr__(name: str) -> Any:

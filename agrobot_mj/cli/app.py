@@ -52,7 +52,6 @@ CORE: Commands = {
     authoring.init: listed("Write scenarios", "init my_field"),
     authoring.schema: listed("Write scenarios", "schema > scenario.schema.json", advanced=True),
 }
-"""Commands of the core, in the order of the help."""
 WIDEST = 74
 """Maximum line length of an example, for terminals with 80 columns."""
 

@@ -27,7 +27,6 @@ def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
 
 
 COMMANDS: dict[str, HelpEntry] = {}
-"""Help entries of all commands by name."""
 
 
 def command_name(function: Callable[..., Any]) -> str:

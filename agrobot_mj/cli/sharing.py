@@ -10,7 +10,6 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.results import atomic, check_folder
 
 COMPARISON = "comparison.rrd"
-"""File name of the common recording of a comparison."""
 PAGE, POSTER = "share.html", "poster.png"
 """Files written by `report --share`."""
 

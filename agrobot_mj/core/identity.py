@@ -42,12 +42,9 @@ class Identity(NamedTuple):
     scenario: str
     """Digest of the resolved scenario, including machine files and gains."""
     files: str
-    """Digest of the files named in the scenario."""
     plugins: str
     program: str
-    """Digest of the sources and models of the package."""
     libraries: str
-    """Digest of the library versions."""
 
     def __str__(self) -> str:
         return "-".join(self)

@@ -54,7 +54,6 @@ class _State:
         self.replaced: list[int] = []
         """Signals whose current handler is `_keep`."""
         self.received: list[int] = []
-        """Delayed signals."""
         self.since = 0.0
         """Time at which the outermost block started or last called `deliver` [s]."""
         self.raised: BaseException | None = None

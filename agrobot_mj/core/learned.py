@@ -14,7 +14,6 @@ from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 
 LEARNED = "learned.parquet"
-"""File name in the folder of a run."""
 MOST_BYTES = 50e6
 """Maximum size of an input file, a map of 1000 km [bytes]."""
 

@@ -66,7 +66,6 @@ class GaussMarkov(NamedTuple):
     """State of a first-order Gauss-Markov process of unit variance, with one or more axes."""
 
     generator: Generator
-    """Random stream, advanced in place."""
     value: tuple[float, ...]
     """Value in each axis, divided by its standard deviation [-]."""
 

@@ -190,7 +190,6 @@ class Conditions(NamedTuple):
     valve_dead_band: float = 0.0
     """Increase of the half width of the steering valve's dead band [V]."""
     payload: tuple[PointMass, ...] = ()
-    """Point masses attached to the chassis."""
     drawbar: float = 0.0
     """Pull of an implement at the hitch, against the direction of motion [N]."""
     side_force: float = 0.0

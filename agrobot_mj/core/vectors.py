@@ -6,7 +6,6 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
 Vector = tuple[float, float, float]
-"""Vector with the components x, y, z."""
 
 
 @kernel

@@ -24,9 +24,7 @@ class Key(NamedTuple):
 
     dotted: str
     owner: type[Spec]
-    """Class that defines the key."""
     name: str
-    """Name of the key within its table."""
 
     @property
     def kinds(self) -> dict[str, type[Spec]]:

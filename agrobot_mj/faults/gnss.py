@@ -130,7 +130,6 @@ class FloatState(NamedTuple):
     """State of a `GnssFloat` between two ticks."""
 
     generator: Generator
-    """Random stream, advanced in place."""
     floating: bool
     """Whether the solution is float at present; always true without `flicker_s`."""
     turns_s: float

@@ -10,7 +10,6 @@ from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.machine import Payload
 
 ScriptState = tuple[Any, ...]
-"""State of each fault, in the order of the script."""
 
 
 class Script(NamedTuple):

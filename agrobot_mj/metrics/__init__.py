@@ -29,7 +29,6 @@ METRICS: list[Metric] = [
     Safety(),
     BrakedDrift(),
 ]
-"""All metrics, in the order of metrics.json."""
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
 """Units of link metrics without a unit in their names."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}

@@ -211,7 +211,6 @@ class BicycleState(NamedTuple):
     valve: ValveLaw
     """Valve parameters in the last tick, including wear."""
     ticks: int
-    """Number of ticks since the reset."""
 
 
 class BicyclePlant(RunningPlant):

@@ -58,15 +58,12 @@ class Shown(NamedTuple):
     maps: Sequence[Map] = ()
     """Heat maps of the network."""
     lanes: int = 3
-    """Number of lanes of states."""
     frames: Mapping[str, Frame] = MappingProxyType({})
     """Frames of plots, by path; the viewer chooses frames that are missing."""
     outcome: str = ""
-    """Outcome of the run; empty during the run."""
     size: float = 1.0
     """Size of the tractor, including drawn implements, divided by the size of the default tractor [-]."""
     followed: str = FOLLOWED
-    """Entity that the camera follows."""
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:

@@ -35,7 +35,6 @@ from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
 
 PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY)
-"""Colours of the runs, in order."""
 POSE_TICKS = 2
 """Number of ticks between poses."""
 BESIDE = 3
@@ -56,9 +55,7 @@ class RecordedRun(NamedTuple):
     """Run of a comparison."""
 
     name: str
-    """Name in legends: plant and law."""
     entity: str
-    """Name of the run in entity paths."""
     log: Log
     colour: int
     """Colour as 0xRRGGBBAA."""

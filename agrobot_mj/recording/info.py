@@ -51,7 +51,6 @@ def summary(log: Log) -> str:
 
 
 COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_rate_error_rms")
-"""Metrics in the table of a comparison, if available."""
 
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:

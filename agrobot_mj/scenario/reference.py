@@ -41,7 +41,6 @@ class Doc(NamedTuple):
     source: str
     """Source of the default; empty for a default without source."""
     kind: str
-    """Type and range in words."""
     default: str
     """Default as TOML."""
 
@@ -74,7 +73,6 @@ class KnownKind(NamedTuple):
     kind: str
     """Value of the key `kind`, or name of the sensor or metric."""
     text: str
-    """First line of the description."""
 
 
 def known_kinds() -> list[KnownKind]:

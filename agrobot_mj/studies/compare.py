@@ -26,7 +26,6 @@ from agrobot_mj.studies.sweep.runner import SweepOptions, drive
 from agrobot_mj.studies.sweep.store import Store
 
 FIGURES = ("trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q")
-"""Names of the figures of `studies.report`."""
 FILES = ("comparison.json", "comparison.rrd", *(f"{name}.png" for name in FIGURES))
 """Files of a comparison, in addition to the files of its sweep and the folders of its runs."""
 

@@ -20,7 +20,6 @@ from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
-"""Default plants of a comparison."""
 CONTROLLERS = ("pd", "pd_t2fnn")
 """Default controllers of a comparison without named laws or variants."""
 MOST_RUNS = 2000
@@ -36,9 +35,7 @@ class CompetingLaw(NamedTuple):
 
     name: str
     overrides: Mapping[str, Any]
-    """Overrides by dotted key."""
     variant: str | None = None
-    """Name of the variant; None for a law named by kind."""
 
 
 class Case(NamedTuple):
@@ -51,7 +48,6 @@ class Case(NamedTuple):
     seed: int
     scenario: Scenario
     folder: str
-    """Name of the folder of the run."""
 
     @property
     def controller(self) -> str | None:

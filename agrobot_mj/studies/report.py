@@ -43,7 +43,6 @@ class ReportedRun(NamedTuple):
     """Name of the law: a yaw controller, a guidance law, or a variant."""
     log: LogLike
     failed: bool = False
-    """Whether the run ended with an unexpected outcome."""
 
     @property
     def name(self) -> str:

@@ -9,7 +9,6 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import read_identity
 
 DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
-"""Exceptions that damaged files cause."""
 
 
 @contextmanager

@@ -28,7 +28,6 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
-"""Colour of each controller."""
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
 """Colours of other laws in order of appearance. Grey is excluded because it resembles the black reference."""
 STYLE: dict[Any, Any] = {

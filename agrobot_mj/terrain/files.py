@@ -22,7 +22,6 @@ from agrobot_mj.terrain.grid import MOST_NODES
 MOST_BYTES = 128 * 1024**2
 """Maximum size of a file, sufficient for the largest grid as text [bytes]."""
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
-"""Value of white for each grey image mode of Pillow."""
 FINEST_M = 0.01
 """Minimum cell size of an ESRI grid [m]; a smaller value is probably in degrees."""
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
@@ -212,4 +211,3 @@ READERS: dict[str, Callable[[Path], Sheet]] = {
     ".tif": _read_tiff,
     ".tiff": _read_tiff,
 }
-"""Reader of each suffix."""

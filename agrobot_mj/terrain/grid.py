@@ -57,7 +57,6 @@ class Ground(NamedTuple):
     heights: Array
     """Heights of the nodes, shape (rows, columns), at least 2 x 2 [m]."""
     surface: Surface = NOTHING_SPECIAL
-    """Friction and soil properties."""
     planar: bool = False
     """Whether the grid was created as a plane with more than one cell."""
     memory: SoilMemory = FORGETS

@@ -16,7 +16,6 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import FIRMEST_KPA, SOFTEST_KPA, ConeIndex, Fraction, Spec
 
 SurfaceName = Literal["concrete", "stubble", "tilled", "sand"]
-"""Names of surfaces."""
 
 
 class SurfaceProperties(NamedTuple):

@@ -39,7 +39,6 @@ class Codec(NamedTuple):
     """Functions that encode and decode a message."""
 
     source: int
-    """Number of the module that sends the message."""
     least: int
     """Minimum number of data bytes; further bytes are ignored."""
     pack: Callable[[Any], bytes]
@@ -151,6 +150,5 @@ CODECS = {
     IMU: _hello_reply(IMU),
     203: Codec(STEER, 7, lambda m: bytes((*m.address, *m.subnet)), _scan_reply),
 }
-"""Codec of each message by number (PGN)."""
 NUMBERS = {SteerData: 254, SteerSettings: 252, SteerConfig: 251, Hello: 200, Scan: 202, SteerState: 253, ScanReply: 203}
 """Number of each message; the number of a `HelloReply` is the number of its module."""

@@ -104,9 +104,7 @@ class ScanReply(NamedTuple):
     """Message 203: address of a module."""
 
     module: int
-    """Number of the module."""
     address: tuple[int, ...]
-    """IPv4 address of the module, four numbers."""
     subnet: tuple[int, ...]
     """Subnet of the querying host, three numbers."""
 

@@ -16,7 +16,6 @@ from agrobot_mj.core.nmea import KNOTS, Solution, clock, degrees_of, fields_of, 
 NO_HEADING = 65535
 """Heading in PANDA sentences without an inertial unit [0.1 deg]."""
 FIELDS = 16
-"""Number of fields of both sentences, including the name."""
 
 
 class BoardAttitude(NamedTuple):

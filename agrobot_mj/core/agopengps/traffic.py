@@ -24,7 +24,6 @@ SCHEMA = pa.schema(
 
 
 SCENARIO = b"scenario"
-"""Key of the scenario in the file metadata."""
 
 
 class Datagram(NamedTuple):
@@ -37,7 +36,6 @@ class Datagram(NamedTuple):
     direction: str
     """Direction: `in` from the host, `out` to the host."""
     address: str
-    """Remote address as `host:port`."""
     data: bytes
 
 

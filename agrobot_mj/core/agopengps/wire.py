@@ -30,9 +30,7 @@ class Unknown(NamedTuple):
     """Valid frame with a message for other modules."""
 
     source: int
-    """Number of the sending module."""
     number: int
-    """Number of the message (PGN)."""
 
 
 def check(body: bytes) -> int:

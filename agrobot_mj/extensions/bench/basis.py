@@ -29,7 +29,6 @@ class Basis(NamedTuple):
     """Parameter with its basis."""
 
     key: str
-    """Dotted key."""
     value: float
     """Value in the unit of the key."""
     basis: str

@@ -85,4 +85,3 @@ COMMANDS = {
     machine: listed("Check", "machine row_crop", "machine compact --json", advanced=True),
     rig: listed("Check", "rig soil", "rig magic_formula --out runs/tyre", advanced=True),
 }
-"""Commands added by this extension, with their help entries."""

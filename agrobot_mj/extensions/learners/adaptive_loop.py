@@ -101,7 +101,6 @@ class AdaptiveState(NamedTuple):
     misses: tuple[float, float] = (0.0, 0.0)
     """Mean squared error of the rates predicted by the learned and by the initial map [rad2/s2]."""
     resets: int = 0
-    """Number of resets to the initial map."""
 
 
 class AdaptiveLoop(AngleLoop):

@@ -33,7 +33,6 @@ class EsoState(NamedTuple):
     """State of `Eso`."""
 
     inner: Any
-    """State of the inner law."""
     seen: tuple[float, float] | None = None
     """Observed cross-track error [m] and heading error [rad]; None before the first tick."""
     crab: float = 0.0

@@ -30,7 +30,6 @@ class IlcState(NamedTuple):
     """State of `Ilc`."""
 
     inner: Any
-    """State of the feedback law."""
     lap: LapState = LapState()
     s: float | None = None
     """Arc length of the nearest point of the path [m]; None before the first tick."""

@@ -38,7 +38,6 @@ class Moved(NamedTuple):
     map_: LapMap
     """Lateral offset of the line over arc length."""
     state: LapState
-    """State of the map."""
     length: float
     """Length of one lap [m]."""
 
@@ -95,7 +94,6 @@ class ImplementIlcState(NamedTuple):
     """State of `ImplementIlc`."""
 
     inner: Any
-    """State of the inner law."""
     lap: LapState = LapState()
     s: float | None = None
     """Arc length of the path point nearest to the implement [m]; None before the first tick."""

@@ -61,7 +61,6 @@ class LapState(NamedTuple):
     """State of a `LapMap`. Arrays of shape (locations,) are empty before the first tick."""
 
     lap: int = 0
-    """Number of the lap, from 0."""
     s: float = 0.0
     """Arc length along the path [m]."""
     map_: Array = NOTHING

@@ -31,7 +31,6 @@ class LearnedState(NamedTuple):
     """State of `LearnedFeedforward`."""
 
     inner: Any
-    """State of the feedback law."""
     network: PathNetworkState
     """Map after the learning step of this tick."""
     steer: float = 0.0

@@ -63,7 +63,6 @@ class Corrected(NamedTuple):
     """Output of the inner law in one tick, together with a learned angle."""
 
     inner: Any
-    """State of the inner law."""
     command: Command
     """Command with the sum of inner law and learned angle, within the steering limit."""
     feedback: float
@@ -100,4 +99,3 @@ ANGLE_COLUMNS = (
     Column("steer_feedback", "rad", "steering angle added by the feedback law, left positive"),
     Column("learning", "-", "1 while the map learns, else 0"),
 )
-"""Additional columns of an `AngleLearner`."""

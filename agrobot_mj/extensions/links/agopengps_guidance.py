@@ -42,7 +42,6 @@ class Actuation(NamedTuple):
     """Steering output of the board in one tick."""
 
     engaged: bool = False
-    """Whether the host steers."""
     steer: float = 0.0
     """Angle for the steering loop of the tractor, left positive [rad]."""
     voltage: float | None = NEUTRAL_V

@@ -157,4 +157,3 @@ COMMANDS = {
     ros2: listed("Connect", "ros2 figure_eight", "ros2 figure_eight --pace lock_step --stamped", advanced=True),
     export: listed("Connect", "export runs/mine --mcap", "export runs/mine --mcap --out bags", advanced=True),
 }
-"""Commands added by this extension, with their help entries."""

@@ -287,4 +287,3 @@ COMMANDS = {
     ),
     importance: HelpEntry(now="report DIR"),
 }
-"""Commands added by this extension, with their help entries."""

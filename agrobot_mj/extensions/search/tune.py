@@ -44,7 +44,6 @@ MOST = 20.0
 FAILED = 25.0
 """Minimum cost of a failed run [-]; MOST more if it made no progress."""
 POPULATION = 8
-"""Number of candidates per generation."""
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
 """Factor of the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
 MOST_RUNS = 100_000

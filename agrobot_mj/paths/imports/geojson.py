@@ -11,7 +11,6 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
-"""Properties that name a feature."""
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
 """Properties with one number for each point of a line."""
 

@@ -14,7 +14,6 @@ from agrobot_mj.paths.imports.xml_files import read_gpx, read_kml
 MAX_BYTES = 100_000_000
 """Maximum size of a file [bytes]."""
 SHP = b"\x00\x00\x27\x0a"
-"""First bytes of a .shp file."""
 HEAD_CHARACTERS = 2000
 """Number of characters from which the type of a text file is recognised."""
 TextReader = Callable[[str], ShapeFile]

@@ -26,11 +26,9 @@ class Polyline:
     role: str = ""
     """Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other."""
     name: str = ""
-    """Name of the shape."""
     columns: Mapping[str, Array] = field(default_factory=dict)
     """Further values of each point, shape (n,) each: speed [m/s], working [-], direction [-], row of a table."""
     properties: Mapping[str, Any] = field(default_factory=dict)
-    """Properties of the shape in its file."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +42,6 @@ class ShapeFile:
     origin: Origin | None = None
     """Geographic position of the point (0, 0) of a file in local metres."""
     name: str = ""
-    """Name of the field or track."""
     notes: tuple[str, ...] = ()
     """Sentences about omitted or repaired shapes."""
 
@@ -60,14 +57,11 @@ class LocalShapes:
     """Shapes in a local plane, x east and y north [m]."""
 
     shapes: tuple[Polyline, ...]
-    """Shapes in metres."""
     origin: Origin | None = None
     """Geographic position of x = y = 0; None if unknown."""
     crs: str = ""
-    """Coordinate system of the file."""
     shift: tuple[float, float] = (0.0, 0.0)
     """East and north subtracted from the metres of the file [m]."""
     name: str = ""
-    """Name of the field or track."""
     notes: tuple[str, ...] = ()
     """Sentences about omitted, repaired or shifted shapes."""

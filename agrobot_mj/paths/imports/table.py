@@ -44,9 +44,7 @@ class TableColumn(NamedTuple):
     """Column that is read."""
 
     name: str
-    """Name of the quantity."""
     place: int
-    """Number of the column, from 0."""
     factor: float = 1.0
     """Factor from the unit of the column to m/s; 1 for other quantities."""
 

@@ -57,9 +57,7 @@ class Panel(NamedTuple):
     pos: Triple = (0.0, 0.0, 0.0)
     """Centre of the shape [m]."""
     paint: str = "iron"
-    """Material of `models/tractor.xml`."""
     quat: tuple[float, float, float, float] = STRAIGHT
-    """Orientation, quaternion w x y z."""
     ends: tuple[float, ...] = ()
     """Both ends of a capsule, used instead of its centre, shape (6,) [m]."""
 

@@ -38,7 +38,6 @@ class Built(NamedTuple):
     scene: Scene
     tyres: TyreSet
     hitched: HitchedBody | None
-    """Body of the implement, if present."""
     attached: Attached
     """Implement as input of the compiled kernels."""
 

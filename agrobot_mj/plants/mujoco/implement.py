@@ -24,7 +24,6 @@ from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import FORCE_Y, LOAD, TyreSet
 
 IMPLEMENT_WHEELS = ("il", "ir")
-"""Names of the implement's wheels, left and right."""
 
 
 def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:

@@ -30,7 +30,6 @@ class OwnFiles(NamedTuple):
     """Files of a user-defined body."""
 
     main: Path
-    """Main MJCF file."""
     others: tuple[Path, ...]
     """Resolved paths of all included and referenced files, without duplicates."""
 

@@ -19,17 +19,13 @@ class MujocoState(NamedTuple):
     """Saved state of a `MujocoPlant`."""
 
     physics: Array
-    """Integration state of MuJoCo."""
     left: tuple[AnyArray, ...]
     """Results of the last step in MjData, and friction of the geoms."""
     memories: tuple[AnyArray, ...]
     """Arrays modified in place by a tick: tyres, loads, valve, drive, samples."""
     conditions: Conditions
-    """Faults and disturbances of the last tick."""
     ticks: int
-    """Number of ticks since the reset."""
     soil: SavedSoil
-    """Memory of the soil."""
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:

@@ -131,7 +131,6 @@ class Settled(NamedTuple):
     """Tractor at the end of settling."""
 
     truth: Truth
-    """True state at the end of settling."""
     recent: RecentMotion
     """Motion in the last `REST_S` of settling."""
     mass: float
@@ -139,7 +138,6 @@ class Settled(NamedTuple):
     wheels: Array
     """Tyre report, shape (4, 6): see `tyres.patch`; the last column is the friction use."""
     fallen: bool
-    """Whether the tractor has fallen over."""
 
 
 def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:

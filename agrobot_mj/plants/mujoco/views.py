@@ -10,16 +10,13 @@ from agrobot_mj.core.signals import WHEELS, Array, Index
 CHASSIS = 1
 """Body id of the chassis, the first body after the world."""
 IMPLEMENT = "implement"
-"""Name of the implement body."""
 
 
 class Views(NamedTuple):
     """Arrays of an MjModel and MjData that the loop reads and writes, and indices into them."""
 
     model: int
-    """Address of the mjModel."""
     data: int
-    """Address of the mjData."""
     ctrl: Array
     act: Array
     torques: Array

@@ -59,7 +59,6 @@ class Frame(NamedTuple):
     values: Range | None = None
     """Range of the values; None for the automatic range of the viewer."""
     legend: Corner2D = Corner2D.RightTop
-    """Corner of the legend."""
     room: float = 0.0
     """Fraction of the time axis reserved for the legend if it would hide too many points in every corner [-]."""
     mean_s: float | None = None

@@ -57,7 +57,6 @@ class Plot(NamedTuple):
     as_logged: bool = False
     """Whether the log contains the values in the unit of the plot."""
     legend: bool = True
-    """Whether a legend names the series."""
 
     @property
     def factor(self) -> float:

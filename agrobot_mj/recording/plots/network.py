@@ -32,7 +32,6 @@ from agrobot_mj.simulation.log import Rows
 COLOURS = tuple(
     rgba(colour) for colour in (SKY_BLUE, ORANGE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY, BROWN)
 )
-"""Colours of the fuzzy sets, in order."""
 MOST_LINES = 18
 """Maximum number of lines of a plot; evenly chosen lines of larger networks are shown."""
 EVERY_TICKS = 5
@@ -52,10 +51,8 @@ class Map(NamedTuple):
     """Heat map: rows are the sets of x1, columns the sets of x2."""
 
     entity: str
-    """Entity path of the map in the recording."""
     title: str
     sizes: tuple[int, int]
-    """Numbers of rows and columns."""
     columns: Index
     """Columns of the log with the values of the cells, row by row."""
 

@@ -26,7 +26,6 @@ class Lane(NamedTuple):
     labels: tuple[str, ...]
     colours: tuple[int, ...]
     column: str = ""
-    """Column of the log with the states."""
     faults: tuple[Scripted, ...] = ()
     """Faults whose activity is the state, in place of a column."""
 
@@ -61,7 +60,6 @@ LANES = (
     Lane("estimator", ("consistent", "inconsistent"), (GOOD, BAD), "estimator_inconsistent"),
     Lane("link", ("not engaged", "engaged"), (PLAIN, GOOD), "link_engaged"),
 )
-"""Lanes with a column of the log."""
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))

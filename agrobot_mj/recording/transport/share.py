@@ -22,7 +22,6 @@ from agrobot_mj.simulation.results import atomic
 START_S = 60.0
 """Time limit for the start of the server of the viewer [s]."""
 LEVEL = 6
-"""Compression level of gzip."""
 SCRIPT_NAME, MODULE_NAME = "re_viewer.js", "re_viewer_bg.wasm"
 """Files of the web viewer."""
 STYLE = """

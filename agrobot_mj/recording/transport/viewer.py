@@ -27,11 +27,9 @@ def _launched() -> tuple[str, ...]:
 
 RERUN = _launched()
 PORT = 9876
-"""Default port of the viewer."""
 URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (*(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)), *("--hide-welcome-screen", "--expect-data-soon"))
 PR_SET_PDEATHSIG = 1
-"""Option PR_SET_PDEATHSIG of the Linux function prctl."""
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 PATIENCE_S = 15.0
 """Time limit for the start of a viewer [s]."""

@@ -15,7 +15,6 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
-"""Colours of the tracks and of their names."""
 AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
 """Distance from the default tractor for names: reference ahead, truth and estimate behind, reference behind at the end
 of the path [m]."""

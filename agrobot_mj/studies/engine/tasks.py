@@ -28,7 +28,6 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import RECORDING, can_record, write_log
 
 ERROR = "error"
-"""Outcome of a run that raised an exception."""
 WALL = ("wall_s", "real_time_factor", "identity")
 """Metrics that may differ between repetitions of a run."""
 LAST = "metrics.json"
@@ -45,9 +44,7 @@ class Task(NamedTuple):
     base: str
     """Base scenario as JSON, see `base_text`."""
     name: str
-    """Name of the base scenario."""
     overrides: dict[str, Any]
-    """Overrides of the base scenario by dotted key."""
     keep: str = "table"
     """Files of the run to keep, see `SweepFile.keep`; `poses` means the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
@@ -55,7 +52,6 @@ class Task(NamedTuple):
     branches: tuple[Branch, ...] | None = None
     """Branches of the noise; None for a run that shares no states with other runs."""
     number: int = 0
-    """Number of the run in its study."""
     identity: Identity | None = None
     """Identity of the row; None if any code may run the task."""
 

@@ -90,7 +90,6 @@ def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[s
 
 
 FILES = ("report.html", "ranking.png", "curves.png")
-"""Files of a report."""
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:

@@ -39,9 +39,7 @@ CLASS = 5
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Maximum number of maps, of curves and of listed worst runs."""
 MOST_PIECES = 50
-"""Maximum number of runs whose path segments are compared."""
 MOST_RUNS_DRAWN = 4000
-"""Maximum number of points of a chart."""
 
 
 def sweep_page(folder: Path) -> Document:

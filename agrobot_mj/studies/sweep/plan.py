@@ -24,7 +24,6 @@ from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
-"""Folder with the kept files of runs."""
 MAX_RUNS = 100_000
 """Default limit of the number of runs of a sweep: a day on a laptop."""
 MOST_GROUNDS = 300
@@ -44,7 +43,6 @@ class RunPlan(NamedTuple):
     """Name of the variant; None in a sweep without variants."""
     seed: int
     parameters: dict[str, Any]
-    """Values of axes and random parameters by dotted key."""
     overrides: dict[str, Any]
     """Overrides of the base scenario by dotted key, in the order of application."""
 

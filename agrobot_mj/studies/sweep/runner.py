@@ -29,15 +29,12 @@ class SweepOptions(NamedTuple):
     jobs: int | None = None
     """Number of processes; None: one per core."""
     scheduler: str | None = None
-    """Address of a Dask scheduler, used in place of processes."""
     shard: Shard = (1, 1)
     """Part of the runs to simulate."""
     fresh: bool = False
     """Whether to discard existing results."""
     max_runs: int = MAX_RUNS
-    """Maximum number of runs allowed."""
     quiet: bool = False
-    """Whether to hide progress."""
 
 
 DEFAULTS = SweepOptions()
@@ -48,15 +45,11 @@ class SweepSummary(NamedTuple):
 
     folder: Path
     total: int
-    """Total number of runs of the sweep."""
     before: int
     """Number of runs of this part with existing results."""
     new: int
-    """Number of new runs."""
     unexpected: int
-    """Number of new runs with an unexpected outcome."""
     errors: int
-    """Number of new runs that raised an exception."""
 
 
 def sweep(

@@ -27,7 +27,6 @@ Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
 
 MOST_SEEDS = 2**31
-"""Maximum number of consecutive seeds."""
 
 
 def _seeds(given: Any) -> Any:
@@ -159,7 +158,6 @@ class Sweep(NamedTuple):
     """Sweep file with its base scenario."""
 
     name: str
-    """Name of the sweep file in messages."""
     file: SweepFile
     """Content of the sweep file, with absolute paths."""
     base: Scenario
@@ -272,7 +270,6 @@ class PortableSweep(NamedTuple):
     sweep: dict[str, Any]
     """Content of the sweep file, see `resolved`."""
     base: dict[str, Any]
-    """Base scenario without defaults."""
     files: dict[str, Path]
     """Original paths of data files by name."""
 

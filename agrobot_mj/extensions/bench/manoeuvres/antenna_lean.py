@@ -71,7 +71,6 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
     "compensated": {"terrain_compensation": True},
     "compensated, ekf_bias": {"kind": "ekf_bias", "terrain_compensation": True},
 }
-"""Estimators by name in the table."""
 
 
 class SlopeState(NamedTuple):

@@ -34,14 +34,11 @@ class Check(NamedTuple):
     """Measured number with its theoretical value and acceptance band."""
 
     manoeuvre: str
-    """Short name of the manoeuvre."""
     quantity: str
-    """Measured quantity and its conditions."""
     subject: str
     """`bicycle`, or the kind of tyre of the MuJoCo tractor."""
     measured: float
     theory: float | None
-    """Theoretical value; None without one."""
     unit: str
     low: float
     """Lower limit of the band [unit]."""
@@ -170,4 +167,3 @@ class Trial:
 
 
 Run = Callable[[Trial], Iterator[Check]]
-"""Function that runs a manoeuvre and yields its checks."""

@@ -21,11 +21,9 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.tyres import Linear
 
 COLOURS = {BICYCLE: BLACK, "linear": BLUE, "magic_formula": VERMILION, "soil": GREEN, "contact": GREY}
-"""Colour of each plant and tyre."""
 SPARE_COLOUR = PINK
 MARKS = {BICYCLE: "x", "linear": "o", "magic_formula": "s", "soil": "^", "contact": "+"}
 STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
-"""Line style of each estimator."""
 
 
 def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:

@@ -158,7 +158,6 @@ MANOEUVRES: dict[str, Run] = {
     "outside references": references.run,
     "soak": soak.run,
 }
-"""Manoeuvres by name, in the order of the page."""
 
 FILES = ("validation.json", "validation.md", "images/")
 """Files of a validation; the last one is a folder."""

@@ -39,7 +39,6 @@ class Specimen(NamedTuple):
 
     tyre: Tyre
     tractor: TractorParameters
-    """Tractor on which the tyre is mounted."""
 
 
 def load_specimen(source: str) -> Specimen:

@@ -103,17 +103,12 @@ class Tally(NamedTuple):
     """Counts of messages and events at the board."""
 
     steer_data: int = 0
-    """Number of steering messages received."""
     hellos: int = 0
     """Number of hello messages of the communication program."""
     others: int = 0
-    """Number of other messages from the host."""
     unknown: int = 0
-    """Number of valid frames for other modules."""
     repeats: int = 0
-    """Number of duplicate datagrams."""
     rejected: tuple[tuple[str, int], ...] = ()
-    """Number of invalid datagrams by reason."""
     engagements: int = 0
     """Number of changes from released to steering."""
     lost: int = 0
@@ -134,7 +129,6 @@ class BoardState(NamedTuple):
     silent: bool = True
     """Whether the watchdog time has passed without a message."""
     engaged: bool = False
-    """Whether the board steered in the last tick."""
     steer: float = 0.0
     """Measured steering angle on the true scale, left positive [rad]."""
     pwm: int = 0

@@ -28,7 +28,6 @@ class ReceiverState(NamedTuple):
     heading: float = nan
     """Last heading from two antennas [rad]; NaN before the first."""
     solution: Solution | None = None
-    """Last solution; None before the first."""
     fresh: bool = False
     """Whether the last measurement contained a solution."""
     attitude: BoardAttitude = BoardAttitude()

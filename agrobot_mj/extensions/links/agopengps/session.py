@@ -48,9 +48,7 @@ class LinkOptions(NamedTuple):
     live: bool = False
     """Whether observers receive rows during the run instead of at its end."""
     recorded: bool = True
-    """Whether a recording is written."""
     notify: Callable[[str], None] = lambda text: None
-    """Callback with one line of text for each event."""
 
 
 class Session:

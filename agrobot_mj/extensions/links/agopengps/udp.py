@@ -18,7 +18,6 @@ from typing import NamedTuple, Self
 from agrobot_mj.core.errors import ScenarioError
 
 BOARD_PORT, HOST_PORT = 8888, 9999
-"""Ports of boards and hosts of the AgOpenGPS family."""
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048
 """Maximum number of bytes read from a datagram [bytes]; longer datagrams are truncated and rejected."""
@@ -32,7 +31,6 @@ class Incoming(NamedTuple):
     wall: float
     """Arrival time on the clock of `time.perf_counter`, or since the link opened [s]."""
     address: str
-    """Address of the sender as `host:port`."""
     data: bytes
     quiet: bool = False
     """Whether no reply is allowed, because the datagram arrived just before the next position."""

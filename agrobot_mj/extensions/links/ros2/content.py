@@ -62,7 +62,6 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
 
 
 Content = dict[str, Any]
-"""Fields of a message."""
 EPOCH_NS = round(START.timestamp() * 1e9)
 """UTC time at the start of every run, since 1970 [ns]."""
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
@@ -86,7 +85,6 @@ class Site(NamedTuple):
     """Scenario data used by the messages."""
 
     origin: Origin
-    """Geographic position of x = y = 0."""
     antenna_up: float
     """Height of the antenna above the CG on level ground [m]."""
     cg_height: float

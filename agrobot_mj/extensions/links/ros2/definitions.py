@@ -47,7 +47,6 @@ DEFINITIONS = {
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
     ),
 }
-"""Fields by message type."""
 TOPICS = {
     "/fix": "sensor_msgs/NavSatFix",
     "/imu/data": "sensor_msgs/Imu",

@@ -93,15 +93,11 @@ class RosOptions(NamedTuple):
     domain: int | None = None
     """ROS domain. Default: that of the environment."""
     stamped: bool = False
-    """Whether /cmd_vel is a TwistStamped."""
     namespace: str = ""
-    """Namespace of the node and its topics; may be empty."""
     live: bool = False
     """Whether observers receive rows during the run instead of at its end."""
     recorded: bool = True
-    """Whether a recording is written."""
     notify: Callable[[str], None] = lambda text: None
-    """Callback with one line of text for each event."""
 
 
 class RosSession:

@@ -70,7 +70,6 @@ class FalsifyQuestion(NamedTuple):
 
     varied: tuple[Varied, ...]
     until: str
-    """Condition for a failed run."""
     budget: int = 150
     """Number of combinations to evaluate [-]."""
     seeds: int = 3
@@ -131,7 +130,6 @@ class Falsified(NamedTuple):
     """Result of a falsification."""
 
     verdict: str
-    """Verdict: `falsified`, `fails_at_start`, or `NOT_FOUND`."""
     mildest: Combination
     """Smallest failing combination, with additional seeds; without a failure the closest one."""
     alone: dict[str, Combination]
@@ -139,9 +137,7 @@ class Falsified(NamedTuple):
     around: tuple[Combination, ...]
     """Combinations near the result: on the line from nominal and beyond, and with each key slightly changed."""
     tried: tuple[Combination, ...]
-    """All evaluated combinations in order."""
     statement: str
-    """Result as a sentence."""
 
 
 HALVINGS = 6

@@ -65,7 +65,6 @@ class Influence(NamedTuple):
     flaws: tuple[str, ...]
     """Reasons why the intervals are unreliable and no ranking exists; empty if reliable."""
     shares: tuple[Share, ...]
-    """Fractions by rank; tied ones in the order of the file."""
 
     @property
     def ordered_pairs(self) -> int:

@@ -27,13 +27,11 @@ class Question(NamedTuple):
     """Settings of a limit search."""
 
     key: str
-    """Dotted key to vary."""
     start: float
     """Value at which the search starts, where laws are expected to succeed."""
     stop: float
     """Value at the other end of the search range, above or below `start`."""
     until: str
-    """Condition for a failed run."""
     seeds: int = 12
     """Maximum number of runs per value during the search [-]; the two values around the limit have at least twelve."""
     reliability: float = 0.8
@@ -66,7 +64,6 @@ class Tried(NamedTuple):
     certain: bool
     """Whether the complete interval is on one side of the required reliability."""
     outcomes: dict[str, int]
-    """Number of runs by outcome."""
     unexpected: int
     """Number of runs with an outcome other than expected by the scenario."""
     independent: bool = True
@@ -94,11 +91,9 @@ class Counterpart(NamedTuple):
     """Baseline search without the fault or disturbance."""
 
     overrides: dict[str, Any]
-    """Overrides that define the baseline, by dotted key."""
     verdict: str
     """Verdict as in `Found`; `fixed` without a search, if the baseline lacks the key or sets it."""
     limit: float | None
-    """Limit of the baseline, if any."""
     statement: str
     """Baseline result as a sentence, with the shift of the limit."""
     tried: tuple[Tried, ...]
@@ -112,11 +107,9 @@ class Found(NamedTuple):
     verdict: str
     """Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
     limit: float | None
-    """Estimated limit, if any."""
     interval: tuple[float, float] | None
     """Nearest values around the limit with certain success and certain failure; the end of the range if none."""
     statement: str
-    """Result as a sentence."""
     tried: tuple[Tried, ...]
     """All evaluated values, starting from the start of the range."""
     beside: Counterpart | None = None

@@ -204,7 +204,6 @@ def _batches(q: Question) -> Iterator[int]:
 
 
 FILES = ("limit.json", "limit.png")
-"""Files of a limit search."""
 
 
 def limit(

@@ -25,7 +25,6 @@ from agrobot_mj.studies.style import write_figure
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
 """Files of a failed run and their names in the results folder."""
 FILES = ("risk.json", "risk.png", *FAILURE.values())
-"""Files of a risk estimation."""
 
 
 class Risk(NamedTuple):
@@ -37,7 +36,6 @@ class Risk(NamedTuple):
     worth: float
     """Computing time of all simulated parts, as a number of complete runs [-]."""
     statement: str
-    """Result as a sentence."""
     splits: tuple[Split, ...]
     ordinary: Run
     """Ordinary run: median margin, simulated from its beginning."""

@@ -26,9 +26,7 @@ class Run(NamedTuple):
     rises: tuple[tuple[int, float], ...]
     """Tick number and margin of each new maximum."""
     ticks: int
-    """Number of ticks to the end of the run."""
     failed: bool
-    """Whether the run met the condition."""
     flaw: str = ""
     """Reason for a failure without a margin: the outcome, or a metric without a value."""
 

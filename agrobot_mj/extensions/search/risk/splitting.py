@@ -81,7 +81,6 @@ class RiskQuestion(NamedTuple):
     """Settings of a risk estimation."""
 
     until: str
-    """Condition for a failed run."""
     particles: int = 50
     """Number of runs split together [-]."""
     repeats: int = 10
