@@ -23,10 +23,8 @@ def play(
     network: Annotated[
         bool, typer.Option("--network", help="Make the page available to other computers, without a password.")
     ] = False,
-    no_browser: Annotated[
-        bool, typer.Option("--no-browser", help="Do not open a browser, and start the clock immediately.")
-    ] = False,
-    seconds: Annotated[float | None, typer.Option(min=0, callback=finite, help="Maximum wall time [s].")] = None,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address of the page.")] = False,
+    seconds: Annotated[float | None, typer.Option(min=0, callback=finite, help="End after this wall time [s].")] = None,
     out: Out = None,
     no_rrd: NoRrd = False,
     quiet: Quiet = False,
@@ -49,7 +47,7 @@ def play(
         if not no_browser:
             webbrowser.open(url)
 
-    options = PlayOptions(port, network, not no_browser, seconds, not no_rrd)
+    options = PlayOptions(port, network, seconds, not no_rrd)
     with stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
         drives = drive(scenario, folder, options, lambda: bool(stopped), ready)
     rows = [

@@ -103,7 +103,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
 
     def __init__(self, aim: Any) -> None:
         """Create a panel; `aim` turns the camera of a new model towards the tractor."""
-        self.aim, self.status, self.fault, self.begun = aim, PlayStatus(), 0, False
+        self.aim, self.status, self.fault = aim, PlayStatus(), 0
         self.edited: dict[str, float] = {}
         """Values of sliders that are being dragged, and of sliders that require a restart."""
         self.tyre: int | None = None
@@ -123,9 +123,6 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     @messages.handler
     def on_build_gui(self, _: messages.BuildGuiEvent) -> None:
         """Read the keys and draw the panel."""
-        if not self.begun:
-            self.begun = True
-            self.send("begin")
         self._keys()
         self._panel()
         self._curves()

@@ -40,8 +40,6 @@ class PlayOptions(NamedTuple):
     port: int = 0
     network: bool = False
     """Whether other computers can reach the page."""
-    wait: bool = True
-    """Whether the clock waits until the viewer draws its first image."""
     seconds: float | None = None
     """Wall time after which the drive ends [s]; None for no limit."""
     recorded: bool = True
@@ -71,7 +69,7 @@ class Play:
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
         """Prepare the first drive; `keep` writes the files of a completed drive."""
-        self.keep, self.paused, self.begun, self.quit = keep, False, False, False
+        self.keep, self.paused = keep, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
         self.rate, self._measured = 1.0, (time.monotonic(), 0)
@@ -98,7 +96,6 @@ class Play:
         """Execute the request of a key, button or slider."""
         session, driver = self.session, self.driver
         actions: dict[str, Callable[[], Any]] = {
-            "begin": lambda: setattr(self, "begun", True),
             "steer": lambda: driver.set_angle(radians(press.value)),
             "speed": lambda: driver.set_speed(press.value),
             "stop": driver.stop,
@@ -194,12 +191,12 @@ def play(
             kept.append((place, save(session, place, options.recorded)))
 
     game, inbox = Play(scenario, keep), Inbox()
-    handle, port = web.launch(
+    handle, viewer = web.launch(
         options.port, options.network, [DrivePanel(lambda camera: game.view.aim(camera))], [inbox]
     )
     try:
-        ready(f"http://{web.LOOPBACK}:{port}/")
-        _loop(game, inbox, handle, options, should_stop)
+        ready(f"http://{web.LOOPBACK}:{viewer.port}/")
+        _loop(game, inbox, handle, viewer, options, should_stop)
     finally:
         closing = web.closing(handle)
     keep(game.session, last=True)
@@ -207,10 +204,17 @@ def play(
     return kept
 
 
-def _loop(game: Play, inbox: Inbox, handle: Any, options: PlayOptions, should_stop: Callable[[], bool]) -> None:
-    """Tick in real time, or slower, and exchange messages with the viewer."""
+def _loop(
+    game: Play,
+    inbox: Inbox,
+    handle: Any,
+    viewer: web.PlayViewer,
+    options: PlayOptions,
+    should_stop: Callable[[], bool],
+) -> None:
+    """Tick in real time, or slower, and exchange messages with the viewer; wait while no page shows the tractor."""
     began = due = time.monotonic()
-    game.begun, ticks = not options.wait, 0
+    ticks = 0
     while not should_stop() and handle.is_running():
         now = time.monotonic()
         if options.seconds is not None and now - began >= options.seconds:
@@ -219,7 +223,7 @@ def _loop(game: Play, inbox: Inbox, handle: Any, options: PlayOptions, should_st
             with suppress(CommandError):
                 game.obey(press)
         inbox.presses.clear()
-        if not game.begun or game.paused:
+        if waiting := game.paused or not viewer.clients:
             due = now
         elif now >= due:
             game.tick(inbox.keys.at(now))
@@ -228,7 +232,6 @@ def _loop(game: Play, inbox: Inbox, handle: Any, options: PlayOptions, should_st
         game.measure(now, ticks)
         handle.send_to_viewer(game.status())
         handle.sync(game.view.model, game.view.data)
-        waiting = not game.begun or game.paused
         time.sleep(SHOW_S if waiting else min(max(due - time.monotonic(), 0.001), SHOW_S))
 
 

@@ -8,13 +8,13 @@ import io
 import logging
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import redirect_stdout, suppress
-from functools import partial
 from typing import Any
 
 from mujoco.studio import endpoints, launch_thread, viewer_handle, viewer_protocol, web_viewer
 from mujoco.studio.web import web_server
+from websockets.asyncio.server import ServerConnection
 
 from agrobot_mj.core.errors import ScenarioError
 
@@ -23,12 +23,16 @@ START_S = 20.0
 """Maximum time for the start of the viewer [s]. Assumed value, for a loaded machine."""
 SERVE = web_server.serve
 """Server of the library, which accepts pages of any site."""
+STATE = "/state"
+"""Address of the stream of poses, to which each page that shows the tractor is connected."""
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
     """Viewer with a selectable address; the library uses a fixed address."""
 
     address = LOOPBACK
+    clients = 0
+    """Number of pages that show the tractor."""
 
     @property
     def _host(self) -> str:
@@ -44,12 +48,25 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
         return int(self._http_sock.getsockname()[1])
 
     def _start_server(self) -> None:
-        web_server.serve = partial(SERVE, origins=self.origins) if self.address == LOOPBACK else SERVE
+        web_server.serve = self._serve
         super()._start_server()
 
+    def _serve(self, handler: Callable[[ServerConnection], Awaitable[None]], **options: Any) -> Any:
+        """Start the server of the library, which here counts the pages."""
+
+        async def counted(connection: ServerConnection) -> None:
+            shows = connection.request is not None and connection.request.path.startswith(STATE)
+            self.clients += shows
+            try:
+                await handler(connection)
+            finally:
+                self.clients -= shows
+
+        return SERVE(counted, origins=self.origins, **options)
+
     @property
-    def origins(self) -> list[str]:
-        """Sites whose pages may connect."""
+    def origins(self) -> list[str] | None:
+        """Sites whose pages may connect; None for all."""
         return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
 
 
@@ -57,10 +74,13 @@ class NetworkViewer(PlayViewer):
     """Viewer that other computers can reach."""
 
     address = EVERYWHERE
+    origins = None
 
 
-def launch(port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]) -> tuple[Any, int]:
-    """Start the viewer in a thread; return its handle and its port. Raises `ScenarioError` for a port in use."""
+def launch(
+    port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]
+) -> tuple[Any, PlayViewer]:
+    """Start the viewer in a thread; return its handle and the viewer. Raises `ScenarioError` for a port in use."""
     started, found = threading.Event(), list[PlayViewer]()
     kind: Callable[..., PlayViewer] = NetworkViewer if network else PlayViewer
 
@@ -82,7 +102,7 @@ def launch(port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins:
         except (RuntimeError, OSError) as error:
             raise ScenarioError(f"--port {port}: {error}") from None
         raise ScenarioError(f"play: the viewer did not start within {START_S:g} s; try again on a less loaded machine")
-    return handle, found[0].port
+    return handle, found[0]
 
 
 def closing(handle: Any) -> threading.Thread:

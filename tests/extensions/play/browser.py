@@ -57,7 +57,8 @@ class Browser:
         while True:
             answer = json.loads(self.socket.recv(timeout=120))
             if answer.get("id") == self.number:
-                return answer.get("result", answer)
+                assert "result" in answer, answer
+                return answer["result"]
 
     def open(self, url):
         self.ask("Page.navigate", url=url)
@@ -68,10 +69,10 @@ class Browser:
         kind = "keyDown" if down else "keyUp"
         self.ask("Input.dispatchKeyEvent", type=kind, key=name, code=code, windowsVirtualKeyCode=CODES[code])
 
-    def hold(self, code, seconds):
-        """Press a key for some time [s]."""
+    def hold(self, code, effect):
+        """Press a key until it has an effect."""
         self.key(code, True)
-        time.sleep(seconds)
+        effect()
         self.key(code, False)
 
     def picture(self, path):

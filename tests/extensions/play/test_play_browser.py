@@ -41,12 +41,12 @@ def game(tmp_path, monkeypatch):
         thread.join()
 
 
-def until(condition, act=lambda: time.sleep(0.1)):
-    """Repeat an action until a condition holds."""
+def until(condition):
+    """Wait until a condition holds."""
     end = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end
-        act()
+        time.sleep(0.05)
 
 
 @needs_browser
@@ -56,14 +56,13 @@ def test_keys_in_a_browser_drive_hand_over_and_tip_the_tractor(game):
     drive, page = game({"terrain.grade_deg": 25.0})
     with Browser((640, 400)) as browser:
         browser.open(page)
-        until(lambda: drive.begun)
+        until(lambda: drive.session.ticks)
         sim = drive.session.sim
-        until(lambda: drive.driver.speed > 0.6, lambda: browser.hold("ArrowUp", 0.5))
+        browser.hold("ArrowUp", lambda: until(lambda: drive.driver.speed > 0.6))
         until(lambda: sim.truth.speed > 0.4)
         assert sim.truth.x > 0.0
-        until(lambda: drive.driver.law == 1, lambda: browser.hold("KeyL", 0.3))
-        until(lambda: drive.session.given.law == 1)
-        until(lambda: drive.driver.law == 0, lambda: browser.hold("KeyH", 0.3))
+        browser.hold("KeyL", lambda: until(lambda: drive.session.given.law == 1))
+        browser.hold("KeyH", lambda: until(lambda: drive.driver.law == 0))
         browser.key("ArrowUp", True)
         browser.key("ArrowRight", True)
         until(lambda: sim.done)

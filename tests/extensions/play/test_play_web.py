@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 import urllib.request
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import wraps
 from pathlib import Path
 from urllib.error import URLError
@@ -88,7 +88,8 @@ def wait_for(port):
 def served(network=False):
     """A viewer without a model; yields its port and the addresses on which this process listens in addition."""
     before = listeners("self")
-    handle, port = web.launch(0, network, [], [])
+    handle, viewer = web.launch(0, network, [], [])
+    port = viewer.port
     try:
         wait_for(port)
         after = listeners("self")
@@ -97,6 +98,13 @@ def served(network=False):
         yield port, after
     finally:
         web.closing(handle).join()
+
+
+def a_page(url):
+    """Connect to the stream of poses, like a page that shows the tractor."""
+    address = url.strip("/")
+    wait_for(int(address.rpartition(":")[2]))
+    return connect(address.replace("http", "ws") + web.STATE, origin=address)
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason="needs /proc")
@@ -139,9 +147,22 @@ def test_a_port_in_use_is_said():
 
 
 @alone
+def test_without_a_page_the_clock_stands_still(tmp_path):
+    assert not play(load_scenario("straight_line"), tmp_path / "out", PlayOptions(seconds=1.0), lambda: False)
+    assert not (tmp_path / "out").exists()
+
+
+@alone
 def test_a_drive_in_real_time_is_repeated_by_run(tmp_path):
-    options = PlayOptions(wait=False, seconds=3.0)
-    ((folder, log),) = play(load_scenario("straight_line"), tmp_path / "out", options, lambda: False)
+    options, pages = PlayOptions(seconds=3.0), ExitStack()
+    with pages:
+        ((folder, log),) = play(
+            load_scenario("straight_line"),
+            tmp_path / "out",
+            options,
+            lambda: False,
+            lambda url: pages.enter_context(a_page(url)),
+        )
     assert 1 <= log.signals.num_rows <= 61
     assert {path.name for path in folder.iterdir()} >= {"run.rrd", "signals.parquet", "inputs.csv", "metrics.json"}
     assert run(load_scenario(folder / "scenario.toml")).signals.equals(log.signals)
@@ -160,9 +181,10 @@ def test_ctrl_c_saves_the_drive_and_ends_the_command(tmp_path):
         assert command.poll() is None, lines
         assert time.monotonic() < end, lines
         time.sleep(0.1)
-    time.sleep(1.0)
-    command.send_signal(signal.SIGINT)
-    out = command.stdout.read()
+    with a_page(re.search(r"http://[\d.:]+/", lines[-1])[0]):
+        time.sleep(1.0)
+        command.send_signal(signal.SIGINT)
+        out = command.stdout.read()
     assert command.wait(timeout=300) == 0
     (drive,) = json.loads(out)["drives"]
     assert drive["folder"] == str(tmp_path / "out")
