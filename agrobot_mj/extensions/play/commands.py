@@ -41,12 +41,16 @@ def play(
     said = print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-play-{scenario.hash8}")
 
-    def ready(url: str) -> None:
+    def tell(text: str) -> None:
         if not quiet:
-            print(f"{scenario.name}: drive at {url}, end with Ctrl-C", file=sys.stderr, flush=True)
+            print(f"{scenario.name}: {text}", file=sys.stderr, flush=True)
+
+    def ready(url: str) -> None:
+        tell(f"drive at {url}, end with Ctrl-C")
         if not no_browser:
             webbrowser.open(url)
 
+    tell("placing the tractor; the first time this compiles for up to a minute")
     options = PlayOptions(port, network, seconds, not no_rrd)
     with stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
         drives = drive(scenario, folder, options, lambda: bool(stopped), ready)

@@ -43,14 +43,15 @@ HELP = (
 )
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
 """Width and maximum height of the panel, and the distance from the border [pixels]."""
-CURVE_SHARE = 0.24
-"""Height of the curves divided by that of the page [-]."""
+CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
+"""Height of the curves divided by that of the page [-], and their minimum height [pixels]."""
 LABEL = 125.0
 """Width of the sliders in the panel [pixels]."""
 SHOWN_S = 20.0
 """Duration shown by the curves [s]."""
-NO_KEYS = int(imgui.WindowFlags.NoNav)
-"""Flag of windows whose widgets do not react to keys."""
+FLAG = imgui.WindowFlags
+FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
+"""Flags of windows that cannot be closed or moved, and whose widgets do not react to keys."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
 
 
@@ -156,7 +157,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         height = imgui.GetIO().DisplaySize.y - 2 * MARGIN
         imgui.SetNextWindowPos(imgui.Vec2(MARGIN, MARGIN), imgui.Cond.Always)
         imgui.SetNextWindowSize(imgui.Vec2(WIDTH, min(height, TALLEST)), imgui.Cond.Always)
-        imgui.Begin("Drive", flags=NO_KEYS)
+        imgui.Begin("Drive", flags=FIXED)
         self._state(s)
         imgui.SeparatorText("Steering and speed")
         self._slider("steer", "angle [deg]", degrees(s.angle), -45.0, 45.0, live=True)
@@ -165,8 +166,8 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         changed, chosen = imgui.Combo("guidance law", s.chosen - 1, list(s.laws) or ["-"])
         if changed:
             self.send("choose", chosen + 1)
-        self._button("driver" if s.law else "law", "Steer manually (H)" if s.law else "Switch to the law (L)")
-        imgui.SeparatorText("At once")
+        self._button("driver" if s.law else "law", "Take over (H)" if s.law else "Hand over to the law (L)")
+        imgui.SeparatorText("Applied at once")
         for name, each in ADJUSTMENTS.items():
             self._slider(name, each.label, s.values.get(name, each.neutral), each.low, each.high)
         imgui.SetNextItemWidth(LABEL)
@@ -175,7 +176,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         self._button("mark", "Keep state (M)")
         imgui.SameLine()
         self._button("recall", "Restore (R)")
-        imgui.SeparatorText("From the start")
+        imgui.SeparatorText("Applied at the next start")
         self._slider("grade", "grade [deg]", s.grade, -STEEPEST_DEG, STEEPEST_DEG, kept=True)
         imgui.SetNextItemWidth(LABEL)
         changed, tyre = imgui.Combo("tyre law", s.tyre if self.tyre is None else self.tyre, list(s.tyres) or ["-"])
@@ -217,27 +218,20 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _curves(self) -> None:
         s, size = self.status, imgui.GetIO().DisplaySize
         width = max((size.x - WIDTH - 4 * MARGIN) / 2, 200.0)
-        for k, (title, unit, values) in enumerate(
-            (("Cross-track error", "m", s.cross_tracks), ("Roll", "deg", s.rolls))
+        for k, (title, least, values) in enumerate(
+            (("distance from the path [m]", 0.2, s.cross_tracks), ("roll [deg]", 2.0, s.rolls))
         ):
             left = WIDTH + 2 * MARGIN + k * (width + MARGIN)
-            height = CURVE_SHARE * size.y
+            height = max(CURVE_SHARE * size.y, CURVE_LEAST)
             top = size.y - height - MARGIN
             imgui.SetNextWindowPos(imgui.Vec2(left, top), imgui.Cond.Always)
             imgui.SetNextWindowSize(imgui.Vec2(width, height), imgui.Cond.Always)
-            imgui.Begin(title, flags=NO_KEYS)
-            if len(s.times) and implot.BeginPlot(f"##{title}", imgui_size()):
-                low, high = min(values), max(values)
-                spare = max(0.1 * (high - low), 0.05)
-                implot.SetupAxes("s", unit)
-                implot.SetupAxesLimits(
-                    s.times[-1] - SHOWN_S, s.times[-1], low - spare, high + spare, int(imgui.Cond.Always)
-                )
-                implot.PlotLine(f"{title} [{unit}]", list(s.times), list(values))
+            imgui.Begin(title, flags=FIXED | int(FLAG.NoScrollbar))
+            if len(s.times) and implot.BeginPlot(title, imgui.Vec2(-1.0, -1.0), int(implot.Flags.NoLegend)):
+                last, middle = max(s.times[-1], SHOWN_S), (min(values) + max(values)) / 2
+                half = max(0.6 * (max(values) - min(values)), least)
+                implot.SetupAxes("time [s]", "")
+                implot.SetupAxesLimits(last - SHOWN_S, last, middle - half, middle + half, int(imgui.Cond.Always))
+                implot.PlotLine(title, list(s.times), list(values))
                 implot.EndPlot()
             imgui.End()
-
-
-def imgui_size() -> Any:
-    """Return the size of a plot that fills its window."""
-    return imgui.Vec2(-1.0, -1.0)

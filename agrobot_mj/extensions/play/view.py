@@ -15,8 +15,10 @@ from agrobot_mj.simulation.stepping import Simulation
 PATH_PIECES, PATH_RADIUS_M, ABOVE_M = 150, 0.03, 0.03
 """Number of segments of the drawn path, their radius and their height above the ground [m]."""
 PATH_RGBA = (0.95, 0.75, 0.1, 1.0)
-SKY = ((0.75, 0.85, 0.95), (0.35, 0.50, 0.70))
+SKY = ((0.60, 0.80, 1.0), (0.75, 0.88, 1.0))
 FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))
+SUN, HEADLIGHT = (0.6, 0.6, 0.6), (0.15, 0.15, 0.15)
+"""Colours of the lights; Studio adds light of the sky."""
 SQUARE_M = 4.0
 """Period of the pattern of the ground [m]."""
 CAMERA = (9.0, -18.0, 35.0)
@@ -94,8 +96,14 @@ def _dress(spec: mujoco.MjSpec) -> None:
     field = spec.add_material(name="field", texuniform=True, texrepeat=[1 / SQUARE_M, 1 / SQUARE_M])
     field.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "field"
     spec.worldbody.add_light(
-        name="sun", type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, dir=[-0.3, 0.2, -1.0], pos=[0, 0, 30]
+        name="sun",
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM,
+        dir=[-0.3, 0.2, -1.0],
+        pos=[0, 0, 4],
+        diffuse=SUN,
     )
+    spec.visual.headlight.diffuse = spec.visual.headlight.ambient = HEADLIGHT
 
 
 def _draw_path(spec: mujoco.MjSpec, sim: Simulation) -> None:
