@@ -25,7 +25,7 @@ from platformdirs import user_cache_path
 
 KEPT = 8
 """Maximum number of package versions whose caches are kept on disk."""
-PARTS = ("core", "machine", "terrain", "tyres", "plants", "control")
+PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "estimation", "paths")
 """Folders of the package with kernels or constants used by kernels."""
 MAKES_KERNELS = b"agrobot_mj.core.kernels import"
 """Text that identifies files with kernels in other folders."""

@@ -2,12 +2,15 @@
 
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from functools import cache, wraps
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+import numpy as np
 from numba import config, njit, typeof, types
 from numba.core.codegen import JITCodeLibrary
-from numba.extending import overload_method
+from numba.extending import overload_method, register_jitable
 
+from agrobot_mj.core import geometry
 from agrobot_mj.core.boxing import box_in_c
 from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
@@ -16,6 +19,15 @@ F = TypeVar("F", bound=Callable[..., object])
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(2)  # as fast as level 3, which duplicates loops and compiles half as fast
 box_in_c()
+
+
+def shared(function: F) -> F:
+    """Return `function` unchanged, and allow kernels to call it."""
+    return cast(F, register_jitable(function))
+
+
+for _rotation in (geometry.wrap, geometry.to_heading, geometry.from_heading, geometry.to_level, geometry.to_body):
+    shared(_rotation)
 
 
 def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
@@ -54,6 +66,42 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
     return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))
 
 
+def stage(function: F) -> F:
+    """Return `function`, compiled on its first call for its annotated types, without numba's type dispatch.
+
+    Arguments are numbers, C-contiguous arrays (`Vector`, `Matrix`), and tuples and named tuples of them.
+    """
+    if config.DISABLE_JIT:
+        return function
+    compiled: Any = _compiled(function)
+    entries: list[Callable[..., object]] = []
+
+    @wraps(function)
+    def call(*arguments: object) -> object:
+        if not entries:
+            hints = get_type_hints(function)
+            entries.append(compiled.compile(tuple(declared(hints[name]) for name in hints if name != "return")))
+        return entries[0](*arguments)
+
+    return cast(F, call)
+
+
+def declared(hint: Any) -> types.Type:
+    """Return numba's type of an annotation of a `stage`."""
+    if hint in NUMBERS:
+        return NUMBERS[hint]
+    if get_origin(hint) is np.ndarray:
+        return types.Array(types.float64, len(get_args(get_args(hint)[0])), "C")
+    if get_origin(hint) is tuple:
+        return types.BaseTuple.from_types([declared(part) for part in get_args(hint)])
+    return types.BaseTuple.from_types([declared(part) for part in get_type_hints(hint).values()], hint)
+
+
+NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean}
+"""Types of numbers in kernels."""
+
+
+@cache
 def kernel_method(name: str) -> None:
     """Allow kernels to call the method `name` of any named tuple: `record.name(...)`.
 

@@ -12,6 +12,8 @@ before differentiation. The delay of the filter causes no lasting heading error,
 from math import cos, exp, sin
 from typing import NamedTuple
 
+from agrobot_mj.core.kernels import kernel_method
+
 SMOOTHING_S = 0.1
 """Time constant of the low-pass filter [s]. Assumed value; 0.5 s cause 0.3 deg heading error in a bend."""
 
@@ -39,3 +41,7 @@ class SmoothedTilt(NamedTuple):
         if body:
             return (gyro + self.pitch_rate * sin(self.roll)) / (cos(self.roll) * cos(self.pitch))
         return gyro + self.roll_rate * sin(self.pitch)
+
+
+for _method in ("after", "heading_rate"):
+    kernel_method(_method)

@@ -29,6 +29,9 @@ Outcome = Literal[
 """Outcomes of a run. With guidance along a path, `completed` means that the path was driven to its end."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
+Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
+"""C-contiguous arrays of compiled stages, of one and two dimensions."""
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
 

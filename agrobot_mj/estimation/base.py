@@ -8,6 +8,7 @@ fix and the smoothed normalised innovation squared (NIS). SI units and radians.
 from math import exp, sqrt
 from typing import Any, NamedTuple
 
+from agrobot_mj.core.kernels import kernel_method, shared
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
@@ -27,16 +28,20 @@ class Health(NamedTuple):
     nis: float = 2.0
     """Smoothed NIS of the position [-]; the mean of a consistent filter is 2."""
 
-    def after(self, nis: float, fix_t: float | None, dt: float) -> "Health":
-        """Return the health after a tick, for its NIS (NaN without a fix) and the time of an accepted fix or None."""
+    def after(self, nis: float, fix_t: float, dt: float) -> "Health":
+        """Return the health after a tick, for its NIS and the time of an accepted fix, each NaN without one."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
-        return Health(self.fix_t if fix_t is None else fix_t, smooth)
+        return Health(fix_t if fix_t == fix_t else self.fix_t, smooth)
 
 
+kernel_method("after")
+
+
+@shared
 def largest_sigma(covariance: Array) -> float:
     """Return the maximum standard deviation of the position in any direction [m], for a covariance (n >= 2, n)."""
-    (p_xx, p_xy), (_, p_yy) = covariance[:2, :2].tolist()
+    p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
 

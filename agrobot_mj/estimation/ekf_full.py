@@ -8,21 +8,19 @@ minus `sideslip`, the slip of the rear tyres modelled from the side force. The s
 heading (`sensors.gnss.dual_antenna`); the filter then also estimates the excess sideslip. Not in the paper.
 """
 
-from math import isfinite, nan, radians, sqrt
+from math import nan, radians, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator, largest_sigma
-from agrobot_mj.estimation.full_core import Core, Gates, Inputs
+from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator
+from agrobot_mj.estimation.full_core import NO_FIX, Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
-from agrobot_mj.estimation.full_model import AHEAD, B_G, B_S, MOUNT, C, D, FixNoise, FullLevels, K, N, S
-from agrobot_mj.estimation.horizon import Horizon, Present, present
-from agrobot_mj.estimation.lever_arm import offset
+from agrobot_mj.estimation.full_model import AHEAD, B_G, MOUNT, C, D, FixNoise, FullLevels, K, N, S
+from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Horizon, Readings, Settings, estimated
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -41,16 +39,14 @@ COLUMNS = (
 class FullState(NamedTuple):
     """State of the estimator `EkfFull`."""
 
-    filter: FullFilter
-    """Filter created by `init`, without internal state."""
-    cg: tuple[float, float, float]
-    """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
+    settings: Settings
+    """Numbers computed by `init`, which do not change."""
     horizon: Horizon
     """Filter state and newer measurements."""
     health: Health
     """Diagnostics that do not need the true state."""
-    tilt: SmoothedTilt | None = None
-    """Smoothed roll and pitch of the last tick; None before the first tick."""
+    tilt: SmoothedTilt = NO_TILT
+    """Smoothed roll and pitch of the last tick; NaN before the first tick."""
     estimate: Estimate | None = None
     """Estimate of the last tick; None before the first tick."""
 
@@ -196,18 +192,15 @@ class EkfFull(StateEstimator):
         mean[:3] = x, y, yaw + radians(self.initial_yaw_error_deg)
         patience = max(1, round(self.gate_patience_s / TICK_S))
         gates = Gates(self.gate_sigma**2, self.gate_position_m, self.gate_velocity_m_s, patience)
+        antenna = tractor.antenna_height_m
+        full = FullFilter(
+            self._levels(tractor), self._fix_noises(antenna), gates, (0.0, 0.0, antenna), self.swing_filter_s
+        )
+        cg = tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m
+        slip = WheelSlip(memory=self.unseen_slip_walk_rt_s**2)
         return FullState(
-            filter=FullFilter(
-                self._levels(tractor),
-                self._fix_noises(tractor.antenna_height_m),
-                gates,
-                tractor.antenna_height_m,
-                self.swing_filter_s,
-            ),
-            cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
-            horizon=Horizon(
-                Core(mean, np.diag(np.square(sigmas)), slip=WheelSlip(memory=self.unseen_slip_walk_rt_s**2))
-            ),
+            settings=Settings(full, cg, self.terrain_compensation, self.gyro_axes == "body"),
+            horizon=Horizon(Core(mean, np.diag(np.square(sigmas)), slip=slip)),
             health=Health(),
         )
 
@@ -235,51 +228,27 @@ class EkfFull(StateEstimator):
             roll=0.0 if self.terrain_compensation else radians(self.roll_deg_s2_m),
         )
 
-    def _fix_noises(self, antenna: float) -> dict[int, FixNoise]:
+    def _fix_noises(self, antenna: float) -> tuple[FixNoise, FixNoise, FixNoise, FixNoise]:
         """Return the error of the rear-axle position by fix quality, for an antenna height and a slow tilt error."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m
         loose = _fix_noise(s_float, floating, lean, self.gnss_float_correlation_time_s)
         tight = _fix_noise(s, fixed, lean, self.gnss_correlation_time_s)
-        return {Quality.FIX: tight, Quality.FLOAT: loose, Quality.DGPS: loose}
+        return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
-        m, last = measurement, state.tilt or SmoothedTilt(0.0, 0.0)
-        roll, pitch = (m.roll, m.pitch) if self.terrain_compensation else (0.0, 0.0)
-        if not isfinite(roll + pitch):  # not measured: keep the last tilt
-            roll, pitch = last.roll, last.pitch
-        tilt = state.tilt.after(roll, pitch, dt) if state.tilt else SmoothedTilt(roll, pitch)
-        gyro = tilt.heading_rate(m.gyro, self.gyro_axes == "body")
-        inputs = Inputs(m.t, gyro, m.wheel_speed, m.steer, tilt.roll, tilt.pitch, (roll, pitch))
-        horizon = state.horizon.after(state.filter, inputs, m.fix, m.quality, dt)
-        health = state.health.after(horizon.core.nis, horizon.core.accepted_t, dt)
-        now = present(horizon, state.filter.levels, inputs.side, dt)
-        estimate = self._estimate(state.cg, inputs, horizon.core, health, now)
-        return FullState(state.filter, state.cg, horizon, health, tilt, estimate), estimate
-
-    def _estimate(
-        self, cg: tuple[float, float, float], inputs: Inputs, core: Core, health: Health, now: Present
-    ) -> Estimate:
-        east, north = offset(cg, *inputs.lean, now.heading)
-        return Estimate(
-            x=now.x + east,
-            y=now.y + north,
-            yaw=wrap(now.heading + now.sideslip),
-            speed=now.speed,
-            yaw_rate=now.yaw_rate,
-            rear_x=now.x,
-            rear_y=now.y,
-            covariance=now.covariance,
-            nis=core.nis,
-            steer_bias=float(core.mean[B_S]),
-            sideslip=now.sideslip,
-            aligned=core.search is None,
-            fix_age=inputs.t - health.fix_t,
-            position_sigma=largest_sigma(now.covariance),
-            nis_mean=health.nis,
+        m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
+        if measurement.fix is not None:
+            horizon, ticks, fix = horizon.at(m.t, fix, dt)
+        core, queue, tilt, health, estimate = estimated(
+            *(state.settings, horizon.core, horizon.waiting, state.tilt, state.health),
+            *(Readings(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch), ticks, fix, m.quality, dt),
         )
+        history = (*horizon.history[-HISTORY_TICKS:], (horizon.core, queue[:ticks]))
+        horizon = Horizon(core, queue[ticks:], history)
+        return FullState(state.settings, horizon, health, tilt, estimate), estimate
 
     def report(self, state: FullState) -> tuple[float, ...]:
         """Return the values of `columns` after a tick."""
@@ -289,7 +258,7 @@ class EkfFull(StateEstimator):
         return (
             *(e.fix_age, e.position_sigma, e.nis_mean, float(e.aligned), e.sideslip),
             *(float(core.mean[B_G]), float(core.mean[MOUNT]) if len(core.mean) > N else nan, float(core.mean[K])),
-            *(float(core.rejected_positions), float(core.rejected_velocities), float(core.restarts)),
+            *(float(core.rejections.positions), float(core.rejections.velocities), float(core.rejections.restarts)),
         )
 
 

@@ -8,17 +8,21 @@ measurement (m,); the units are those of the filter.
 import numpy as np
 
 from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import Array, Matrix, Vector
 
 
 @jit
-def prior(P: Array, F: Array, Q: Array) -> Array:
+def prior(P: Array, F: Array, Q: Array) -> Matrix:
     """Return the covariance after a transition F (n, n) with process noise Q (n, n)."""
-    return times(times(F, P), F.T) + Q
+    found = times(times(F, P), F.T)
+    for i in range(found.shape[0]):
+        for j in range(found.shape[1]):
+            found[i, j] += Q[i, j]
+    return found
 
 
 @jit
-def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, Array, float]:
+def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector, Matrix, float]:
     """Return mean, covariance and NIS [-] after a correction by the innovation `y` (m,).
 
     H (m, n) is the Jacobian of the measurement and R (m, m) the covariance of its noise. Raise `LinAlgError` if the
@@ -34,13 +38,13 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Array, 
 
 
 @jit
-def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
+def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
     """Return mean, covariance and NIS [-] after one step from the prior mean `x` and the previous covariance P."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 
 @jit
-def applied(A: Array, x: Array) -> Array:
+def applied(A: Array, x: Array) -> Vector:
     """Return the product of a matrix and a vector."""
     y = np.zeros(A.shape[0])
     for i in range(A.shape[0]):
@@ -50,7 +54,7 @@ def applied(A: Array, x: Array) -> Array:
 
 
 @jit
-def times(A: Array, B: Array) -> Array:
+def times(A: Array, B: Array) -> Matrix:
     """Return the product of two matrices."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
@@ -61,7 +65,7 @@ def times(A: Array, B: Array) -> Array:
 
 
 @jit
-def inverse(S: Array) -> Array:
+def inverse(S: Array) -> Matrix:
     """Return the inverse of a symmetric positive definite matrix by Gauss-Jordan elimination without pivoting."""
     n, A, found = S.shape[0], S.copy(), np.eye(S.shape[0])
     for k in range(n):

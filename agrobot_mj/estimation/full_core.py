@@ -1,14 +1,18 @@
 """Inputs, state and state resets of the filter of `ekf_full`."""
 
-from math import sin, sqrt
+from math import nan, sin, sqrt
 from typing import NamedTuple
 
-from agrobot_mj.core.signals import Array, Fix, Quality
-from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, SideLoad, X, Y
-from agrobot_mj.estimation.lever_arm import Lever
+from agrobot_mj.core.kernels import jit, kernel_method, shared
+from agrobot_mj.core.signals import Fix, Matrix, Quality, Vector
+from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, X, Y
+from agrobot_mj.estimation.lever_arm import UNKNOWN, Lever
 from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
+
+NO_FIX = Fix(nan, nan, nan, nan)
+"""Missing fix."""
 
 
 class Inputs(NamedTuple):
@@ -29,10 +33,12 @@ class Inputs(NamedTuple):
     lean: tuple[float, float] = (0.0, 0.0)
     """Measured roll and pitch [rad]."""
 
-    @property
     def side(self) -> float:
-        """Gravity component of the specific side force [m/s2]."""
+        """Return the gravity component of the specific side force [m/s2]."""
         return GRAVITY * sin(self.roll)
+
+
+kernel_method("side")
 
 
 class Gates(NamedTuple):
@@ -49,108 +55,140 @@ class Gates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Sums for finding the initial yaw."""
+    """Search for the initial yaw: sums of wheel speed times fix velocity, rotated by minus the course chi."""
 
-    total: complex = 0j
-    """Sum of wheel speed times fix velocity, rotated by minus the course chi [m2/s2]."""
+    active: bool = True
+    """Whether the yaw is unknown."""
+    along: float = 0.0
+    """Sum of the components along the course [m2/s2]."""
+    across: float = 0.0
+    """Sum of the components to the left of the course [m2/s2]."""
     weight: float = 0.0
     """Sum of the squared wheel speeds [m2/s2]."""
+
+
+FOUND = Search(active=False)
+"""State after the search."""
+
+
+class Rejections(NamedTuple):
+    """Accepted and rejected fixes."""
+
+    accepted_t: float = 0.0
+    """Time of the last accepted fix [s]; start of the run before the first accepted fix."""
+    probation: int = 0
+    """Number of consecutive consistent fixes required before fixes count as accepted again after a restart."""
+    position: int = 0
+    """Number of consecutive rejected positions."""
+    velocity: int = 0
+    """Number of consecutive rejected velocities."""
+    positions: int = 0
+    """Number of rejected positions since the start."""
+    velocities: int = 0
+    """Number of rejected velocities since the start."""
+    restarts: int = 0
+    """Number of restarts of the position or of the search for the yaw."""
+
+
+class Seen(NamedTuple):
+    """Last fix."""
+
+    t: float = -1.0
+    """Time of the fix [s]."""
+    quality: int = Quality.FIX
+    """Quality of the fix."""
+    speed: float = 0.0
+    """Speed of the fix [m/s]."""
+    jumped: bool = False
+    """Whether the fix speed has jumped since its last agreement with the wheel speed."""
+
+
+class Smooth(NamedTuple):
+    """Low-pass filtered motion."""
+
+    standing: int = 0
+    """Number of consecutive ticks with the wheels at rest."""
+    cruise: float = 0.0
+    """Speed of the tractor [m/s]."""
+    steady: float = 0.0
+    """Modelled sideslip, positive to the right [rad]."""
+    bend: float = 0.0
+    """Path curvature without the effect of bumps [1/m]."""
+
+
+class Crab(NamedTuple):
+    """Excess sideslip of two antennas: course of the fixes minus heading and modelled sideslip."""
+
+    mean: float = 0.0
+    """Mean excess sideslip [rad]."""
+    time: float = 0.0
+    """Averaging time [s]."""
 
 
 class Core(NamedTuple):
     """Complete filter state at the time of its last tick."""
 
-    mean: Array
+    mean: Vector
     """Mean of the states, shape (14,), or (16,) after the first heading from two antennas."""
-    covariance: Array
+    covariance: Matrix
     """Covariance of `mean`, shape (n, n)."""
-    search: Search | None = Search()
-    """Search for the yaw; None after the search."""
-    lever: Lever | None = None
+    search: Search = Search()
+    """Search for the yaw."""
+    lever: Lever = UNKNOWN
     """Lever arm of the tilted antenna."""
-    quality: int = Quality.FIX
-    """Quality of the last fix."""
-    standing: int = 0
-    """Number of consecutive ticks with the wheels at rest."""
-    refused_position: int = 0
-    """Number of consecutive rejected positions."""
-    refused_velocity: int = 0
-    """Number of consecutive rejected velocities."""
-    rejected_positions: int = 0
-    """Number of rejected positions since the start."""
-    rejected_velocities: int = 0
-    """Number of rejected velocities since the start."""
-    restarts: int = 0
-    """Number of restarts of the position or of the search for the yaw."""
-    seen_t: float = -1.0
-    """Time of the last fix [s]."""
-    accepted_t: float = 0.0
-    """Time of the last accepted fix [s]; start of the run before the first accepted fix."""
-    probation: int = 0
-    """Number of consecutive consistent fixes required before fixes count as accepted again after a restart."""
-    fix_speed: float = 0.0
-    """Speed of the last fix [m/s]."""
-    jumped: bool = False
-    """Whether the fix speed has jumped since its last agreement with the wheel speed."""
+    rejections: Rejections = Rejections()
+    """Accepted and rejected fixes."""
+    seen: Seen = Seen()
+    """Last fix."""
+    smooth: Smooth = Smooth()
+    """Low-pass filtered motion."""
     slip: WheelSlip = WheelSlip()
     """Estimated variation of the wheel slip."""
     sway: SidewaysNoise = SidewaysNoise()
     """Estimated random variation of the course."""
-    steady: float = 0.0
-    """Low-pass filtered modelled sideslip, positive to the right [rad]."""
-    crab: float = 0.0
-    """Mean excess sideslip: course of the fixes minus heading and modelled sideslip [rad]."""
-    crab_s: float = 0.0
-    """Averaging time of `crab` [s]."""
-    cruise: float = 0.0
-    """Low-pass filtered speed of the tractor [m/s]."""
-    bend: float = 0.0
-    """Low-pass filtered path curvature without the effect of bumps [1/m]."""
-    nis: float = float("nan")
+    crab: Crab = Crab()
+    """Excess sideslip of two antennas."""
+    nis: float = nan
     """NIS of the position in the last tick; NaN without a fix [-]."""
 
-    def side_load(self, gravity: float) -> SideLoad:
-        """Return the inputs of the sideslip model for a `gravity` component of the specific side force [m/s2]."""
-        return SideLoad(gravity, self.bend)
 
-
-def alone(covariance: Array, index: int, sigma: float) -> Array:
+@jit
+def alone(covariance: Matrix, index: int, sigma: float) -> Matrix:
     """Return the covariance with one state uncorrelated and its standard deviation set to `sigma`."""
     P = covariance.copy()
-    P[index], P[:, index] = 0.0, 0.0
+    for other in range(P.shape[0]):
+        P[index, other] = P[other, index] = 0.0
     P[index, index] = sigma * sigma
     return P
 
 
-def forget_correlated(core: Core) -> Core:
-    """Return the core with the correlated fix error reset to its stationary distribution, for a new fix quality."""
-    mean = core.mean.copy()
-    mean[[G_E, G_N]] = 0.0
-    return core._replace(mean=mean, covariance=alone(alone(core.covariance, G_E, 1.0), G_N, 1.0))
+@jit
+def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]:
+    """Return mean and covariance with the correlated fix error reset to its stationary distribution."""
+    mean = mean.copy()
+    mean[G_E] = mean[G_N] = 0.0
+    return mean, alone(alone(covariance, G_E, 1.0), G_N, 1.0)
 
 
-def at_fix(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """Return the core with position and position covariance reset to those of the fix."""
-    core, sigma = forget_correlated(core), sqrt(noise.correlated**2 + noise.white**2)
-    mean = core.mean.copy()
+@jit
+def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
+    """Return mean and covariance with position and position covariance reset to those of the fix."""
+    mean, P = forget_correlated(mean, covariance)
+    sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y
-    return core._replace(mean=mean, covariance=alone(alone(core.covariance, X, sigma), Y, sigma))
+    return mean, alone(alone(P, X, sigma), Y, sigma)
 
 
-def turned(core: Core, angle: float, sigma: float) -> Core:
-    """Return the core after the search: yaw rotated by `angle` [rad], with standard deviation `sigma` [rad]."""
-    mean = core.mean.copy()
+@jit
+def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tuple[Vector, Matrix]:
+    """Return mean and covariance for a yaw rotated by `angle` [rad], with standard deviation `sigma` [rad]."""
+    mean = mean.copy()
     mean[PSI] += angle
-    return core._replace(mean=mean, covariance=alone(core.covariance, PSI, sigma), search=None)
+    return mean, alone(covariance, PSI, sigma)
 
 
-def accepted(core: Core, t: float) -> Core:
-    """Return the core after an accepted position at time `t` [s]."""
-    if core.probation > 1:
-        return core._replace(refused_position=0, probation=core.probation - 1)
-    return core._replace(refused_position=0, probation=0, accepted_t=t)
-
-
-def restarted(core: Core, fix: Fix, noise: FixNoise) -> Core:
-    """Return the core restarted at the fix after too many rejections."""
-    return at_fix(core, fix, noise)._replace(refused_position=0, restarts=core.restarts + 1)
+@shared
+def accepted(r: Rejections, t: float) -> Rejections:
+    """Return the rejections after an accepted position at time `t` [s]."""
+    since = r.accepted_t if r.probation > 1 else t
+    return Rejections(since, max(r.probation - 1, 0), 0, r.velocity, r.positions, r.velocities, r.restarts)

@@ -15,22 +15,24 @@ and in reverse. Its standard deviation is that of a velocity divided by sqrt(sum
 search immediately, even at standstill; sideslip and heading are then separately observable.
 """
 
-from cmath import exp as turn
-from cmath import phase
-from functools import lru_cache
-from math import copysign, cos, exp, hypot, isfinite, radians, sin, tan
+from math import atan2, copysign, cos, exp, isfinite, nan, radians, sin, sqrt, tan
+from typing import NamedTuple
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Fix, Matrix, Vector
 from agrobot_mj.estimation.full_core import (
+    FOUND,
     Core,
     Gates,
     Inputs,
+    Rejections,
     Search,
+    Seen,
+    Smooth,
     accepted,
     at_fix,
     forget_correlated,
-    restarted,
     turned,
 )
 from agrobot_mj.estimation.full_model import (
@@ -44,6 +46,7 @@ from agrobot_mj.estimation.full_model import (
     FullLevels,
     K,
     N,
+    SideLoad,
     V,
     course,
     modelled_crab,
@@ -61,10 +64,8 @@ from agrobot_mj.estimation.full_rows import (
     fix_rows,
     no_fix,
 )
-from agrobot_mj.estimation.kalman import Filter
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.mounting import implausible, with_crab, with_mounting
-from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
@@ -97,178 +98,232 @@ JUMP_M_S2 = 15.0
 
 Used = tuple[bool, bool, bool]
 """Whether position, velocity and heading of a fix are used."""
-UNUSED = (False, False, False)
 
 
-class FullFilter(Filter):
-    """EKF for one set of noise levels; `step` is a pure function."""
+class FullFilter(NamedTuple):
+    """Noise levels and limits of the filter."""
 
-    def __init__(
-        self, levels: FullLevels, noises: dict[int, FixNoise], gates: Gates, antenna: float, swing_filter: float
-    ) -> None:
-        """Create the filter, with `noises` by fix quality and the height of the `antenna` [m]."""
-        self.levels, self.noises, self.gates = levels, noises, gates
-        self.antenna, self.swing_filter = (0.0, 0.0, antenna), swing_filter
-        sigmas = levels.steer_sigma, levels.gyro_sigma, levels.wheel_sigma
-        self.motion_noise = MotionNoise(levels.wheelbase, *(sigma * sigma for sigma in sigmas))
-
-    def step(self, core: Core, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> Core:
-        """Return the core after a tick of `dt` [s] with these inputs and the fix at its end."""
-        if fix is not None and quality != core.quality:
-            core = forget_correlated(core._replace(quality=quality))
-        if fix is not None and isfinite(fix.heading) and len(core.mean) == N:
-            mean, covariance = with_sideslip(core.mean, core.covariance, self.levels.sideslip_sigma)
-            core = core._replace(mean=mean, covariance=covariance)
-        noise, crab = self.noises[core.quality], self._crab(core, inputs)
-        sway = core.sway.density + SWAY_S * (SWAY * (crab - core.steady)) ** 2
-        mean, covariance = self._predict(core, inputs, noise, sway, dt)
-        still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
-        core = core._replace(
-            mean=mean,
-            covariance=covariance,
-            lever=self._lever(core, inputs, mean, dt),
-            standing=core.standing + 1 if still else 0,
-            cruise=core.cruise + (float(mean[V]) - core.cruise) * (1.0 - exp(-dt / CRUISE_S)),
-            steady=core.steady + (crab - core.steady) * (1.0 - exp(-dt / STEADY_S)),
-            bend=core.bend + (self._curvature(mean, inputs) - core.bend) * (1.0 - exp(-dt / BEND_S)),
-            nis=float("nan"),
-        )
-        if fix is not None:
-            fix = fix if core.lever is None else at_foot(fix, core.lever)
-            gap = min(inputs.t - core.seen_t, LONGEST_GAP_S) if core.seen_t >= 0.0 else dt
-            core, inputs = self._check_wheels(with_crab(core, fix, core.side_load(inputs.side), gap), inputs, fix)
-        seen_t = core.seen_t if fix is None else inputs.t
-        core = core._replace(slip=self._slip(core, inputs, fix, dt), seen_t=seen_t)
-        standing = core.standing >= STANDING_TICKS
-        motion = MotionReadings(inputs.steer, inputs.gyro, inputs.wheel, inputs.pitch, core.cruise, standing)
-        rows, used = no_fix(len(core.mean)), UNUSED
-        if fix is not None and core.search is not None:
-            core = self._search_step(core, core.search, inputs, fix, noise)
-        elif fix is not None:
-            core, rows, used = self._gate_fix(core, inputs, fix, noise, gap, sway)
-        mean, covariance = corrected(core.mean, core.covariance, motion, self.motion_noise, rows, used)
-        return with_mounting(core._replace(mean=mean, covariance=covariance))
-
-    def _curvature(self, mean: Array, inputs: Inputs) -> float:
-        """Return the path curvature from the steering angle or, if missing, from the yaw rate [1/m]."""
-        if isfinite(inputs.steer):
-            return tan(inputs.steer - float(mean[B_S])) / self.levels.wheelbase
-        v = float(mean[V])
-        return float(mean[OMEGA]) * v / (v * v + SLOW * SLOW)
-
-    def _predict(self, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> tuple[Array, Array]:
-        """Return prior mean and covariance; the course varies with the density `sway` [rad2 s]."""
-        decay, Q = _process_noise(self.levels, dt, noise.correlation_time, len(core.mean))
-        Q = Q.copy()
-        Q[K, K] += dt * self._slip_walk(core, inputs) ** 2
-        # a pull that changes the slip also resists turning
-        pulled = self.levels.wheelbase * core.slip.walk
-        Q[D, D] += dt * (abs(float(core.mean[V])) * self.levels.turn_offset_walk**2 + pulled**2)
-        side, known = core.side_load(inputs.side), core.search is None
-        return predict(core.mean, core.covariance, Q, side, sway, dt, decay, known)
-
-    def _check_wheels(self, core: Core, inputs: Inputs, fix: Fix) -> tuple[Core, Inputs]:
-        """Return core and inputs, without the wheel speed if it contradicts a fix whose speed has not jumped."""
-        speed = self._ground_speed(core, inputs, fix)
-        jump = abs(speed - core.fix_speed) > JUMP_M_S2 * (inputs.t - core.seen_t)
-        apart = abs(speed - (abs(inputs.wheel) if core.search else inputs.wheel)) > self.gates.velocity
-        core = core._replace(fix_speed=speed, jumped=apart and (jump or core.jumped))
-        return core, inputs._replace(wheel=float("nan")) if apart and not core.jumped else inputs
-
-    def _ground_speed(self, core: Core, inputs: Inputs, fix: Fix) -> float:
-        """Return the speed of a fix [m/s], negative for motion against the course, as when sliding backwards."""
-        speed = hypot(fix.vx, fix.vy)
-        if core.search is not None:
-            return speed
-        chi = course(core.mean, core.side_load(inputs.side))
-        return copysign(speed, fix.vx * cos(chi) + fix.vy * sin(chi))
-
-    def _lever(self, core: Core, inputs: Inputs, mean: Array, dt: float) -> Lever:
-        """Return the antenna's lever arm after a tick with this mean, for measured tilt and modelled roll in a bend."""
-        roll, pitch = inputs.lean
-        now = offset(self.antenna, roll + self.levels.roll * float(mean[V]) ** 2 * core.bend, pitch, float(mean[PSI]))
-        return core.lever.after(now, dt, self.swing_filter) if core.lever else Lever(now)
-
-    def _crab(self, core: Core, inputs: Inputs) -> float:
-        """Return the modelled sideslip, positive to the right [rad]."""
-        return modelled_crab(core.mean, float(core.mean[V]), core.side_load(inputs.side))
-
-    def _slip_walk(self, core: Core, inputs: Inputs) -> float:
-        """Return the random walk of the slip in addition to that on firm level ground [1/sqrt(s)]."""
-        return hypot(core.slip.walk, self.levels.lean_slip_walk * hypot(inputs.side, GRAVITY * sin(inputs.pitch)))
-
-    def _slip(self, core: Core, inputs: Inputs, fix: Fix | None, dt: float) -> WheelSlip:
-        """Return the slip variation updated with the wheel speed and the fix of R."""
-        if fix is None:
-            return core.slip.unseen()
-        speed = core.fix_speed
-        if abs(speed) < SLIPPING_SPEED or core.search or not isfinite(inputs.wheel):
-            return WheelSlip(memory=core.slip.memory)
-        scale, levels = wheel_scale(core.mean, inputs.pitch), self.levels
-        variance = (levels.velocity_sigma**2 + levels.wheel_sigma**2) / speed**2
-        return core.slip.after(inputs.wheel / (scale * speed) - 1.0, variance, float(core.covariance[K, K]), dt)
-
-    def _gate_fix(
-        self, core: Core, inputs: Inputs, fix: Fix, noise: FixNoise, gap: float, sway: float
-    ) -> tuple[Core, FixRows, Used]:
-        """Return the core, the rows of a rear-axle fix, `gap` [s] after the last fix, and which of them are used."""
-        east, north = core.lever.offset if core.lever else (0.0, 0.0)
-        variances = self.levels.velocity_sigma**2, sway / gap, self.levels.heading_sigma**2
-        numbers = FixNumbers(fix.x, fix.y, fix.vx, fix.vy, fix.heading, east, north, *variances)
-        rows = fix_rows(core.mean, core.covariance, numbers, noise, core.side_load(inputs.side))
-        y = rows.innovation.tolist()
-        core = core._replace(nis=rows.position_nis)
-        consistent = rows.position_nis < self.gates.nis or hypot(y[0], y[1]) < self.gates.position
-        if consistent:
-            core = accepted(core, inputs.t)
-        else:
-            refused = core.refused_position + 1
-            core = core._replace(refused_position=refused, rejected_positions=core.rejected_positions + 1)
-            core = core._replace(probation=self.gates.patience if core.probation else 0)
-            if refused >= self.gates.patience:
-                core = restarted(core, fix, noise)._replace(probation=self.gates.patience)
-        moving = rows.velocity_nis < self.gates.nis or hypot(y[2], y[3]) < self.gates.velocity
-        if moving:
-            core = core._replace(refused_velocity=0, sway=self._course_variation(core, y[3], gap))
-        else:
-            refused = core.refused_velocity + 1
-            core = core._replace(refused_velocity=refused, rejected_velocities=core.rejected_velocities + 1)
-            if refused >= self.gates.patience:
-                core = core._replace(search=Search(), refused_velocity=0, restarts=core.restarts + 1)
-                core = core._replace(probation=self.gates.patience)
-        return core, rows, (consistent, moving, self._is_probable(core, rows))
-
-    def _course_variation(self, core: Core, across: float, gap: float) -> SidewaysNoise:
-        """Return the course variation updated by the cross-course velocity of a fix, `gap` [s] after the last one."""
-        v = float(core.mean[V])
-        if abs(v) < SLIPPING_SPEED or implausible(core):
-            return core.sway
-        return core.sway.after(across / v, (self.levels.velocity_sigma / v) ** 2, gap)
-
-    def _is_probable(self, core: Core, rows: FixRows) -> bool:
-        """Return whether a fix has a heading, and a probable one."""
-        if len(core.mean) == N or not isfinite(innovation := float(rows.innovation[4])):
-            return False
-        P = core.covariance
-        variance = float(P[PSI, PSI] + 2.0 * P[PSI, MOUNT] + P[MOUNT, MOUNT] + rows.variance[4])
-        return innovation**2 < self.gates.nis * variance
-
-    def _search_step(self, core: Core, search: Search, inputs: Inputs, fix: Fix, noise: FixNoise) -> Core:
-        """Set the position to that of the fix and update the search by its velocity or heading."""
-        core = at_fix(core, fix, noise)
-        core = core if core.probation else core._replace(accepted_t=inputs.t)
-        if isfinite(fix.heading):
-            innovation = wrap(fix.heading - float(core.mean[PSI] + core.mean[MOUNT]))
-            return turned(core, innovation, self.levels.heading_sigma)
-        w = inputs.wheel
-        if abs(w) > SEARCH_SPEED:  # false for a missing wheel speed, whose sign is unknown
-            chi = course(core.mean, core.side_load(inputs.side))
-            search = Search(search.total + w * complex(fix.vx, fix.vy) * turn(-1j * chi), search.weight + w * w)
-        if search.weight * ALIGNMENT_SIGMA**2 < self.levels.velocity_sigma**2:
-            return core._replace(search=search)
-        return turned(core, phase(search.total), ALIGNED_SIGMA)
+    levels: FullLevels
+    """Noise levels."""
+    noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]
+    """Position error of a fix, by its quality."""
+    gates: Gates
+    """Limits for rejecting a fix."""
+    antenna: tuple[float, float, float]
+    """Position of the antenna relative to R in vehicle axes [m]."""
+    swing_filter: float
+    """Filter time constant of the antenna velocity due to tilting [s]; 0: none."""
 
 
-@lru_cache(maxsize=16)
-def _process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int) -> tuple[float, Array]:
-    return process_noise(levels, dt, correlation_time, n)
+@jit
+def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: float) -> Core:
+    """Return the core after a tick of `dt` [s] with these inputs and the fix at its end, which may be missing (NaN)."""
+    seen = isfinite(fix.x)
+    if seen:
+        core = _received(f, core, fix, quality)
+    noise, unsteady = f.noises[core.seen.quality], SWAY * (_crab(core, inputs) - core.smooth.steady)
+    sway = core.sway.density() + SWAY_S * (unsteady * unsteady)
+    core = _predicted(f, core, inputs, noise, sway, dt)
+    smooth, wheel, rows, used = core.smooth, inputs.wheel, no_fix(core.mean.size), (False, False, False)
+    slip = core.slip.unseen()
+    if seen:
+        core, wheel, rows, used = _with_fix(f, core, inputs, at_foot(fix, core.lever), sway, dt)
+        slip = core.slip
+    standing = smooth.standing >= STANDING_TICKS
+    motion = MotionReadings(inputs.steer, inputs.gyro, wheel, inputs.pitch, smooth.cruise, standing)
+    s, g, w = f.levels.steer_sigma, f.levels.gyro_sigma, f.levels.wheel_sigma
+    mean, P = corrected(
+        core.mean, core.covariance, motion, MotionNoise(f.levels.wheelbase, s * s, g * g, w * w), rows, used
+    )
+    mean, P, crab = with_mounting(mean, P, core.crab, smooth.bend)
+    r, nis = core.rejections, rows.position_nis
+    return Core(mean, P, core.search, core.lever, r, core.seen, smooth, slip, core.sway, crab, nis)
+
+
+@jit
+def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
+    """Return the core for a fix of this quality, with two more states after the first heading."""
+    mean, P, last = core.mean, core.covariance, core.seen
+    if quality != last.quality:
+        mean, P = forget_correlated(mean, P)
+    if isfinite(fix.heading) and mean.size == N:
+        mean, P = with_sideslip(mean, P, f.levels.sideslip_sigma)
+    last = Seen(last.t, quality, last.speed, last.jumped)
+    r, smooth = core.rejections, core.smooth
+    return Core(mean, P, core.search, core.lever, r, last, smooth, core.slip, core.sway, core.crab, core.nis)
+
+
+@jit
+def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> Core:
+    """Return the core without this tick's measurements; the course varies with the density `sway` [rad2 s]."""
+    old, L, walk = core.smooth, f.levels.wheelbase, f.levels.turn_offset_walk
+    decay, Q = process_noise(f.levels, dt, noise.correlation_time, core.mean.size)
+    side, pull, per_pull = inputs.side(), GRAVITY * sin(inputs.pitch), f.levels.lean_slip_walk
+    Q[K, K] += dt * (core.slip.change + per_pull * per_pull * (side * side + pull * pull))
+    # a pull that changes the slip also resists turning
+    Q[D, D] += dt * (abs(core.mean[V]) * (walk * walk) + L * L * core.slip.change)
+    load = SideLoad(side, old.bend)
+    mean, P = predict(core.mean, core.covariance, Q, load, sway, dt, decay, not core.search.active)
+    still = isfinite(inputs.wheel) and abs(inputs.wheel) < STANDING_SPEED
+    smooth = Smooth(
+        old.standing + 1 if still else 0,
+        old.cruise + (mean[V] - old.cruise) * (1.0 - exp(-dt / CRUISE_S)),
+        old.steady + (_crab(core, inputs) - old.steady) * (1.0 - exp(-dt / STEADY_S)),
+        old.bend + (_curvature(f, mean, inputs) - old.bend) * (1.0 - exp(-dt / BEND_S)),
+    )
+    lever, r = _lever(f, core, inputs, mean, dt), core.rejections
+    return Core(mean, P, core.search, lever, r, core.seen, smooth, core.slip, core.sway, core.crab, core.nis)
+
+
+@jit
+def _crab(core: Core, inputs: Inputs) -> float:
+    """Return the modelled sideslip, positive to the right [rad]."""
+    return modelled_crab(core.mean, core.mean[V], SideLoad(inputs.side(), core.smooth.bend))
+
+
+@jit
+def _curvature(f: FullFilter, mean: Vector, inputs: Inputs) -> float:
+    """Return the path curvature from the steering angle or, if missing, from the yaw rate [1/m]."""
+    if isfinite(inputs.steer):
+        return tan(inputs.steer - mean[B_S]) / f.levels.wheelbase
+    v = mean[V]
+    return float(mean[OMEGA] * v / (v * v + SLOW * SLOW))
+
+
+@jit
+def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -> Lever:
+    """Return the antenna's lever arm after a tick with this mean, for measured tilt and modelled roll in a bend."""
+    roll, pitch = inputs.lean
+    roll += f.levels.roll * (mean[V] * mean[V]) * core.smooth.bend
+    return core.lever.after(offset(f.antenna, roll, pitch, mean[PSI]), dt, f.swing_filter)
+
+
+@jit
+def _with_fix(
+    f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
+) -> tuple[Core, float, FixRows, Used]:
+    """Return the core after the gates, the wheel speed or NaN, the rows of a rear-axle fix, and which are used."""
+    mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
+    noise, side, t = f.noises[core.seen.quality], SideLoad(inputs.side(), core.smooth.bend), core.seen.t
+    gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
+    crab = with_crab(core, fix, side, gap)
+    seen, wheel = _checked_wheels(f, core, inputs, fix, side)
+    slip = _slip(f, core, inputs.pitch, seen.speed, wheel, dt)
+    rows, used = no_fix(mean.size), (False, False, False)
+    if search.active:
+        mean, P = at_fix(mean, P, fix, noise)
+        since = r.accepted_t if r.probation else inputs.t
+        r = Rejections(since, r.probation, r.position, r.velocity, r.positions, r.velocities, r.restarts)
+        mean, P, search = _searched(f, mean, P, search, wheel, fix, side)
+    else:
+        rows = _rows(f, core, fix, gap, sway, side)
+        consistent, restart, r = _gated_position(f.gates, rows, r, inputs.t)
+        if restart:
+            mean, P = at_fix(mean, P, fix, noise)
+        moving, lost, r = _gated_velocity(f.gates, rows, r)
+        if lost:
+            search = Search(True, 0.0, 0.0, 0.0)
+        if moving and abs(mean[V]) >= SLIPPING_SPEED and not implausible(crab, core.smooth.bend):
+            sigma = f.levels.velocity_sigma / mean[V]
+            variation = variation.after(rows.innovation[3] / mean[V], sigma * sigma, gap)
+        used = consistent, moving, _is_probable(f.gates, P, rows)
+    core = Core(mean, P, search, core.lever, r, seen, core.smooth, slip, variation, crab, core.nis)
+    return core, wheel, rows, used
+
+
+@jit
+def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
+    """Return the fix and the wheel speed, NaN if it contradicts a fix whose speed has not jumped."""
+    speed, last, searching = _ground_speed(core, fix, side), core.seen, core.search.active
+    jump = abs(speed - last.speed) > JUMP_M_S2 * (inputs.t - last.t)
+    apart = abs(speed - (abs(inputs.wheel) if searching else inputs.wheel)) > f.gates.velocity
+    jumped = apart and (jump or last.jumped)
+    return Seen(inputs.t, last.quality, speed, jumped), nan if apart and not jumped else inputs.wheel
+
+
+@jit
+def _ground_speed(core: Core, fix: Fix, side: SideLoad) -> float:
+    """Return the speed of a fix [m/s], negative for motion against the course, as when sliding backwards."""
+    speed = sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
+    if core.search.active:
+        return speed
+    chi = course(core.mean, side)
+    return copysign(speed, fix.vx * cos(chi) + fix.vy * sin(chi))
+
+
+@jit
+def _slip(f: FullFilter, core: Core, pitch: float, speed: float, wheel: float, dt: float) -> WheelSlip:
+    """Return the slip variation updated with the wheel speed and the speed of a fix."""
+    if abs(speed) < SLIPPING_SPEED or core.search.active or not isfinite(wheel):
+        return WheelSlip(0.0, 0.0, core.slip.memory)
+    scale, s_v, s_w = wheel_scale(core.mean, pitch), f.levels.velocity_sigma, f.levels.wheel_sigma
+    variance = (s_v * s_v + s_w * s_w) / (speed * speed)
+    return core.slip.after(wheel / (scale * speed) - 1.0, variance, core.covariance[K, K], dt)
+
+
+@jit
+def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: SideLoad) -> FixRows:
+    """Return the rows of a rear-axle fix, `gap` [s] after the last fix."""
+    (east, north), s_v, s_h = core.lever.offset, f.levels.velocity_sigma, f.levels.heading_sigma
+    course_variance = sway / gap
+    numbers = FixNumbers(fix.x, fix.y, fix.vx, fix.vy, fix.heading, east, north, s_v * s_v, course_variance, s_h * s_h)
+    return fix_rows(core.mean, core.covariance, numbers, f.noises[core.seen.quality], side)
+
+
+@jit
+def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tuple[bool, bool, Rejections]:
+    """Return whether the position of a fix passes its gate, whether the position restarts, and the rejections."""
+    y = rows.innovation
+    if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
+        return True, False, accepted(r, t)
+    restart = r.position + 1 >= gates.patience
+    refused, restarts = 0 if restart else r.position + 1, r.restarts + 1 if restart else r.restarts
+    probation = gates.patience if restart or r.probation else 0
+    return (
+        False,
+        restart,
+        Rejections(r.accepted_t, probation, refused, r.velocity, r.positions + 1, r.velocities, restarts),
+    )
+
+
+@jit
+def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, bool, Rejections]:
+    """Return whether the velocity of a fix passes its gate, whether the search for the yaw restarts, and rejections."""
+    y, t = rows.innovation, r.accepted_t
+    if rows.velocity_nis < gates.nis or sqrt(y[2] * y[2] + y[3] * y[3]) < gates.velocity:
+        return True, False, Rejections(t, r.probation, r.position, 0, r.positions, r.velocities, r.restarts)
+    lost = r.velocity + 1 >= gates.patience
+    refused, restarts = 0 if lost else r.velocity + 1, r.restarts + 1 if lost else r.restarts
+    probation = gates.patience if lost else r.probation
+    return False, lost, Rejections(t, probation, r.position, refused, r.positions, r.velocities + 1, restarts)
+
+
+@jit
+def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
+    """Return whether a fix has a heading, and a probable one."""
+    innovation = rows.innovation[4]
+    if P.shape[0] == N or not isfinite(innovation):
+        return False
+    variance = P[PSI, PSI] + 2.0 * P[PSI, MOUNT] + P[MOUNT, MOUNT] + rows.variance[4]
+    return bool(innovation * innovation < gates.nis * variance)
+
+
+@jit
+def _searched(
+    f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
+) -> tuple[Vector, Matrix, Search]:
+    """Return mean, covariance and search updated by the velocity or heading of a fix."""
+    if isfinite(fix.heading):
+        innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
+        mean, P = turned(mean, P, innovation, f.levels.heading_sigma)
+        return mean, P, FOUND
+    if abs(wheel) > SEARCH_SPEED:  # false for a missing wheel speed, whose sign is unknown
+        chi = course(mean, side)
+        c, s, east, north = cos(chi), sin(chi), wheel * fix.vx, wheel * fix.vy
+        along, across = search.along + (east * c + north * s), search.across + (north * c - east * s)
+        search = Search(True, along, across, search.weight + wheel * wheel)
+    s_v = f.levels.velocity_sigma
+    if search.weight * (ALIGNMENT_SIGMA * ALIGNMENT_SIGMA) < s_v * s_v:
+        return mean, P, search
+    mean, P = turned(mean, P, atan2(search.across, search.along), ALIGNED_SIGMA)
+    return mean, P, FOUND

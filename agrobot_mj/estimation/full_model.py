@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import Matrix, Vector
 from agrobot_mj.estimation.equations import prior
 from agrobot_mj.machine.tractor import GRAVITY
 
@@ -49,12 +49,15 @@ SCALE_LIMIT = 0.3
 """Maximum relative error of the wheel speed [-]. Assumed value; wheels spin or slide at larger errors."""
 
 
+Walks = tuple[float, float, float, float, float, float, float, float, float, float, float]
+
+
 class FullLevels(NamedTuple):
     """Noise levels: random walks per square root of a second, and standard deviations per measurement."""
 
     wheelbase: float
     """Wheelbase L [m]."""
-    walks: tuple[float, ...]
+    walks: Walks
     """Random walks of x, y, psi, v, omega, b_g, b_s, k, c, s and l, in their units [.../sqrt(s)]."""
     gyro_sigma: float
     """Noise of the gyro [rad/s]."""
@@ -106,13 +109,13 @@ SLOW = 0.3
 
 
 @jit
-def sideslip(mean: Array, v: float, side: SideLoad) -> float:
+def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
     """Return the sideslip beta, rear-axle course minus heading [rad], at a speed [m/s]."""
     return (mean[BETA] if mean.size > BETA else 0.0) - modelled_crab(mean, v, side)
 
 
 @jit
-def modelled_crab(mean: Array, v: float, side: SideLoad) -> float:
+def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
     """Return the sideslip by side force and bend, positive to the right [rad], at a speed [m/s]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
@@ -127,13 +130,13 @@ def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
 
 
 @jit
-def course(mean: Array, side: SideLoad) -> float:
+def course(mean: Vector, side: SideLoad) -> float:
     """Return the course chi, the direction of motion of the rear-axle point R [rad]."""
     return float(mean[PSI] + sideslip(mean, mean[V], side))
 
 
 @jit
-def course_slopes(mean: Array, side: SideLoad) -> Array:
+def course_slopes(mean: Vector, side: SideLoad) -> Vector:
     """Return the derivatives of the course with respect to the states, shape (n,)."""
     v, c, d = mean[V], mean[C], mean[D]
     weight, by_v = _moving(v)
@@ -155,7 +158,7 @@ def _moving(v: float) -> tuple[float, float]:
 
 
 @jit
-def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
+def propagate_mean(mean: Vector, side: SideLoad, dt: float, decay: float) -> Vector:
     """Return the mean, of the same shape, after `dt` [s]; `decay` is the factor of the correlated fix error g [-]."""
     v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
@@ -169,7 +172,7 @@ def propagate_mean(mean: Array, side: SideLoad, dt: float, decay: float) -> Arra
 
 
 @jit
-def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
+def transition(mean: Vector, side: SideLoad, dt: float, decay: float) -> Matrix:
     """Return the derivative of `propagate_mean` with respect to the mean, shape (n, n) for a mean (n,)."""
     v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
@@ -188,8 +191,8 @@ def transition(mean: Array, side: SideLoad, dt: float, decay: float) -> Array:
 
 @jit
 def predict(
-    mean: Array, P: Array, Q: Array, side: SideLoad, density: float, dt: float, decay: float, known: bool
-) -> tuple[Array, Array]:
+    mean: Vector, P: Matrix, Q: Matrix, side: SideLoad, density: float, dt: float, decay: float, known: bool
+) -> tuple[Vector, Matrix]:
     """Return prior mean and covariance after `dt` [s] with the process noise `Q` (n, n), which is changed.
 
     The course varies by white noise of this `density` [rad2 s]. The position stays unless the yaw is `known`.
@@ -209,35 +212,43 @@ def predict(
     return after, prior(P, F, Q)
 
 
-def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Array]:
+@jit
+def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Matrix]:
     """Return the decay factor of the correlated fix error g during `dt` [s], and the process noise (n, n)."""
     decay = exp(-dt / correlation_time)
-    q = np.zeros(n)
-    q[BETA : BETA + 1] = dt * levels.sideslip_walk**2
-    q[[X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD]] = dt * np.square(levels.walks)
-    q[[G_E, G_N]] = 1.0 - decay * decay
-    Q = np.diag(q)
+    Q = np.zeros((n, n))
+    for state, walk in zip((X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD), levels.walks):  # noqa: B905
+        Q[state, state] = dt * (walk * walk)
+    Q[G_E, G_E] = Q[G_N, G_N] = 1.0 - decay * decay
+    if n > BETA:
+        Q[BETA, BETA] = dt * (levels.sideslip_walk * levels.sideslip_walk)
     # the heading changes by half of the yaw-rate change in a tick, otherwise it would lag in bends;
     # inertia keeps the change smooth, so that the noise of the heading is constant
-    turn = dt * levels.walks[OMEGA] ** 2
+    turn = dt * (levels.walks[OMEGA] * levels.walks[OMEGA])
     Q[PSI, OMEGA] = Q[OMEGA, PSI] = 0.5 * dt * turn
     Q[PSI, PSI] += 0.25 * dt * dt * turn
     return decay, Q
 
 
 @jit
-def wheel_scale(mean: Array, pitch: float) -> float:
+def wheel_scale(mean: Vector, pitch: float) -> float:
     """Return wheel speed divided by horizontal rear-axle speed [-]: scale error, slip on a climb, slope."""
     return float((1.0 + mean[K] - mean[S] * GRAVITY * sin(pitch)) / cos(pitch))
 
 
-def with_sideslip(mean: Array, covariance: Array, sigma: float) -> tuple[Array, Array]:
+@jit
+def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
     """Return mean (16,) and covariance (16, 16) with an excess sideslip of `sigma` [rad] and zero mounting error."""
-    P = np.zeros((N + 2, N + 2))
-    P[:N, :N], P[BETA, BETA] = covariance, sigma * sigma
-    return np.append(mean, (0.0, 0.0)), P
+    longer, P = np.zeros(N + 2), np.zeros((N + 2, N + 2))
+    for i in range(N):
+        longer[i] = mean[i]
+        for j in range(N):
+            P[i, j] = covariance[i, j]
+    P[BETA, BETA] = sigma * sigma
+    return longer, P
 
 
+@jit
 def steady_gain(walk: float, sigma: float, dt: float) -> float:
     """Return the steady-state Kalman gain of a random walk, `walk` per square root of a second, for noise `sigma`."""
     q = walk * walk * dt / (sigma * sigma)

@@ -3,14 +3,13 @@
 Each row has an innovation, its Jacobian and its variance; `full_model` lists the equations.
 """
 
-from functools import lru_cache
 from math import cos, isfinite, nan, pi, radians, sin, tan
 from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.signals import Matrix, Vector
 from agrobot_mj.estimation.equations import posterior
 from agrobot_mj.estimation.full_model import (
     AHEAD,
@@ -42,11 +41,11 @@ STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
 class FixRows(NamedTuple):
     """Linearised measurements of a fix: position (two rows), velocity along and across the course, heading."""
 
-    innovation: Array
+    innovation: Vector
     """Measured minus expected values, shape (5,)."""
-    jacobian: Array
+    jacobian: Matrix
     """Derivatives with respect to the states, shape (5, n)."""
-    variance: Array
+    variance: Vector
     """Variances of the measurement noise, shape (5,)."""
     position_nis: float
     """Normalised innovation squared (NIS) of the position [-]."""
@@ -110,7 +109,7 @@ class MotionNoise(NamedTuple):
 
 
 @jit
-def motion_rows(mean: Array, m: MotionReadings, noise: MotionNoise, y: Array, H: Array, R: Array) -> int:
+def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, H: Matrix, R: Matrix) -> int:
     """Write the measurement rows of steering angle, gyro, wheel speed and standstill; return their number.
 
     The steering angle gives the yaw rate only, since front tyres slip. The derivatives with respect to the scale of the
@@ -138,7 +137,7 @@ def motion_rows(mean: Array, m: MotionReadings, noise: MotionNoise, y: Array, H:
 
 
 @jit
-def fix_rows(mean: Array, P: Array, fix: FixNumbers, noise: FixNoise, side: SideLoad) -> FixRows:
+def fix_rows(mean: Vector, P: Matrix, fix: FixNumbers, noise: FixNoise, side: SideLoad) -> FixRows:
     """Return the measurement rows of a fix, and how improbable its position and velocity are."""
     y, H, R = np.zeros(5), np.zeros((5, mean.size)), np.zeros(5)
     s, ahead, c_psi, s_psi = noise.correlated, mean[AHEAD], cos(mean[PSI]), sin(mean[PSI])
@@ -164,7 +163,7 @@ def fix_rows(mean: Array, P: Array, fix: FixNumbers, noise: FixNoise, side: Side
 
 
 @jit
-def _squared_innovation(a: int, y: Array, H: Array, R: Array, P: Array) -> float:
+def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> float:
     """Return the NIS of the measurement rows `a` and `a` + 1, for the state covariance (n, n) [-]."""
     s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
     for i in range(P.shape[0]):
@@ -178,8 +177,8 @@ def _squared_innovation(a: int, y: Array, H: Array, R: Array, P: Array) -> float
 
 @jit
 def corrected(
-    mean: Array, P: Array, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
-) -> tuple[Array, Array]:
+    mean: Vector, P: Matrix, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
+) -> tuple[Vector, Matrix]:
     """Return mean and covariance corrected by motion and fix at once; the wheel scale stays in its limits.
 
     `used` tells whether position, velocity and heading of the fix are used.
@@ -199,7 +198,7 @@ def corrected(
     return mean, P
 
 
-@lru_cache
+@jit
 def no_fix(n: int) -> FixRows:
     """Return the rows of a missing fix, for `n` states."""
     return FixRows(np.zeros(5), np.zeros((5, n)), np.ones(5), nan, nan)

@@ -6,20 +6,28 @@ core (increased latency) restores an earlier core from the history; a fix older 
 fixes the delay of the core remains constant.
 """
 
-from math import cos, isfinite, sin
+from math import cos, isfinite, isnan, nan, sin
 from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.full_core import Core, Inputs
-from agrobot_mj.estimation.full_filter import FullFilter
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.levelling import SmoothedTilt
+from agrobot_mj.core.signals import Estimate, Fix, Matrix
+from agrobot_mj.estimation.base import Health, largest_sigma
+from agrobot_mj.estimation.equations import times
+from agrobot_mj.estimation.full_core import NO_FIX, Core, Inputs
+from agrobot_mj.estimation.full_filter import FullFilter, step
 from agrobot_mj.estimation.full_model import (
     B_G,
+    B_S,
+    OMEGA,
     PSI,
     FullLevels,
     K,
     S,
+    SideLoad,
     V,
     X,
     Y,
@@ -28,6 +36,7 @@ from agrobot_mj.estimation.full_model import (
     steady_gain,
     wheel_scale,
 )
+from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.machine.tractor import GRAVITY
 
 HISTORY_TICKS = 110
@@ -39,42 +48,57 @@ class Horizon(NamedTuple):
 
     core: Core
     """Filter state at the time of the newest fix."""
-    waiting: tuple[Inputs, ...] = ()
-    """Measurements after the time of the core, oldest first."""
-    history: tuple[tuple[Core, Inputs], ...] = ()
-    """Core before each tick and inputs of the tick, oldest first."""
+    waiting: Matrix = np.zeros((0, 8))
+    """Measurements after the time of the core, oldest first: rows of `Inputs`, shape (n, 8)."""
+    history: tuple[tuple[Core, Matrix], ...] = ()
+    """Core before each tick and measurements used in the tick, oldest first."""
 
-    def after(self, filter_: FullFilter, inputs: Inputs, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """Return the filter state and its queue after a tick of `dt` [s]."""
-        horizon = self._replace(waiting=(*self.waiting, inputs))
-        late = 0 if fix is None or not isfinite(fix.t) else max(0, round((inputs.t - fix.t) / dt))
-        stale = late >= len(horizon.waiting) + len(self.history) or inputs.t - late * dt < self.core.seen_t + 0.5 * dt
-        if fix is None or stale:
-            return horizon._advanced(filter_, len(horizon.waiting) - len(self.waiting), dt)
-        horizon = horizon._back(late + 1 - len(horizon.waiting))
-        horizon = horizon._advanced(filter_, len(horizon.waiting) - late - 1, dt)
-        return horizon._stepped(filter_, fix, quality, dt)
+    def back(self, ticks: int) -> "Horizon":
+        """Return the filter state before the last `ticks` or more, with all later measurements queued again."""
+        core, waiting, history = self
+        while ticks > 0 and history:
+            core, used = history[-1]
+            waiting, history, ticks = np.concatenate((used, waiting)), history[:-1], ticks - len(used)
+        return Horizon(core, waiting, history)
 
-    def _back(self, ticks: int) -> "Horizon":
-        """Return the filter state before the last `ticks`, with all later measurements queued again."""
-        if ticks <= 0:
-            return self
-        undone = self.history[-ticks:]
-        waiting = (*(inputs for _, inputs in undone), *self.waiting)
-        return Horizon(undone[0][0], waiting, self.history[:-ticks])
+    def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
+        """Return the state before a fix at time `t` [s], the number of ticks up to the fix, and the fix unless old."""
+        late = max(0, round((t - fix.t) / dt)) if isfinite(fix.t) else 0
+        queued, past = len(self.waiting) + 1, sum(len(used) for _, used in self.history) if late else 0
+        if late >= queued + past or t - late * dt < self.core.seen.t + 0.5 * dt:
+            return self, 1, NO_FIX
+        horizon = self.back(late + 1 - queued)
+        return horizon, len(horizon.waiting) + 1 - late, fix
 
-    def _advanced(self, filter_: FullFilter, ticks: int, dt: float) -> "Horizon":
-        """Return the filter state after `ticks` of the queued measurements, without a fix."""
-        horizon = self
-        for _ in range(ticks):
-            horizon = horizon._stepped(filter_, None, self.core.quality, dt)
-        return horizon
 
-    def _stepped(self, filter_: FullFilter, fix: Fix | None, quality: int, dt: float) -> "Horizon":
-        """Return the filter state after the oldest queued measurement, corrected by its fix."""
-        first, *rest = self.waiting
-        core = filter_.step(self.core, first, fix, quality, dt)
-        return Horizon(core, tuple(rest), (*self.history[-HISTORY_TICKS:], (self.core, first)))
+class Settings(NamedTuple):
+    """Numbers of the estimator `ekf_full`."""
+
+    filter: FullFilter
+    """Noise levels and limits of the filter."""
+    cg: tuple[float, float, float]
+    """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
+    tilts: bool
+    """Whether measured roll and pitch are used."""
+    body: bool
+    """Whether the gyro axis is fixed to the tractor."""
+
+
+class Readings(NamedTuple):
+    """Measurements of a tick except the fix; a missing measurement is NaN."""
+
+    t: float
+    """Time of the measurements [s]."""
+    gyro: float
+    """Yaw rate [rad/s]."""
+    wheel: float
+    """Wheel speed [m/s]."""
+    steer: float
+    """Steering angle [rad]."""
+    roll: float
+    """Roll [rad]."""
+    pitch: float
+    """Pitch [rad]."""
 
 
 class Present(NamedTuple):
@@ -92,48 +116,111 @@ class Present(NamedTuple):
     """Speed of the rear-axle point R along its course [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]."""
-    covariance: Array
+    covariance: Matrix
     """Covariance of x, y and heading, shape (3, 3)."""
 
 
-def present(horizon: Horizon, levels: FullLevels, side: float, dt: float) -> Present:
-    """Return the estimate by dead reckoning with the queued measurements; `side` is the lateral gravity [m/s2]."""
-    core = horizon.core
-    x, y, psi, v, omega = core.mean[:5].tolist()
-    x_0, y_0, bias = x, y, float(core.mean[B_G])
-    gain_v, gain_omega = _gains(levels, dt)
-    for inputs in horizon.waiting:
-        v += gain_v * (inputs.wheel / wheel_scale(core.mean, inputs.pitch) - v) if isfinite(inputs.wheel) else 0.0
-        omega += gain_omega * (inputs.gyro - bias - omega) if isfinite(inputs.gyro) else 0.0
-        chi = psi + sideslip(core.mean, v, core.side_load(inputs.side)) + 0.5 * omega * dt
-        if core.search is None:
+@stage
+def estimated(
+    s: Settings, core: Core, waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int, fix: Fix,
+    quality: int, dt: float,
+) -> tuple[Core, Matrix, SmoothedTilt, Health, Estimate]:  # fmt: skip
+    """Return core, queue, tilt, health and estimate after a tick; the core advances by `ticks`, the last with the fix.
+
+    The returned queue begins with the measurements of these ticks.
+    """
+    roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)
+    first = isnan(tilt.roll)
+    if not isfinite(roll + pitch):  # not measured: keep the last tilt
+        roll, pitch = (0.0, 0.0) if first else (tilt.roll, tilt.pitch)
+    tilt = SmoothedTilt(roll, pitch, 0.0, 0.0) if first else tilt.after(roll, pitch, dt)
+    n, gyro = waiting.shape[0], tilt.heading_rate(m.gyro, s.body)
+    queue = np.zeros((n + 1, 8))
+    queue[:n] = waiting
+    for k, value in enumerate((m.t, gyro, m.wheel, m.steer, tilt.roll, tilt.pitch, roll, pitch)):
+        queue[n, k] = value
+    for k in range(ticks):
+        core = step(s.filter, core, _inputs(queue, k), fix if k == ticks - 1 else NO_FIX, quality, dt)
+    health = health.after(core.nis, core.rejections.accepted_t, dt)
+    now, last = present(core, s.filter.levels, queue[ticks:], _inputs(queue, n), dt), _inputs(queue, n)
+    east, north = offset(s.cg, roll, pitch, now.heading)
+    estimate = Estimate(
+        now.x + east,
+        now.y + north,
+        wrap(now.heading + now.sideslip),
+        now.speed,
+        now.yaw_rate,
+        now.x,
+        now.y,
+        now.covariance,
+        core.nis,
+        core.mean[B_S],
+        now.sideslip,
+        not core.search.active,
+        last.t - health.fix_t,
+        largest_sigma(now.covariance),
+        health.nis,
+    )
+    return core, queue, tilt, health, estimate
+
+
+@jit
+def _inputs(queue: Matrix, k: int) -> Inputs:
+    """Return the inputs in a row of the queue."""
+    q = queue[k]
+    return Inputs(q[0], q[1], q[2], q[3], q[4], q[5], (q[6], q[7]))
+
+
+@jit
+def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: float) -> Present:
+    """Return the estimate by dead reckoning with the queued measurements, and the `last` one for the side force."""
+    mean, bend, ticks = core.mean, core.smooth.bend, waiting.shape[0]
+    x, y, psi, v, omega = mean[X], mean[Y], mean[PSI], mean[V], mean[OMEGA]
+    gain_v = steady_gain(levels.walks[3], levels.wheel_sigma, dt)
+    gain_omega = steady_gain(levels.walks[4], levels.gyro_sigma, dt)
+    for k in range(ticks):
+        inputs = _inputs(waiting, k)
+        v += gain_v * (inputs.wheel / wheel_scale(mean, inputs.pitch) - v) if isfinite(inputs.wheel) else 0.0
+        omega += gain_omega * (inputs.gyro - mean[B_G] - omega) if isfinite(inputs.gyro) else 0.0
+        chi = psi + sideslip(mean, v, SideLoad(inputs.side(), bend)) + 0.5 * omega * dt
+        if not core.search.active:
             x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
         psi += omega * dt
-    P = core.covariance[:3, :3]
-    if horizon.waiting:
-        P = _extrapolated(core, levels, (x - x_0, y - y_0), horizon.waiting[-1], len(horizon.waiting) * dt)
-    return Present(x, y, psi, sideslip(core.mean, v, core.side_load(side)), v, omega, P)
+    P = _of_pose(core.covariance)
+    if ticks:
+        P = _extrapolated(core, levels, (x - mean[X], y - mean[Y]), _inputs(waiting, ticks - 1), ticks * dt)
+    return Present(x, y, psi, sideslip(mean, v, SideLoad(last.side(), bend)), v, omega, P)
 
 
-def _gains(levels: FullLevels, dt: float) -> tuple[float, float]:
-    """Return the steady-state gains of wheel and gyro measurements for speed and yaw rate [-]."""
-    return (
-        steady_gain(levels.walks[3], levels.wheel_sigma, dt),
-        steady_gain(levels.walks[4], levels.gyro_sigma, dt),
-    )
+@jit
+def _of_pose(covariance: Matrix) -> Matrix:
+    """Return the covariance of x, y and heading, shape (3, 3)."""
+    P = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            P[i, j] = covariance[i, j]
+    return P
 
 
-def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Array:
+@jit
+def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Matrix:
     """Return the covariance of x, y and heading after dead reckoning over `moved` [m] in `time` [s], shape (3, 3)."""
     east, north = moved
-    slopes = course_slopes(core.mean, core.side_load(last.side))
-    G = np.array([-north * slopes, east * slopes, np.zeros(len(slopes))])
-    G[:2, V] = 0.0  # measured by the waiting wheel speeds
+    slopes = course_slopes(core.mean, SideLoad(last.side(), core.smooth.bend))
+    G = np.zeros((3, slopes.size))
+    for state in range(slopes.size):
+        G[0, state], G[1, state] = -north * slopes[state], east * slopes[state]
+    G[0, V] = G[1, V] = 0.0  # measured by the waiting wheel speeds
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
-    by_scale = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch))
+    by_scale, slip = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch)), -GRAVITY * sin(last.pitch)
     G[0, K], G[1, K] = by_scale * east, by_scale * north
-    G[:2, S] = -GRAVITY * sin(last.pitch) * G[:2, K]
+    G[0, S], G[1, S] = slip * G[0, K], slip * G[1, K]
     G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time
-    walk, yaw_walk = levels.walks[0], levels.walks[2]
-    own = np.diag([walk * walk * time, walk * walk * time, yaw_walk * yaw_walk * time])
-    return np.asarray(G @ core.covariance @ G.T + own, dtype=np.float64)
+    P = times(times(G, core.covariance), G.T)
+    for state, walk in ((0, levels.walks[0]), (1, levels.walks[0]), (2, levels.walks[2])):
+        P[state, state] += walk * walk * time
+    return P
+
+
+NO_TILT = SmoothedTilt(nan, nan)
+"""Tilt before the first tick."""

@@ -5,13 +5,15 @@ roll; roll positive with the left side up, pitch positive nose down [rad]. Arms 
 z up) from R [m]; offsets are east and north [m].
 """
 
-from math import exp
+from math import exp, isnan, nan
 from typing import NamedTuple
 
 from agrobot_mj.core.geometry import from_heading, to_level
+from agrobot_mj.core.kernels import kernel_method, shared
 from agrobot_mj.core.signals import Fix
 
 
+@shared
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
     """Return the east and north offset of a body point from the rear-axle point R [m]."""
     forward, left, _ = to_level(roll, pitch, arm)
@@ -22,7 +24,7 @@ class Lever(NamedTuple):
     """Horizontal offset of the antenna from the rear-axle point R, and its rate."""
 
     offset: tuple[float, float]
-    """East and north offset of the antenna from the rear-axle point R [m]."""
+    """East and north offset of the antenna from the rear-axle point R [m]; NaN before the first tick."""
     swing: tuple[float, float] = (0.0, 0.0)
     """Filtered rate of the offset, east and north [m/s]."""
 
@@ -30,14 +32,20 @@ class Lever(NamedTuple):
         """Return the lever for the next offset [m], `dt` [s] later, with the filter time constant `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
-        swing = (
-            keep * v_e + (1.0 - keep) * (east - last_east) / dt,
-            keep * v_n + (1.0 - keep) * (north - last_north) / dt,
-        )
-        return Lever(offset, swing)
+        if isnan(last_east):
+            return Lever(offset, (0.0, 0.0))
+        v_e = keep * v_e + (1.0 - keep) * (east - last_east) / dt
+        v_n = keep * v_n + (1.0 - keep) * (north - last_north) / dt
+        return Lever(offset, (v_e, v_n))
 
 
+UNKNOWN = Lever((nan, nan))
+"""Lever before the first tick."""
+kernel_method("after")
+
+
+@shared
 def at_foot(fix: Fix, lever: Lever) -> Fix:
     """Return the fix of the rear-axle point R for a fix of the antenna."""
     (east, north), (v_e, v_n) = lever
-    return fix._replace(x=fix.x - east, y=fix.y - north, vx=fix.vx - v_e, vy=fix.vy - v_n)
+    return Fix(fix.x - east, fix.y - north, fix.vx - v_e, fix.vy - v_n, fix.t, fix.z, fix.heading)

@@ -8,8 +8,9 @@ the effect of the turn offset in a bend, the filter assigns it to the mounting e
 from math import atan2, isfinite, pi, radians
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Fix
-from agrobot_mj.estimation.full_core import Core, alone
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Fix, Matrix, Vector
+from agrobot_mj.estimation.full_core import Core, Crab, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
@@ -27,29 +28,30 @@ MOVING = 0.5
 """Minimum speed for a valid course [m/s]. Assumed value, fifteen times the velocity noise."""
 
 
-def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Core:
-    """Return the core with its mean excess sideslip updated by a rear-axle fix, `dt` [s] after the previous fix."""
-    v = float(core.mean[V])
-    if len(core.mean) == N or core.search is not None or abs(v) < MOVING or not isfinite(fix.heading):
-        return core
+@jit
+def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
+    """Return the excess sideslip updated by a rear-axle fix, `dt` [s] after the previous fix."""
+    v = core.mean[V]
+    if core.mean.size == N or core.search.active or abs(v) < MOVING or not isfinite(fix.heading):
+        return core.crab
     course = atan2(fix.vy, fix.vx) + (pi if v < 0.0 else 0.0)
-    crab = wrap(course - fix.heading + float(core.mean[MOUNT]) + modelled_crab(core.mean, v, side))
-    time = min(core.crab_s + dt, WINDOW_S)
-    return core._replace(crab=core.crab + (crab - core.crab) * dt / time, crab_s=time)
+    crab = wrap(course - fix.heading + core.mean[MOUNT] + modelled_crab(core.mean, v, side))
+    time = min(core.crab.time + dt, WINDOW_S)
+    return Crab(core.crab.mean + (crab - core.crab.mean) * dt / time, time)
 
 
-def implausible(core: Core) -> bool:
-    """Return whether the mean excess sideslip is too large for any ground."""
-    return abs(core.crab) > CRAB + TURN_OFFSET * abs(core.bend)
+@jit
+def implausible(crab: Crab, bend: float) -> bool:
+    """Return whether the mean excess sideslip is too large for any ground, in a `bend` [1/m]."""
+    return abs(crab.mean) > CRAB + TURN_OFFSET * abs(bend)
 
 
-def with_mounting(core: Core) -> Core:
-    """Return the core with the mounting error as an estimated state if the excess sideslip is implausible."""
-    if core.crab_s < WINDOW_S or not implausible(core):
-        return core
-    mean, P = core.mean.copy(), core.covariance
-    mean[PSI] += core.crab
-    mean[MOUNT], mean[BETA] = mean[MOUNT] - core.crab, 0.0
-    for state, sigma in ((PSI, SIGMA), (BETA, SIGMA), (MOUNT, MOUNT_SIGMA)):
-        P = alone(P, state, sigma)
-    return core._replace(mean=mean, covariance=P, crab=0.0, crab_s=0.0)
+@jit
+def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
+    """Return the arguments with the mounting error as an estimated state if the excess sideslip is implausible."""
+    if crab.time < WINDOW_S or not implausible(crab, bend):
+        return mean, covariance, crab
+    mean, P = mean.copy(), alone(covariance, PSI, SIGMA)
+    mean[PSI] += crab.mean
+    mean[MOUNT], mean[BETA] = mean[MOUNT] - crab.mean, 0.0
+    return mean, alone(alone(P, BETA, SIGMA), MOUNT, MOUNT_SIGMA), Crab(0.0, 0.0)

@@ -153,7 +153,7 @@ class PoseEstimator(StateEstimator):
             pose_covariance=pose_covariance,
             yaw_rate=yaw_rate,
             lever=lever,
-            health=state.health.after(nis, None if fix is None else _time_of(fix, measurement), dt),
+            health=state.health.after(nis, nan if fix is None else _time_of(fix, measurement), dt),
         )
         return state, self._estimate(state, measurement, nis)
 

@@ -6,8 +6,10 @@ gives the variance m^2 / tau of a random walk, which is applied immediately so t
 fixes the filter uses the mean of this variance over `MEMORY_S`, which starts at the value expected for the work.
 """
 
-from math import exp, sqrt
+from math import exp
 from typing import NamedTuple
+
+from agrobot_mj.core.kernels import kernel_method
 
 RESIDUAL_S = 2.0
 """Time constant for filtering the residual [s]. Assumed value, 40 fixes; slip changes of 1 % are then significant."""
@@ -37,9 +39,8 @@ class WheelSlip(NamedTuple):
 
     def unseen(self) -> "WheelSlip":
         """Return the state after a tick without a fix, with the mean slip variation."""
-        return WheelSlip(change=self.memory, memory=self.memory)
+        return WheelSlip(0.0, self.memory, self.memory)
 
-    @property
-    def walk(self) -> float:
-        """Random walk of the wheel scale in addition to that on firm ground [1/sqrt(s)]."""
-        return sqrt(self.change)
+
+for _method in ("after", "unseen"):
+    kernel_method(_method)

@@ -41,7 +41,7 @@ def test_slip_random_walk_grows_only_when_the_wheel_slip_changes():
     variance = 0.03**2
     for _ in range(1200):
         slip = slip.after(sqrt(variance) * rng.standard_normal(), variance, 0.0025**2, DT)
-    assert slip.walk < 0.001
+    assert slip.change**0.5 < 0.001
     for _ in range(40):
         slip = slip.after(0.1, variance, 0.0025**2, DT)
     assert slip.change**0.5 > 0.01
@@ -50,7 +50,7 @@ def test_slip_random_walk_grows_only_when_the_wheel_slip_changes():
         calm = calm.after(0.0, variance, 0.0025**2, DT)
     assert calm.change == 0.0
     lost = calm.unseen()
-    assert 0.001 < lost.walk < 0.05
+    assert 0.001 < lost.change**0.5 < 0.05
     assert lost.unseen() == lost
 
 
@@ -58,9 +58,9 @@ def test_slip_random_walk_in_a_gnss_loss_decays_with_constant_slip():
     new, slip = WheelSlip(memory=0.008**2), WheelSlip(memory=0.008**2)
     for _ in range(12000):
         slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
-    assert new.walk == slip.walk == 0.0  # with fixes the slip is observable
-    assert new.unseen().walk == pytest.approx(0.008)
-    assert slip.unseen().walk == pytest.approx(0.008 * np.exp(-1.0))
+    assert new.change == slip.change == 0.0  # with fixes the slip is observable
+    assert new.unseen().change ** 0.5 == pytest.approx(0.008)
+    assert slip.unseen().change ** 0.5 == pytest.approx(0.008 * np.exp(-1.0))
 
 
 @pytest.fixture(scope="module")

@@ -87,7 +87,7 @@ def test_keys_in_degrees_set_the_initial_uncertainty_in_radians():
     assert np.degrees(sigma[[B_G, B_S]]) == pytest.approx([0.4, 1.5])
     assert 0.1 < degrees(sigma[OMEGA]) < 10.0  # at rest
     assert sigma[PSI] > 1.5  # unknown
-    levels = state.filter.levels
+    levels = state.settings.filter.levels
     assert degrees(levels.sideslip_sigma) == pytest.approx(3.0)
     assert np.degrees([levels.gyro_sigma, levels.steer_sigma, levels.heading_sigma]) == pytest.approx([0.1, 1.0, 0.25])
     assert degrees(levels.sideslip_walk) == pytest.approx(0.1)
@@ -111,11 +111,11 @@ def test_change_of_fix_quality_resets_the_correlated_error():
     core = EkfFull().init(1.0, 2.0, 0.3, TRACTOR).horizon.core
     core.mean[[G_E, G_N]] = 0.8, -0.5
     covariance = core.covariance + 0.01
-    found = forget_correlated(core._replace(covariance=covariance))
-    assert found.mean[[G_E, G_N]].tolist() == [0.0, 0.0]
-    assert found.covariance[G_E].tolist() == np.eye(len(core.mean))[G_E].tolist()
-    assert found.covariance[G_N].tolist() == np.eye(len(core.mean))[G_N].tolist()
-    assert found.covariance[X, Y] == covariance[X, Y]
+    mean, P = forget_correlated(core.mean, covariance)
+    assert mean[[G_E, G_N]].tolist() == [0.0, 0.0]
+    assert P[G_E].tolist() == np.eye(len(core.mean))[G_E].tolist()
+    assert P[G_N].tolist() == np.eye(len(core.mean))[G_N].tolist()
+    assert P[X, Y] == covariance[X, Y]
     assert core.mean[G_E] == 0.8
 
 
@@ -277,16 +277,16 @@ def shifted(after, metres=2.0):
 
 def test_rejected_fixes_are_counted():
     once = simulated(EkfFull(), 12.0, changed=lambda t, m: shifted(0.0)(t, m) if abs(t - 10.0) < 0.01 else m)
-    core = once[-1][0].horizon.core
-    assert (core.rejected_positions, core.rejected_velocities, core.restarts) == (1, 0, 0)
+    found = once[-1][0].horizon.core.rejections
+    assert (found.positions, found.velocities, found.restarts) == (1, 0, 0)
     assert max(position_error(step) for step in once[180:]) < 0.05
 
 
 def test_filter_restarts_and_accepts_a_permanent_position_shift():
     steps = simulated(EkfFull(), 20.0, changed=shifted(10.0))
-    core = steps[-1][0].horizon.core
-    assert core.restarts == 1
-    assert core.rejected_positions == pytest.approx(40, abs=1)
+    found = steps[-1][0].horizon.core.rejections
+    assert found.restarts == 1
+    assert found.positions == pytest.approx(40, abs=1)
     _, e, (x, _, _) = steps[-1]
     assert e.rear_x - x == pytest.approx(2.0, abs=0.05)
     assert steps[235][1].nis_mean > 20.0
@@ -348,7 +348,7 @@ def test_fixes_that_contradict_the_velocity_stay_rejected_on_restart():
         return m._replace(fix=m.fix._replace(x=8.0, y=6.0)) if t > 10.0 else m
 
     steps = simulated(EkfFull(), 22.0, changed=held)
-    assert steps[-1][0].horizon.core.restarts >= 2
+    assert steps[-1][0].horizon.core.rejections.restarts >= 2
     assert steps[-1][1].fix_age > 10.0
 
 

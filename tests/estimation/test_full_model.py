@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from agrobot_mj.core.signals import Fix, Quality
-from agrobot_mj.estimation.full_core import Core, Gates, Inputs
-from agrobot_mj.estimation.full_filter import FullFilter
+from agrobot_mj.estimation.full_core import FOUND, NO_FIX, Core, Gates, Inputs, Smooth
+from agrobot_mj.estimation.full_filter import FullFilter, step
 from agrobot_mj.estimation.full_model import (
     AHEAD,
     B_G,
@@ -48,6 +48,13 @@ LEVELS = FullLevels(
 )
 NOISE = FixNoise(correlated=0.011, white=0.017, correlation_time=30.0)
 OPEN = Gates(nis=1e9, position=1e9, velocity=1e9, patience=40)
+
+
+def filter_of(levels, antenna=0.0):
+    """Return a filter with open gates and equal position errors for all fix qualities."""
+    return FullFilter(levels, (NOISE,) * 4, OPEN, (0.0, 0.0, antenna), 0.0)
+
+
 STATES = [
     np.array([3.0, -2.0, psi, v, omega, 0.01, -0.03, 0.5, -1.0, 0.02, 0.012, 0.05, 0.017, 0.03])
     for psi in (0.0, 1.0, -2.5, 7.0)
@@ -191,10 +198,10 @@ def test_steady_state_gain_solves_the_riccati_equation():
 def test_filter_on_a_straight_with_known_yaw_is_linear():
     """Course, biases and scale are known; a textbook filter of x, v, y and correlated errors is the reference."""
     levels = LEVELS._replace(walks=(0.01, 0.01, 0.0, 0.1, *[0.0] * 7))
-    filter_ = FullFilter(levels, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+    filter_ = filter_of(levels)
     mean, sigmas = np.zeros(N), np.zeros(N)
     sigmas[[X, Y, V, G_E, G_N]] = 0.05, 0.05, 0.5, 1.0, 1.0
-    core = Core(mean, np.diag(sigmas**2), search=None)
+    core = Core(mean, np.diag(sigmas**2), search=FOUND)
     keep = [X, V, Y, G_E, G_N]
     decay, Q = process_noise(levels, DT, NOISE.correlation_time)
     m, P, Q = np.zeros(5), np.diag(sigmas[keep] ** 2), Q[np.ix_(keep, keep)]
@@ -206,10 +213,10 @@ def test_filter_on_a_straight_with_known_yaw_is_linear():
     rng = np.random.default_rng(4)
     for k in range(400):
         z = np.array([1.2, 1.2 * DT * (k + 1), 0.0, 1.2]) + 0.02 * rng.standard_normal(4)
-        fix = None if 200 < k < 240 else Fix(z[1], z[2], z[3], 0.0)
+        fix = NO_FIX if 200 < k < 240 else Fix(z[1], z[2], z[3], 0.0)
         inputs = Inputs(DT * (k + 1), 0.0, z[0], 0.0, 0.0, 0.0)
-        core = filter_.step(core, inputs, fix, Quality.FIX, DT)
-        rows = slice(0, 1) if fix is None else slice(0, 4)
+        core = step(filter_, core, inputs, fix, Quality.FIX, DT)
+        rows = slice(0, 1) if fix is NO_FIX else slice(0, 4)
         m, P = F @ m, F @ P @ F.T + Q
         innovation = H[rows] @ P @ H[rows].T + R[rows, rows]
         gain = np.linalg.solve(innovation, H[rows] @ P).T
@@ -225,14 +232,16 @@ def test_initial_yaw_search_weights_velocities_by_wheel_speed(w):
     mean, yaw, off = np.zeros(N), 0.4, 0.9
     mean[PSI] = yaw
     core, found = Core(mean, np.diag(np.full(N, 1e-4))), []
-    filter_ = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+    filter_ = filter_of(LEVELS)
     for k in (1, 2):
         fix = Fix(0.0, 0.0, 1.1 * w * cos(yaw + off), 1.1 * w * sin(yaw + off))
-        core = filter_.step(core, Inputs(k * DT, 0.0, w, 0.0, 0.0, 0.0), fix, Quality.FIX, DT)
+        core = step(filter_, core, Inputs(k * DT, 0.0, w, 0.0, 0.0, 0.0), fix, Quality.FIX, DT)
         found.append(core.search)
     assert [search.weight for search in found] == pytest.approx([w * w, 2 * w * w])
-    assert [abs(search.total) for search in found] == pytest.approx([1.1 * w * w, 2.2 * w * w], rel=1e-3)
-    assert np.angle([search.total for search in found]) == pytest.approx([off, off], abs=1e-3)
+    assert [np.hypot(search.along, search.across) for search in found] == pytest.approx(
+        [1.1 * w * w, 2.2 * w * w], rel=1e-3
+    )
+    assert [np.arctan2(search.across, search.along) for search in found] == pytest.approx([off, off], abs=1e-3)
 
 
 def test_estimation_errors_match_the_reported_covariance():
@@ -244,13 +253,13 @@ def test_estimation_errors_match_the_reported_covariance():
     start = np.array([1.0, 2.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.02])
     root = np.linalg.cholesky(Q)
     for seed in range(runs):
-        rng, filter_ = np.random.default_rng(seed), FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0)
+        rng, filter_ = np.random.default_rng(seed), filter_of(LEVELS)
         truth = start + sigmas * rng.standard_normal(N)
-        core = Core(start, np.diag(sigmas**2), search=None, cruise=1.2, bend=0.2 / 1.2)
+        core = Core(start, np.diag(sigmas**2), search=FOUND, smooth=Smooth(cruise=1.2, bend=0.2 / 1.2))
         for k in range(ticks):
-            bend = SideLoad(bend=core.bend)
+            bend = SideLoad(bend=core.smooth.bend)
             truth = propagate_mean(truth, bend, DT, decay) + root @ rng.standard_normal(N)
-            core = filter_.step(core, *_measured(truth, rng, DT * (k + 1), bend), Quality.FIX, DT)
+            core = step(filter_, core, *_measured(truth, rng, DT * (k + 1), bend), Quality.FIX, DT)
             nis += core.nis
         error = core.mean - truth
         nees += error @ np.linalg.solve(core.covariance, error)
@@ -262,40 +271,43 @@ def test_estimation_errors_match_the_reported_covariance():
 
 def test_turn_offset_is_a_random_walk_with_distance():
     """The random walk is zero at standstill and 4 mm times the root of the distance in metres, in both directions."""
-    filter_, grown = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), []
+    filter_, grown = filter_of(LEVELS), []
     for v in (0.0, 0.9, -2.7):
         mean = np.zeros(N)
         mean[V] = v
-        core = Core(mean, np.diag(np.full(N, 1e-9)), search=None)
-        after = filter_.step(core, Inputs(DT, np.nan, np.nan, np.nan, 0.0, 0.0), None, Quality.FIX, DT)
+        core = Core(mean, np.diag(np.full(N, 1e-9)), search=FOUND)
+        after = step(filter_, core, Inputs(DT, np.nan, np.nan, np.nan, 0.0, 0.0), NO_FIX, Quality.FIX, DT)
         grown.append(after.covariance[D, D] - 1e-9)
     assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
 def test_only_changes_of_sideslip_add_course_uncertainty():
     """Along a contour line the sideslip becomes steady within a minute and no longer widens the lateral position."""
-    filter_, side, v = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), 0.25, 1.7
+    filter_, side, v = filter_of(LEVELS), 0.25, 1.7
     mean = np.zeros(N)
     mean[[V, C]] = v, 0.013
-    core = Core(mean, np.diag(np.full(N, 1e-9)), search=None, cruise=v)
+    core = Core(mean, np.diag(np.full(N, 1e-9)), search=FOUND)
     crab = -(course(mean, SideLoad(9.81 * sin(side))) - mean[PSI])
     inputs = Inputs(DT, np.nan, np.nan, np.nan, side, 0.0)
-    began, settled = (filter_.step(core._replace(steady=s), inputs, None, Quality.FIX, DT) for s in (0.0, crab))
+    began, settled = (
+        step(filter_, core._replace(smooth=Smooth(cruise=v, steady=s)), inputs, NO_FIX, Quality.FIX, DT)
+        for s in (0.0, crab)
+    )
     widened = began.covariance[Y, Y] - settled.covariance[Y, Y]
     assert widened == pytest.approx(DT * 5.0 * (0.15 * crab * v * cos(crab)) ** 2, rel=1e-6)
-    assert settled.steady == pytest.approx(crab)
-    assert began.steady == pytest.approx(crab * (1.0 - np.exp(-DT / 20.0)))
+    assert settled.smooth.steady == pytest.approx(crab)
+    assert began.smooth.steady == pytest.approx(crab * (1.0 - np.exp(-DT / 20.0)))
 
 
 @pytest.mark.parametrize(("v", "bend"), [(2.5, 0.08), (2.5, -0.08), (-2.0, 0.1)])
 def test_antenna_offset_includes_the_roll_angle_in_a_bend(v, bend):
     """The antenna, 3 m above the ground, moves to the right in a left bend, forward and in reverse."""
     h, per_force, yaw = 3.0, radians(0.3), 0.7
-    filter_ = FullFilter(LEVELS._replace(roll=per_force), {Quality.FIX: NOISE}, OPEN, h, 0.0)
+    filter_ = filter_of(LEVELS._replace(roll=per_force), h)
     mean = np.zeros(N)
     mean[[PSI, V]] = yaw, v
-    core = Core(mean, np.diag(np.full(N, 1e-6)), search=None, cruise=v, bend=bend)
-    lever = filter_.step(core, Inputs(DT, np.nan, np.nan, np.nan, 0.0, 0.0), None, Quality.FIX, DT).lever
+    core = Core(mean, np.diag(np.full(N, 1e-6)), search=FOUND, smooth=Smooth(cruise=v, bend=bend))
+    lever = step(filter_, core, Inputs(DT, np.nan, np.nan, np.nan, 0.0, 0.0), NO_FIX, Quality.FIX, DT).lever
     outward = h * sin(per_force * v * v * bend)
     assert lever.offset == pytest.approx((outward * sin(yaw), -outward * cos(yaw)), abs=1e-6)
 
@@ -325,16 +337,16 @@ def _measured(truth, rng, t, bend=SideLoad()):
 
 
 def test_steering_potentiometer_offset_is_estimated():
-    filter_, bias = FullFilter(LEVELS, {Quality.FIX: NOISE}, OPEN, 0.0, 0.0), radians(2.0)
+    filter_, bias = filter_of(LEVELS), radians(2.0)
     sigmas = np.array([0.05, 0.05, 0.03, 0.05, 0.01, 0.005, 0.03, 1.0, 1.0, 0.02, 0.003, 0.02, 0.005, 0.01])
     truth = np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, bias, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.0])
     core = Core(
         np.array([0.0, 0.0, 0.3, 1.2, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.012, 0.0, 0.017, 0.0]),
         np.diag(sigmas**2),
-        search=None,
+        search=FOUND,
     )
     rng = np.random.default_rng(2)
     for k in range(600):
         truth = propagate_mean(truth, SideLoad(), DT, 1.0)
-        core = filter_.step(core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
+        core = step(filter_, core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
     assert core.mean[B_S] == pytest.approx(bias, abs=radians(0.3))

@@ -62,8 +62,8 @@ def test_smoothed_innovation_statistic_converges_and_limits_outliers():
     for _ in range(1000):
         health = health.after(5.0, 1.0, DT)
     assert health.nis == pytest.approx(5.0, rel=1e-3)
-    assert health.after(nan, None, DT) == health
-    assert health.after(1e9, None, DT) == health.after(NIS_MOST, None, DT)
+    assert health.after(nan, nan, DT) == health
+    assert health.after(1e9, nan, DT) == health.after(NIS_MOST, nan, DT)
 
 
 def test_innovation_limit_is_exceeded_after_5_s_of_outliers_not_by_one():

@@ -7,7 +7,7 @@ import pytest
 from recorded_drives import SLOPE, follow, nominal, record
 
 from agrobot_mj.core.signals import TICK_S, Fix
-from agrobot_mj.estimation.full_core import Core
+from agrobot_mj.estimation.full_core import FOUND, Core, Smooth
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V
 from agrobot_mj.estimation.mounting import WINDOW_S, with_crab, with_mounting
 
@@ -25,11 +25,13 @@ def straight(crab, v=1.5, bend=0.0, seconds=6.0):
     """Return the core after fixes whose course differs from their heading by `crab` [rad]."""
     mean = np.zeros(N + 2)
     mean[V], mean[PSI] = v, 0.3
-    core = Core(mean, np.diag(np.full(N + 2, 1e-4)), search=None, bend=bend)
+    core = Core(mean, np.diag(np.full(N + 2, 1e-4)), search=FOUND, smooth=Smooth(bend=bend))
     course = 0.3 + crab
     fix = Fix(0.0, 0.0, v * cos(course), v * sin(course), heading=0.3)
     for _ in range(round(seconds / TICK_S)):
-        core = with_mounting(with_crab(core, fix, SideLoad(bend=bend), TICK_S))
+        crab = with_crab(core, fix, SideLoad(bend=bend), TICK_S)
+        mean, P, crab = with_mounting(core.mean, core.covariance, crab, bend)
+        core = core._replace(mean=mean, covariance=P, crab=crab)
     return core
 
 

@@ -8,7 +8,8 @@ from recorded_drives import follow, nominal, record
 
 from agrobot_mj.core.signals import TICK_S, Fix, Quality
 from agrobot_mj.estimation.ekf_full import EkfFull
-from agrobot_mj.estimation.full_core import Inputs
+from agrobot_mj.estimation.full_core import FOUND, Inputs, Seen, Smooth
+from agrobot_mj.estimation.full_filter import step
 from agrobot_mj.estimation.full_model import PSI, SCALE_LIMIT, K, V
 from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
 from agrobot_mj.machine.tractor import TractorParameters
@@ -22,16 +23,18 @@ def aligned(v=1.0):
     core = state.horizon.core
     mean, P = core.mean.copy(), core.covariance.copy()
     mean[V], P[PSI, PSI], P[V, V], P[K, K] = v, radians(0.5) ** 2, 1e-4, 1e-4
-    return state.filter, core._replace(mean=mean, covariance=P, search=None, cruise=v, fix_speed=v)
+    return state.settings.filter, core._replace(
+        mean=mean, covariance=P, search=FOUND, smooth=Smooth(cruise=v), seen=Seen(speed=v)
+    )
 
 
 def stepped(filter_, core, wheel, speed, ticks):
     """Return the core after ticks with constant measurements; `speed` [m/s] is that of the fixes along the course."""
     for k in range(ticks):
-        t = core.seen_t + TICK_S if k else 1.0
+        t = core.seen.t + TICK_S if k else 1.0
         place = core.mean[0] + speed * TICK_S * cos(COURSE), core.mean[1] + speed * TICK_S * sin(COURSE)
         fix = Fix(*place, speed * cos(COURSE), speed * sin(COURSE))
-        core = filter_.step(core, Inputs(t, 0.0, wheel, 0.0, 0.0, 0.0), fix, Quality.FIX, TICK_S)
+        core = step(filter_, core, Inputs(t, 0.0, wheel, 0.0, 0.0, 0.0), fix, Quality.FIX, TICK_S)
     return core
 
 
@@ -69,14 +72,14 @@ def test_course_variation_of_pure_white_noise_is_zero():
     white = SidewaysNoise()
     for e in sigma * rng.standard_normal(4000):
         white = white.after(e, sigma**2, dt)
-    assert white.density < sigma**2 * dt
+    assert white.density() < sigma**2 * dt
     swaying, b, tau, s = SidewaysNoise(), 0.0, 1.0, 0.01
     densities = []
     for k in range(16000):
         b += -b * dt / tau + s * np.sqrt(2 * dt / tau) * rng.standard_normal()
         swaying = swaying.after(b + sigma * rng.standard_normal(), sigma**2, dt)
         if k > 2000:
-            densities.append(swaying.density)
+            densities.append(swaying.density())
     assert 0.5 < np.mean(densities) / (2 * tau * s * s) < 1.2  # the low-pass filter attenuates the variation
 
 
