@@ -76,7 +76,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
     """Return the result of a command with one run; `about` are texts for its first line."""
-    from agrobot_mj.metrics.braked import drift_text
+    from agrobot_mj.metrics.safety import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
     s, metrics = log.scenario, log.metrics

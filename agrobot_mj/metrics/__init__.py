@@ -4,17 +4,12 @@ from typing import Any
 
 from agrobot_mj.core.contracts import one_line
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.metrics.acquisition import Acquisition
-from agrobot_mj.metrics.attribution import Attribution
+from agrobot_mj.metrics.attribution import Attribution, Consistency
 from agrobot_mj.metrics.base import LogLike, Metric, RunView
-from agrobot_mj.metrics.braked import BrakedDrift
-from agrobot_mj.metrics.consistency import Consistency
-from agrobot_mj.metrics.implement import ImplementErrors
-from agrobot_mj.metrics.network import NetworkShare
 from agrobot_mj.metrics.passes import PassAccuracy
 from agrobot_mj.metrics.progress import DrivenShare, commanded_progress, progress_of
-from agrobot_mj.metrics.safety import Safety
-from agrobot_mj.metrics.tracking import Tracking, errors
+from agrobot_mj.metrics.safety import BrakedDrift, Safety
+from agrobot_mj.metrics.tracking import Acquisition, ImplementErrors, NetworkShare, Tracking, errors
 from agrobot_mj.paths.route import SampledRoute
 
 METRICS: list[Metric] = [

@@ -13,7 +13,18 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from agrobot_mj.core.signals import Array, Column
-from agrobot_mj.metrics.base import LogLike, Metric, RunView, abs_max, abs_p95, mean, rms, rows_until
+from agrobot_mj.metrics.base import (
+    LEAST,
+    LogLike,
+    Metric,
+    RunView,
+    abs_max,
+    abs_p95,
+    mean,
+    mean_magnitude,
+    rms,
+    rows_until,
+)
 
 COMPLETE = 0.99
 """Minimum fraction of a complete turn that the run must cover."""
@@ -74,3 +85,85 @@ def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float 
 
 def _covers(t: Array, start: float, end: float) -> bool:
     return bool(t[-1] - start >= COMPLETE * (end - start))
+
+
+class NetworkShare(Metric):
+    """Fraction of the steering command from the network, or from the integral that replaces the network."""
+
+    kind: Literal["nn_share"] = "nn_share"
+    columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Return one fraction per turn: 0 without network, None for a turn with fewer than LEAST ticks."""
+        kept, learnt = view.column("tau_c"), view.column("tau_n")
+        return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
+
+
+def _share(kept: Array, learnt: Array) -> float | None:
+    if len(kept) < LEAST:
+        return None
+    c, n = mean_magnitude(kept) or 0.0, mean_magnitude(learnt) or 0.0
+    return n / (c + n) if n else 0.0
+
+
+class ImplementErrors(Metric):
+    """Errors of the working point of an implement, and its draught force at the hitch."""
+
+    kind: Literal["implement"] = "implement"
+    columns: ClassVar = (
+        Column("implement_xte_rms", "m", "cross-track error of the implement, root mean square"),
+        Column("implement_xte_abs_p95", "m", "95th percentile of the magnitude of the implement's cross-track error"),
+        Column("implement_xte_mean", "m", "mean cross-track error of the implement, left positive"),
+        Column("hitch_angle_abs_p95", "rad", "95th percentile of the magnitude of the angle at the hitch"),
+        Column("hitch_pull_mean", "N", "mean pull at the hitch"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Return the metrics of the implement; an empty dict for a tractor without implement."""
+        try:
+            offset = view.beside_path("implement_x", "implement_y").offset
+        except (KeyError, ValueError):  # missing column
+            return {}
+        return {
+            "implement_xte_rms": rms(offset),
+            "implement_xte_abs_p95": abs_p95(offset),
+            "implement_xte_mean": mean(offset),
+            "hitch_angle_abs_p95": abs_p95(view.column("hitch_angle")),
+            "hitch_pull_mean": mean(view.column("hitch_pull")),
+        }
+
+
+BAND_M = 0.05
+"""Maximum distance from an acquired path [m]. Assumed value: twice the stated accuracy of RTK guidance."""
+HELD_S = 5.0
+"""Minimum time within BAND_M of an acquired path [s]. Assumed value: longer than half an oscillation."""
+END_S = 2.0
+"""Duration of the final part of the run, in which the maximum remaining offset is measured [s]."""
+
+
+class Acquisition(Metric):
+    """Acquisition of the path after a start with an offset (`path.start_offset_m`)."""
+
+    kind: Literal["acquisition"] = "acquisition"
+    columns: ClassVar = (
+        Column(
+            "acquisition.acquired_s",
+            "s",
+            f"first time after which the CG stays within {BAND_M:g} m for {HELD_S:g} s; or null",
+        ),
+        Column("acquisition.overshoot_m", "m", "maximum distance on the side of the path opposite to the start"),
+        Column("acquisition.end_abs_max_m", "m", f"maximum distance from the path in the last {END_S:g} s"),
+    )
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Return the acquisition metrics; empty for a path without start offset."""
+        if not view.path.start_offset_m:
+            return {}
+        t, e = view.column("t"), view.cg_on_path.offset
+        outside = t[~(np.abs(e) <= BAND_M)]
+        begins = np.append(t[0], outside)
+        held = np.diff(np.append(begins, t[-1])) >= HELD_S
+        over = float(np.fmax.reduce(-np.sign(view.path.start_offset_m) * e, initial=0.0))
+        at_end = float(np.fmax.reduce(np.abs(e[t > t[-1] - END_S]), initial=0.0))
+        acquired = float(begins[np.argmax(held)]) if held.any() else None
+        return {"acquisition": {"acquired_s": acquired, "overshoot_m": over, "end_abs_max_m": at_end}}

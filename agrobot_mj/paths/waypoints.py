@@ -13,24 +13,155 @@ at the end is optional), runs for `laps` laps, and continues straight. With fill
 the corner at the first waypoint. A third column limits the speed, linearly interpolated between waypoints, in addition
 to `speed_m_s`. Repeated points and the scatter of a standstill are left out, and a recorded track whose noise is too
 sharp to steer becomes a spline. A curvature that the tractor cannot follow is an error that names the location.
+
+Waypoints from a file of positions: CSV, KML, GeoJSON, GPX, a file of an AgOpenGPS field, or a shapefile.
+
+The longest line of the file is the track; a file without lines gives its longest ring, or its points in their order.
+Every error is a ValueError that names the file, the row of a table and the fix.
 """
 
+import warnings
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, Any, ClassVar, Literal
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from agrobot_mj.core.resources import Stamp, stamp
+from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
+from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 from agrobot_mj.paths.fillet import Rounding, rounded
+from agrobot_mj.paths.imports import Polyline, cleaned, local_shapes, read_shapes
+from agrobot_mj.paths.imports.cleaning import CLOSEST_M
 from agrobot_mj.paths.profile import Timed
-from agrobot_mj.paths.recorded import TIGHTEST, is_recorded, smooth, steerable
-from agrobot_mj.paths.track import Course, checked_length
+from agrobot_mj.paths.track import Course, checked_length, samples, through
 from agrobot_mj.paths.transition import Transitions
-from agrobot_mj.paths.waypoint_file import CLOSEST_M, Track, stamp_of, track
+
+MAX_BYTES = 2_000_000
+MAX_ROWS = 20_000
+
+
+class Track(NamedTuple):
+    """Waypoints of a file."""
+
+    points: Array
+    """Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
+    notes: tuple[str, ...]
+    """Sentences about columns, shapes and points that were left out, and about a shift."""
+
+
+def stamp_of(name: str) -> Stamp:
+    """Return the stamp of the current file content. Raise ValueError if the file cannot contain waypoints."""
+    path = checked(name, (), MAX_BYTES)
+    return stamp(name) or refuse(path, "the file no longer exists; create it again")
+
+
+@lru_cache(maxsize=8)
+def track(stamp: Stamp, crs: str, closed: bool) -> Track:
+    """Return at least three waypoints in metres. Raise ValueError if the file is invalid."""
+    file = Path(stamp[0])
+    read = read_shapes(stamp[0], MAX_BYTES)
+    try:
+        shape, left = _chosen(read.shapes)
+        found = local_shapes(replace(read, shapes=(shape,)), crs)
+        points, notes = _checked(found.shapes[0], closed)
+    except ValueError as error:
+        refuse(file, str(error))
+    return Track(points, (*found.notes, *left, *notes))
+
+
+def _chosen(shapes: tuple[Polyline, ...]) -> tuple[Polyline, list[str]]:
+    lines = [shape for shape in shapes if not shape.ring and shape.role != "point"]
+    rings = [shape for shape in shapes if shape.ring and shape.role != "hole"]
+    if not (choice := lines or rings):
+        return Polyline(np.vstack([np.empty((0, 2)), *(shape.points for shape in shapes)]), name="points"), []
+    best = max(choice, key=lambda shape: float(np.hypot(*np.diff(shape.points, axis=0).T).sum()))
+    if len(choice) == 1:
+        return best, []
+    named = f", {best.name!r}," if best.name else ""
+    return best, [f"the longest{named} of {len(choice)} {'lines' if lines else 'rings'} is used"]
+
+
+def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
+    points = shape.points
+    if len(points) > MAX_ROWS:
+        raise ValueError(f"the file has {len(points)} waypoints, and the limit is {MAX_ROWS}; remove some rows")
+    notes = list[str]()
+    if len(points) >= 3:
+        kept, notes = cleaned(points, closed)
+        rows = shape.columns.get("row", np.arange(1, len(points) + 1))[kept]
+        points = points[kept]
+        if "speed" in shape.columns:
+            speeds = shape.columns["speed"][kept]
+            wrong = np.flatnonzero((speeds < SLOWEST_M_S) | (speeds > FASTEST_M_S))
+            if wrong.size:
+                raise ValueError(
+                    f"row {rows[wrong[0]]}: speed is {speeds[wrong[0]]:g} m/s; use a speed from {SLOWEST_M_S:g} to "
+                    f"{FASTEST_M_S:g}"
+                )
+            points = np.column_stack([points, speeds])
+    if len(points) < 3:
+        raise ValueError(f"the file has {len(points)} waypoints; at least 3 are required")
+    return points, notes
+
+
+DENSE_M, FEWEST_POINTS = 1.0, 20
+"""Maximum median distance between the points of a recorded track [m], and minimum number of points."""
+TIGHTEST = 0.4
+"""Radius of the tightest bend of a recorded track, divided by that of a corner [-]. Assumed value: near full lock."""
+WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
+"""Factor from one trial of the smoothing to the next [-], and minimum and maximum smoothing [m]."""
+THIRD_DIFFERENCE = 20.0 * np.log(2.0)
+"""Median squared third difference of positions with white noise, divided by their mean square noise [-]."""
+
+
+def smooth(points: Array, smoothing: float, closed: bool) -> Course:
+    """Return one lap along the spline through `points`, shape (n, 2 or 3)."""
+    from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
+
+    x, y = points[:, 0], points[:, 1]
+    distances = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a very smooth spline may end below the allowed distance
+        spline, _ = splprep([x, y], u=distances, s=len(points) * smoothing**2, k=min(3, len(points) - 1), per=closed)
+    u = np.linspace(0.0, distances[-1], samples(float(distances[-1])))
+    x, y = splev(u, spline)
+    dx, dy = splev(u, spline, der=1)
+    if np.hypot(np.diff(x), np.diff(y)).min() < 1e-9:
+        raise ValueError(f"smoothing_m: {smoothing:g} m removes the shape of the path; reduce the value")
+    allowed = np.interp((u[:-1] + u[1:]) / 2, distances, points[:, 2]) if points.shape[1] == 3 else np.inf
+    return through(x, y, np.arctan2(dy, dx), allowed)
+
+
+def is_recorded(points: Array) -> bool:
+    """Return whether waypoints, shape (n, 2 or 3), are as close as those of a recorded track."""
+    if len(points) < FEWEST_POINTS:
+        return False
+    return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < DENSE_M
+
+
+def noise(points: Array) -> float:
+    """Return the root mean square position noise of a recorded track, shape (n, 2 or 3) [m]."""
+    third = np.diff(points[:, :2], n=3, axis=0)
+    return float(np.sqrt(np.median((third**2).sum(axis=1)) / THIRD_DIFFERENCE))
+
+
+def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
+    """Return the spline with the least smoothing at which a recorded track can be driven, and that smoothing [m].
+
+    The smoothing is at least the noise of the track. A track can be driven if its bends have a radius of at least
+    TIGHTEST times `radius` [m].
+    """
+    amount = max(noise(points), LEAST_M)
+    found = smooth(points, amount, closed), amount
+    while found[0].peaks.max() > 1 / (TIGHTEST * radius) and amount < MOST_M:
+        amount *= WIDER
+        found = smooth(points, amount, closed), amount
+    return found
 
 
 class Waypoints(Transitions, Timed):

@@ -1,14 +1,27 @@
-"""Hints about valid scenario keys that have no effect, or probably not the intended effect. Hints do not end a run."""
+"""Hints about valid scenario keys that have no effect, or probably not the intended effect. Hints do not end a run.
+
+Hints about the path: bends that are too tight, curvature changes that are too fast, and paths that leave the ground.
+
+At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor drives v T. If the law
+starts to steer half of this distance before the step, the lateral offset after the step has its minimum, dk (v T)^2 /
+24. For a gradual change, T is the time that the wheels need in addition to the duration of the change.
+"""
 
 from collections.abc import Iterator
-from math import ceil
+from math import ceil, degrees, floor, sqrt
+from typing import NamedTuple
+
+import numpy as np
 
 from agrobot_mj.core.contracts import without_exit
 from agrobot_mj.core.learned import read_learned
+from agrobot_mj.core.roots import root
 from agrobot_mj.core.signals import ROUNDING_S, TICK_S
+from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.paths.base import PathOutline
 from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.paths.transition import Transitions
 from agrobot_mj.scenario.overrides import explicit_values, flat
-from agrobot_mj.scenario.path_hints import path_hints
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
@@ -66,3 +79,131 @@ def _learned(scenario: Scenario) -> Iterator[str]:
             laps = f"a lap of {learnt:.4g} m, but the lap of this path is {lap:.4g} m"
             yield f"guidance.file: the file was learned on {laps}; check that the path is the same"
             return
+
+
+LEAVES_M = 0.15
+"""Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: without preview, laws have
+about twice the minimum offset."""
+MOST_LOCK = 0.9
+"""Fraction of the steering limit above which a bend leaves no margin [-]. Assumed value."""
+EDGE_M = 0.5
+"""Minimum distance between path and edge of the ground [m]. Assumed value: the tractor may lead its reference."""
+WIDEST = 100.0
+"""Maximum factor by which the search increases the radius [-]."""
+
+
+class Change(NamedTuple):
+    """Change of curvature along the path."""
+
+    begin: float
+    """Curvature before the change [1/m]."""
+    end: float
+    """Curvature after the change [1/m]."""
+    takes: float
+    """Duration of the change at the speed of the path [s]."""
+    speed: float
+    """Speed at the change [m/s]."""
+    place: tuple[float, float]
+    """Position of the change (east, north) [m]."""
+
+    def late(self, tractor: TractorParameters, rate: float) -> float:
+        """Return the time T for the steering rate `rate` [rad/s], see the module [s]."""
+        turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
+        return max(turned / rate - self.takes, 0.0)
+
+    def leaves(self, tractor: TractorParameters, rate: float) -> float:
+        """Return the minimum lateral offset from the path after the change [m]."""
+        return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
+
+    def wider(self, factor: float) -> "Change":
+        """Return the change for a path with radii multiplied by `factor` [-]."""
+        return self._replace(begin=self.begin / factor, end=self.end / factor)
+
+
+def path_hints(scenario: Scenario) -> Iterator[str]:
+    """Yield lines about the path's file, about turns, and about a path that leaves the ground."""
+    yield from (f"path.file: {note}" for note in scenario.path.notes)
+    if scenario.guidance.using(scenario.controller).follows_path:
+        outline = scenario.path.outline()
+        yield from _turns(scenario, outline)
+        yield from _ground(scenario, outline)
+
+
+def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
+    tractor, rate = s.tractor, s.vehicle.steering_rate
+    if not s.path.max_curvature or not rate:
+        return
+    lock, worst = tractor.steering_for(s.path.max_curvature), _worst(s, outline, rate)
+    leaves, tight = worst.leaves(tractor, rate), lock > MOST_LOCK * tractor.steer_limit
+    if not tight and leaves <= LEAVES_M:
+        return
+    wide = f"{_radius(s)[0]} of {_wide_enough(s, worst, rate):g} m or more"
+    if tight:
+        place, limit = (s.path.sharpest, (f"the limit of {tractor.steer_limit_deg:g} deg leaves no margin"))
+        bend = f"the bend at ({place.x:.1f}, {place.y:.1f}) m needs {degrees(lock):.1f} deg of steering"
+        yield f"{_radius(s)[1]}: {bend}, {limit}; set {wide}"
+    else:
+        slow = f"{_speed_key(s, worst)} = {floor(100 * worst.speed * sqrt(LEAVES_M / leaves)) / 100:g}"
+        smooth = isinstance(s.path, Transitions) and s.path.transition == "none"
+        fixes = [wide, slow, *(['path.transition = "clothoid"'] if smooth else [])]
+        turned = degrees(abs(tractor.steering_for(worst.end) - tractor.steering_for(worst.begin)))
+        where = f"at ({worst.place[0]:.1f}, {worst.place[1]:.1f}) m the steering angle changes by {turned:.0f} deg"
+        late = f"which at {degrees(rate):.0f} deg/s takes {worst.late(tractor, rate):.1f} s longer than the path allows"
+        yield f"{_radius(s)[1]}: {where}, {late}, and the error is {leaves:.2f} m; set {' or '.join(fixes)}"
+
+
+def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
+    """Return the change of curvature with the maximum additional time T, for turns to the left and to the right."""
+    changes = []
+    curvatures, where = np.unique(outline.curvature, return_inverse=True)
+    needed = np.array([s.tractor.steering_for(curvature) / rate for curvature in curvatures.tolist()])[where]
+    for side in (1.0, -1.0):
+        later = side * needed - outline.t
+        least = np.minimum.accumulate(later)
+        end = int(np.argmax(later - least))
+        begin = int(np.argmax(later == least[end]))
+        takes, speed = outline.t[end] - outline.t[begin], (outline.speed[begin] + outline.speed[end]) / 2
+        ends = float(outline.curvature[begin]), float(outline.curvature[end])
+        changes.append(Change(*ends, float(takes), float(speed), (float(outline.x[end]), float(outline.y[end]))))
+    return max(changes, key=lambda change: change.leaves(s.tractor, rate))
+
+
+def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
+    """Return the minimum radius at which bend and change of curvature are feasible, rounded to 0.1 m [m]."""
+
+    def excess(radius: float) -> float:
+        lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)
+        change = worst.wider(radius * s.path.max_curvature)
+        return max(lock, change.leaves(s.tractor, rate) / LEAVES_M) - 1.0
+
+    tightest = 1 / s.path.max_curvature
+    return ceil(10 * root(excess, tightest, WIDEST * tightest, rtol=1e-6)) / 10
+
+
+def _radius(s: Scenario) -> tuple[str, str]:
+    key = s.path.radius_key
+    return (f"path.{key}", f"path.{key}") if key else ("bends", "path")
+
+
+def _speed_key(s: Scenario, worst: Change) -> str:
+    turning = getattr(s.path, "turn_speed_m_s", s.path.speed_m_s)
+    return "path.turn_speed_m_s" if worst.speed <= 1.001 * turning and turning < s.path.speed_m_s else "path.speed_m_s"
+
+
+def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
+    if s.expected_outcome == "left_terrain":
+        return
+    try:
+        west, east, south, north = s.terrain.ground().extent
+    except ValueError:
+        return  # the construction of the ground reports the error
+    within = outline.t <= s.ticks * TICK_S
+    x, y = outline.x, outline.y
+    inside = np.minimum(np.minimum(x - west, east - x), np.minimum(y - south, north - y))
+    off = within & (inside < EDGE_M)
+    if not off.any():
+        return
+    k = int(np.argmax(off))
+    place = f"({x[k]:.0f}, {y[k]:.0f}) m after {outline.t[k]:.0f} s"
+    reach = f"which extends from ({west:g}, {south:g}) to ({east:g}, {north:g}) m"
+    yield f"path: the path leaves the ground at {place}, {reach}; make the terrain larger"

@@ -23,7 +23,8 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
     """
     check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
-    path = _find(source)
+    files = scenario_files()
+    path = files.get(str(source)) or find_file(source, "scenario", files, "", "see agrobot-mj list")
     try:
         data, folder = read_toml(path), path.parent.resolve()
         absolute_paths(data, folder)
@@ -54,10 +55,3 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
         return beside
     near = suggestion(str(source), list(shipped))
     raise ScenarioError(f"unknown {noun} {str(source)!r}{near} ({known})")
-
-
-def _find(source: str | FilePath) -> FilePath:
-    files = scenario_files()
-    if str(source) in files:
-        return files[str(source)]
-    return find_file(source, "scenario", files, "", "see agrobot-mj list")

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.core.errors import ScenarioError, shortened
 from agrobot_mj.core.spec import UNPRINTABLE, Spec, members
-from agrobot_mj.core.synonyms import alternatives, named_by
-from agrobot_mj.core.walk import TableClass, keys, places
+from agrobot_mj.core.walk import TableClass, alternatives, keys, named_by, places
 from agrobot_mj.metrics import METRICS, Metric
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import Sensors
@@ -99,7 +98,8 @@ def kinds_text() -> str:
 
 def document(place: TableClass, name: str) -> Doc:
     """Return the documentation of the key `name` of a table."""
-    text, kind = place.owner.describe(name), _in_words(_schema_of(place.owner, name))
+    owner, text = place.owner, place.owner.describe(name)
+    kind = _in_words(_properties(owner, owner.__pydantic_validator__)[name])
     source = SOURCE.search(text)
     if source:
         text = text[: source.start()].rstrip(" ;,.\n") + "."
@@ -107,11 +107,6 @@ def document(place: TableClass, name: str) -> Doc:
     default = _as_toml(getattr(place.default, name)) if hasattr(place.default, name) else "required"
     origin = " ".join(source[1].split()).rstrip(".") if source else ""
     return Doc(text, units[0] if units else "", origin, kind, default)
-
-
-def _schema_of(owner: type[Spec], name: str) -> dict[str, Any]:
-    found: dict[str, Any] = _properties(owner, owner.__pydantic_validator__)[name]
-    return found
 
 
 @cache

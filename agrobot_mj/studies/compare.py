@@ -19,7 +19,7 @@ from agrobot_mj.simulation.results import results, write_json
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import can_record
 from agrobot_mj.studies.compare_plan import Case, Comparison
-from agrobot_mj.studies.engine.tasks import POSES, Row
+from agrobot_mj.studies.engine.tasks import LAST, POSES, Row
 from agrobot_mj.studies.error_parts import ESTIMATOR, GUIDANCE, remarks
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.sweep.runner import SweepOptions, drive
@@ -42,7 +42,8 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
         drive(store, SweepOptions(jobs, quiet=quiet))
         done = dict(store.rows())
         covered = pieces(case.scenario for case in comparison.cases)
-        ended = {k: _metrics(folder / comparison.folder(k)) for k, row in done.items() if row["error"] is None}
+        files = {k: folder / comparison.folder(k) / LAST for k, row in done.items() if row["error"] is None}
+        ended = {k: json.loads(file.read_text("utf-8")) for k, file in files.items()}
         rows = [_row(case, covered[k], done[k], ended.get(k, {})) for k, case in enumerate(comparison.cases)]
         write_json(folder / "comparison.json", rows)
         logs = [(comparison.cases[k], _log(store, k, ended[k])) for k in comparison.drawn if k in ended]
@@ -61,11 +62,6 @@ def _draw(logs: Sequence[tuple[Case, Log]], folder: Path) -> None:
     from agrobot_mj.studies.report import ReportedRun, write_figures
 
     write_figures([ReportedRun(case.plant, case.law, log, not log.as_expected) for case, log in logs], folder)
-
-
-def _metrics(place: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((place / "metrics.json").read_text("utf-8"))
-    return found
 
 
 def _log(store: Store, number: int, metrics: dict[str, Any]) -> Log:

@@ -207,25 +207,16 @@ def _takes_controller(scenario: Scenario) -> bool:
     return scenario.guidance.using(scenario.controller) is not scenario.guidance
 
 
-def _checked(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario:
+def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
+    place = f"--variant {law.variant!r}: " if law.variant else ""
     try:
         changed = scenario.changed({"plant.kind": plant, **law.overrides})
     except ScenarioError as error:
-        if law.variant is None:
-            raise
-        raise ScenarioError(f"--variant {law.variant!r}: {error}") from None
+        return ScenarioError(f"{place}{error}")
     if command := changed.guidance.outside:
         kind = changed.guidance.kind
-        place = f"--variant {law.variant!r}: " if law.variant else ""
-        raise ScenarioError(f'{place}guidance.kind: "{kind}" needs an external program; use `agrobot-mj {command}`')
+        return ScenarioError(f'{place}guidance.kind: "{kind}" is driven by another program; use `agrobot-mj {command}`')
     return changed
-
-
-def _tried(scenario: Scenario, plant: str, law: CompetingLaw) -> Scenario | ScenarioError:
-    try:
-        return _checked(scenario, plant, law)
-    except ScenarioError as error:
-        return error
 
 
 def _check_variants(variants: Sequence[SweepVariant]) -> None:

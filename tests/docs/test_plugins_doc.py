@@ -129,7 +129,7 @@ def installed(site, law):
 
 WORKERS = """
 from agrobot_mj.scenario.reference import families
-from agrobot_mj.studies.engine.pool import spread
+from agrobot_mj.studies.engine.workers import spread
 def known(kind):
     return kind in families()["guidance"]
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import pytest
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.metrics.base import RunView
-from agrobot_mj.metrics.braked import STOPPED_S, BrakedDrift, drift_text
+from agrobot_mj.metrics.safety import STOPPED_S, BrakedDrift, drift_text
 from agrobot_mj.paths import Line
 
 ROWS, STOPPED = 400, round(STOPPED_S / TICK_S)

@@ -5,7 +5,7 @@ import pytest
 from test_metrics import FakeLog
 
 from agrobot_mj.metrics import RunView
-from agrobot_mj.metrics.acquisition import END_S, HELD_S, Acquisition
+from agrobot_mj.metrics.tracking import END_S, HELD_S, Acquisition
 from agrobot_mj.paths import Line
 
 T = np.arange(0.0, 20.0, 0.05)

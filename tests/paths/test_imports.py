@@ -12,7 +12,7 @@ from agrobot_mj.paths import Waypoints
 from agrobot_mj.paths.imports import cleaned, local_shapes, read_shapes
 from agrobot_mj.paths.imports.agopengps import comma_numbers, read_origin
 from agrobot_mj.paths.imports.cleaning import outliers
-from agrobot_mj.paths.waypoint_file import track
+from agrobot_mj.paths.waypoints import track
 from agrobot_mj.scenario.hints import hints
 
 ORIGIN = Origin(52.31, 6.72)

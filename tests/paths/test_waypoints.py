@@ -10,7 +10,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.cli import main
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.paths import Waypoints, sample
-from agrobot_mj.paths.waypoint_file import MAX_BYTES, MAX_ROWS
+from agrobot_mj.paths.waypoints import MAX_BYTES, MAX_ROWS
 
 
 def route(folder, rows, header="", name="route.csv"):

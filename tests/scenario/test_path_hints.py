@@ -8,9 +8,8 @@ import pytest
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.machine.tractor import TractorParameters
-from agrobot_mj.scenario.hints import hints
+from agrobot_mj.scenario.hints import LEAVES_M, Change, hints
 from agrobot_mj.scenario.loading import load_scenario
-from agrobot_mj.scenario.path_hints import LEAVES_M, Change
 
 FIELD = {"path.kind": "swaths", "path.length_m": 45.0, "path.swath_m": 4.0, "path.count": 3}
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.studies.engine import pool
+from agrobot_mj.studies.engine import workers as pool
 
 
 @pytest.fixture

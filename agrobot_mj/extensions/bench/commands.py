@@ -62,8 +62,7 @@ def machine(
     All numbers are measured in the simulator, without an implement, on firm ground. Its parameters follow, each with
     its basis: measured, printed, identified or assumed.
     """
-    from agrobot_mj.extensions.bench.basis import bases, basis_text
-    from agrobot_mj.extensions.bench.datasheet import Measured, data_sheet, sheet_text
+    from agrobot_mj.extensions.bench.datasheet import Measured, bases, basis_text, data_sheet, sheet_text
     from agrobot_mj.scenario.loading import load_scenario
 
     name = utf8(name, "machine")

@@ -4,8 +4,14 @@ Loads are measured at standstill. The turning circle is that of the centre of th
 speed. The steering rate is measured at full voltage while rolling, the understeer gradient as in ISO 4138 on a circle
 of 20 wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
 tested on a slope that increases until the machine rolls off or cannot climb.
+
+Basis of the parameters of a machine: measured, printed, identified or assumed.
+
+A key of the machine file has the basis that its comment begins with, or that of the comment above if it
+has none. A key that the file does not set has the basis of its docstring; one that follows from the size is assumed.
 """
 
+import re
 from collections.abc import Iterator
 from math import cos, degrees, hypot, isfinite, nan, radians, sin
 from typing import NamedTuple
@@ -14,6 +20,7 @@ import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Drive
+from agrobot_mj.core.spec import Spec
 from agrobot_mj.extensions.bench.manoeuvres.cornering import circle
 from agrobot_mj.extensions.bench.manoeuvres.tipping import GRIPPING, STEEPEST_DEG, tilt
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V
@@ -22,6 +29,7 @@ from agrobot_mj.plants import Clock, Mujoco, MujocoPlant
 from agrobot_mj.plants.driver import ORIGIN, REST, Driver, hold
 from agrobot_mj.plants.mujoco.views import CHASSIS
 from agrobot_mj.scenario import Scenario, load_scenario
+from agrobot_mj.scenario.machines import machine_file
 from agrobot_mj.simulation.feasibility import naming
 from agrobot_mj.terrain import Flat, Ground
 from agrobot_mj.tyres.patch import LOAD
@@ -63,7 +71,8 @@ def data_sheet(machine: str) -> Iterator[Measured]:
     yield from _standing(scenario)
     yield from _turning(scenario)
     yield Measured("understeer gradient", _understeer(scenario), "deg s2/m")
-    yield Measured("tip-over angle, sideways", _tip_over(scenario), "deg")
+    gripping = _plant(scenario, LEVEL._replace(surface=GRIPPING))
+    yield Measured("tip-over angle, sideways", tilt(gripping, True, STEEPEST_DEG).lifted_deg, "deg")
     yield Measured("slope that the brake holds", _holding(scenario), "deg")
     yield Measured("slope that it climbs", _climbing(scenario), "deg")
     yield Measured("top speed", _top_speed(scenario), "m/s")
@@ -122,11 +131,6 @@ def _understeer(scenario: Scenario) -> float:
     return degrees(float(np.polyfit(rows[:, 0], rows[:, 1], 1)[0]))
 
 
-def _tip_over(scenario: Scenario) -> float:
-    """Return the slope at which the upper rear wheel finally leaves ground with sufficient grip [deg]."""
-    return tilt(_plant(scenario, LEVEL._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
-
-
 def _slope(plant: MujocoPlant) -> Iterator[float]:
     """Tilt gravity backwards, as on ground that rises in front; yield the slope of each tick [deg]."""
     grade = 0.0
@@ -162,3 +166,74 @@ def sheet_text(measured: Measured) -> str:
     """Return a line of a data sheet as text."""
     rounded = float(f"{measured.value:.4g}")  # ten tonnes without an exponent
     return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()
+
+
+SAYS = {
+    "measured": r"(Log|Measured)\b",
+    "identified": r"Identified\b",
+    "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
+    "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
+}
+"""Beginnings of a comment, by basis."""
+CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
+UNKNOWN = "not stated"
+"""Basis of a number without a comment in a file."""
+_TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")
+
+
+class Basis(NamedTuple):
+    """Parameter with its basis."""
+
+    key: str
+    value: float
+    """Value in the unit of the key."""
+    basis: str
+    """One of `SAYS`, or `UNKNOWN`."""
+
+
+def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
+    """Yield every number of tractor, steering and driveline of a machine, by name or path, with its basis."""
+    found = machine_file(machine)
+    stated = {} if found is None else comments(found[0].read_text(encoding="utf-8"))
+    for table, part in (
+        ("tractor", scenario.tractor),
+        ("steering.valve", scenario.steering.valve),
+        ("steering.cylinder", scenario.steering.cylinder),
+        ("steering.linkage", scenario.steering.linkage),
+        ("driveline", scenario.driveline),
+    ):
+        for name in type(part).model_fields:
+            value = getattr(part, name)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                key = f"{table}.{name}"
+                yield Basis(key, float(value), stated.get(key) or of_default(part, name))
+
+
+def comments(text: str) -> dict[str, str]:
+    """Return the basis of each dotted key of a machine file, by its comments."""
+    table, last, found = "", UNKNOWN, dict[str, str]()
+    for line in text.splitlines():
+        if header := _TABLE.match(line):
+            table, last = header[1], basis_of(header[2] or "")
+        elif key := _KEY.match(line):
+            last = basis_of(key[2]) if key[2] else last
+            found[f"{table}.{key[1]}" if table else key[1]] = last
+    return found
+
+
+def basis_of(comment: str) -> str:
+    """Return the basis that a comment begins with."""
+    return next((basis for basis, pattern in SAYS.items() if re.match(pattern, comment)), UNKNOWN)
+
+
+def of_default(part: Spec, name: str) -> str:
+    """Return the basis of a number that no file sets, by the docstring of its key."""
+    text = type(part).describe(name)
+    if "Assumed value" in text or name in part.sized:
+        return "assumed"
+    return "printed" if CITED.search(text) else "assumed"
+
+
+def basis_text(found: Basis) -> str:
+    """Return a parameter as a line of text."""
+    return f"{found.key:40} {float(f'{found.value:.4g}'):9g} {found.basis}"

@@ -7,6 +7,8 @@ from typing import Any
 from agrobot_mj.studies.pages.document import CATEGORIES, COLOURS, INK, Chart, Document, layout
 from agrobot_mj.studies.pages.report import Reports
 
+NUMBERS = ("quantity", "subject", "measured", "theory", "unit", "band")
+
 
 def validation_page(folder: Path) -> Document:
     """Return the page of a validation: the position of each number within its band, and all numbers."""
@@ -19,8 +21,10 @@ def validation_page(folder: Path) -> Document:
     page.grid([("All numbers with a band", _bands(judged))])
     for manoeuvre in dict.fromkeys(check["manoeuvre"] for check in checks):
         page.section(manoeuvre.capitalize())
-        head = ("quantity", "subject", "measured", "theory", "unit", "band", "")
-        page.table(head, [_check(check) for check in checks if check["manoeuvre"] == manoeuvre])
+        own = [check for check in checks if check["manoeuvre"] == manoeuvre]
+        ends = ["" if check["band"] == "reported" else "inside" if check["passed"] else "OUTSIDE" for check in own]
+        rows = [(*(check[name] for name in NUMBERS), end) for check, end in zip(own, ends, strict=True)]
+        page.table((*NUMBERS, ""), rows)
     return page
 
 
@@ -45,11 +49,6 @@ def _place(check: dict[str, Any]) -> float | None:
     if low is None or high is None or measured is None or high <= low:
         return None
     return float((2 * measured - low - high) / (high - low))
-
-
-def _check(check: dict[str, Any]) -> tuple[object, ...]:
-    verdict = "" if check["band"] == "reported" else "inside" if check["passed"] else "OUTSIDE"
-    return (*(check[k] for k in ("quantity", "subject", "measured", "theory", "unit", "band")), verdict)
 
 
 REPORTS = Reports({"validation.json": validation_page})

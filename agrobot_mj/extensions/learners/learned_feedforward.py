@@ -1,6 +1,6 @@
 """Feedforward learned without a model, added to any feedback law: delta = delta_feedback + f . w(path).
 
-A network (`path_network`) maps the path ahead (curvature, speed and, with an inertial unit, roll of the ground) to a
+A network (`PathNetwork`) maps the path ahead (curvature, speed and, with an inertial unit, roll of the ground) to a
 steering angle. It learns from the angle of the feedback law: repeated corrections at the same curvature move into the
 map. This is feedback-error learning as in the paper, with the path as input instead of the error, so that the map
 applies when the same curvature returns. The inner law receives the steering angle minus the contribution of the map, so
@@ -9,22 +9,141 @@ that a law with a steering state does not counteract the map.
 Learning is suspended while the command is at its limit, the wheels lag behind the command or the position is uncertain
 (dead reckoning, no RTK solution), and also away from the path, near standstill and in reverse. The map remains active.
 It cannot learn effects that are absent from its inputs: a side slope without an inertial unit, a worn valve, wind.
+
+Network from the path to an angle or a speed: fixed interval type-2 fuzzy sets and learned consequents.
+
+The inputs describe the path ahead instead of the error: curvature kappa [1/m], speed u [m/s], roll of the ground phi
+[rad]. Fixed triangular sets are evenly spaced over the range of each input. The upper and lower widths of a set are (1
++ uncertainty) and (1 - uncertainty) times the distance of the centres. The output is linear in the consequents f:  y =
+f . w,  w = q w_lower + (1 - q) w_upper,  q = 1/2, with the normalised firing of the lower and of the upper sets. With
+uncertainty 0, both sets coincide and the network is of type 1.
+
+The feedback e(t) is the error of the output one loop delay earlier. Each rule therefore has a trace, its firing lagged
+by about that delay, and the consequents are updated by the traces:
+
+    trace' = (w - trace) / lag,   f' = eta e trace / (trace . trace)
+
+The lagged output f . trace then changes at the rate eta e for any number of firing rules. f stays within its bound.
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 from math import isnan, radians, sqrt
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.kinematic import Kinematic
+from agrobot_mj.control.t2fnn_laws import membership, normalised
 from agrobot_mj.core.geometry import to_heading
-from agrobot_mj.core.signals import Column, Command
-from agrobot_mj.core.spec import Positive
+from agrobot_mj.core.signals import Array, Column, Command
+from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
-from agrobot_mj.extensions.learners.path_network import PathInput, PathNetwork, PathNetworkState
+
+Q = 0.5
+"""Fraction of the lower firing in the output [-]."""
+LEAST_TRACE = 0.01
+"""Minimum of trace . trace in the update, while the trace builds up [-]; N equal rules give 1/N."""
+
+
+class PathInput(NamedTuple):
+    """Inputs from the path and the ground."""
+
+    curvature: float
+    """Curvature of the path ahead, left positive [1/m]."""
+    speed: float
+    """Speed of the reference [m/s]."""
+    roll: float = 0.0
+    """Roll of the ground, left side up positive [rad]."""
+
+
+class PathNetworkState(NamedTuple):
+    """Learned consequents of the network and traces of its rules."""
+
+    f: Array
+    """Consequents, curvature as the slowest and roll as the fastest index, shape (rules,) [unit of the output]."""
+    trace: Array
+    """Lagged firing of the rules, shape (rules,) [-]."""
+
+
+class PathNetwork(Spec):
+    """Fixed interval type-2 sets over curvature, speed and roll, with consequents learned from feedback."""
+
+    eta: NonNegative = 0.2
+    """Fraction of the feedback learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
+    trace_s: Positive = 0.4
+    """Lag of the trace: delay plus lag of the response to the output [s]. Assumed value (0.2-0.8)."""
+    uncertainty: float = Field(0.3, ge=0, lt=0.5)
+    """Relative difference of set widths from the distance of the centres [-]. Assumed value (0-0.49; then gaps)."""
+    curvature_sets: int = Field(11, ge=1, le=51)
+    """Number of curvature sets [-]. Assumed value (5-21): spacing 0.1 1/m."""
+    curvature_range_per_m: Positive = 0.5
+    """Absolute curvature of the outermost centres [1/m]. Assumed value (0.3-0.7): 2 m, below the tightest turn."""
+    speed_sets: int = Field(2, ge=1, le=21)
+    """Number of speed sets, from 0 upwards [-]. Assumed value (1-5)."""
+    speed_range_m_s: Positive = 3.0
+    """Speed of the last centre [m/s]. Assumed value (2-5)."""
+    roll_sets: int = Field(3, ge=1, le=21)
+    """Number of roll sets [-]. Assumed value (1-7); needs `sensors.imu.enabled`."""
+    roll_range_rad: Positive = 0.26
+    """Absolute roll of the outermost centres [rad]. Assumed value (0.1-0.4)."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Numbers of sets of curvature, speed and roll."""
+        return self.curvature_sets, self.speed_sets, self.roll_sets
+
+    def init(self) -> PathNetworkState:
+        """Return the state before learning, with zero consequents."""
+        rules = int(np.prod(self.shape))
+        return PathNetworkState(np.zeros(rules), np.zeros(rules))
+
+    def firing(self, x: PathInput) -> Array:
+        """Return the weight w of every rule in the output, shape (rules,)."""
+        lower, upper = np.ones(1), np.ones(1)
+        for value, sets in zip(x, _sets(self), strict=True):
+            inside = min(max(value, sets.centres[0]), sets.centres[-1])  # outside the range, the outermost sets apply
+            lower = np.outer(lower, membership(inside, sets.centres, sets.lower)).ravel()
+            upper = np.outer(upper, membership(inside, sets.centres, sets.upper)).ravel()
+        w: Array = Q * normalised(lower) + (1 - Q) * normalised(upper)
+        return w
+
+    def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
+        """Return the state with its trace after `dt` [s] with rule weights `w`."""
+        return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
+
+    def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
+        """Return the state with consequents updated by feedback `e` for `dt` [s], |f| <= `bound` [output unit]."""
+        step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
+        return state._replace(f=np.clip(state.f + step, -bound, bound))
+
+
+class Sets(NamedTuple):
+    """Fuzzy sets of one input of the network."""
+
+    centres: Array
+    """Centres of the sets [unit of the input]."""
+    lower: Array
+    """Widths of the lower sets [unit of the input]."""
+    upper: Array
+    """Widths of the upper sets [unit of the input]."""
+
+
+@lru_cache(maxsize=16)
+def _sets(network: PathNetwork) -> tuple[Sets, ...]:
+    curvature, speed, roll = network.curvature_range_per_m, network.speed_range_m_s, network.roll_range_rad
+    ranges = ((-curvature, curvature), (0.0, speed), (-roll, roll))
+    return tuple(_evenly(n, *span, network.uncertainty) for n, span in zip(network.shape, ranges, strict=True))
+
+
+def _evenly(n: int, low: float, high: float, uncertainty: float) -> Sets:
+    """Return n sets with centres from `low` to `high`; a single set, in the middle, always fires."""
+    centres = np.linspace(low, high, n) if n > 1 else np.array([(low + high) / 2])
+    distance = (high - low) / max(n - 1, 1)
+    return Sets(centres, np.full(n, (1 - uncertainty) * distance), np.full(n, (1 + uncertainty) * distance))
 
 
 class LearnedState(NamedTuple):

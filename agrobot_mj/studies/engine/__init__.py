@@ -1,8 +1,7 @@
 """Execution of studies: tasks are converted to rows, by processes or Dask, and resumed from the results folder."""
 
-from agrobot_mj.studies.engine.pool import spread
 from agrobot_mj.studies.engine.resume import RunTasks, about, study
 from agrobot_mj.studies.engine.tasks import Done, Row, Task, base_text, perform
-from agrobot_mj.studies.engine.workers import performing
+from agrobot_mj.studies.engine.workers import performing, spread
 
 __all__ = ["Done", "Row", "RunTasks", "Task", "about", "base_text", "perform", "performing", "spread", "study"]

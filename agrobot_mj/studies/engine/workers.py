@@ -5,18 +5,173 @@ folder with the copies of input files.
 """
 
 import logging
+import multiprocessing
+import os
+import signal
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import TYPE_CHECKING, TypeVar
 
 from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.core.identity import code_text, differing
+from agrobot_mj.core.interrupts import deferring, held_back
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
-from agrobot_mj.studies.engine.pool import AHEAD, Pool, cores, stream
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
+
+AHEAD = 2
+"""Number of work items per worker in the queue: one running and one waiting, to bound memory without idle workers."""
+UNSTARTED = (
+    "no worker process can start because the import of the main program fails there; save the program as a file with "
+    'its code below `if __name__ == "__main__":`, or use one job'
+)
+Work = TypeVar("Work")
+Result = TypeVar("Result")
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Pool:
+    """Pool of worker processes that end with the block. A pool of one worker uses this process.
+
+    Workers load the plugins of this process, and exit if it is killed. Their temporary files are deleted at the end.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._executor: ProcessPoolExecutor | None = None
+
+    def __enter__(self) -> "Pool":
+        self._scratch = TemporaryDirectory(prefix="agrobot-mj-", ignore_cleanup_errors=True)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._end(kind is not None)
+        self._scratch.cleanup()
+
+    def spread(
+        self, function: Callable[[Work], Result], todo: Iterable[Work], died: Callable[[Work], Result] | None = None
+    ) -> Iterator[tuple[Work, Result]]:
+        """Yield each work item with its result, in order of completion.
+
+        If a worker dies, the others are terminated and the items in progress are repeated one by one. If an item kills
+        its worker again, its result is `died(work)`; without `died`, `BrokenProcessPool` is raised. Raises
+        `ScenarioError` if no worker can start.
+        """
+        if self.workers <= 1:
+            for work in todo:
+                with deferring():  # signals take effect between two ticks or after the work
+                    result = function(work)
+                yield work, result
+            return
+        todo, suspects = iter(todo), list[Work]()
+        while True:
+            self._executor = self._executor or _executor(self.workers, self._scratch.name)
+            for work, future in stream(self._executor, function, todo, AHEAD * self.workers):
+                if isinstance(future.exception(), BrokenProcessPool):
+                    suspects.append(work)
+                else:
+                    yield work, future.result()
+            if not suspects:
+                return
+            self._end(at_once=True)
+            for work in suspects:
+                yield work, self._alone(function, work, died)
+            suspects = []
+
+    def _alone(self, function: Callable[[Work], Result], work: Work, died: Callable[[Work], Result] | None) -> Result:
+        executor = _executor(1, self._scratch.name)
+        try:
+            with held_back():
+                started = executor.submit(os.getpid)
+            if isinstance(started.exception(), BrokenProcessPool):
+                raise ScenarioError(UNSTARTED)
+            return executor.submit(function, work).result()
+        except BrokenProcessPool:
+            if died is None:
+                raise
+            return died(work)
+        finally:
+            _stop(executor, at_once=True)
+
+    def _end(self, at_once: bool) -> None:
+        executor, self._executor = self._executor, None
+        if executor:
+            _stop(executor, at_once)
+
+
+def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
+    """Yield each work item with its result as `Pool.spread`, with a temporary pool of worker processes."""
+    with Pool(workers) as pool:
+        yield from pool.spread(function, todo)
+
+
+def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
+    context, known = multiprocessing.get_context("spawn"), (loaded_files(), scratch)
+    try:
+        return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
+    except OSError as error:  # raised by the semaphores of the queues
+        text = f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable"
+        raise ScenarioError(f"{text}, or use one job") from error
+
+
+def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
+    for process in list((executor._processes or {}).values()) if at_once else ():
+        process.terminate()
+    executor.shutdown(wait=True, cancel_futures=at_once)
+
+
+def stream(
+    executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
+) -> "Iterator[tuple[Work, Future[Result]]]":
+    """Yield each work item with its completed future; at most `window` items are submitted at a time."""
+    running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
+    while running:
+        for future in wait(running, return_when=FIRST_COMPLETED).done:
+            yield running.pop(future), future
+            if not isinstance(future.exception(), BrokenProcessPool):
+                running |= {_handed_out(executor, function, work): work for work in islice(todo, 1)}
+
+
+def _handed_out(executor: Executor, function: Callable[[Work], Result], work: Work) -> "Future[Result]":
+    try:
+        with held_back():  # a signal would interrupt the message to a starting worker
+            return executor.submit(function, work)
+    except BrokenProcessPool as error:
+        refused: Future[Result] = Future()
+        refused.set_exception(error)
+        return refused
+
+
+def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
+    tempfile.tempdir = scratch
+    _leave_signals_to_the_parent()
+    load_plugins(plugins)
+
+
+def _leave_signals_to_the_parent() -> None:
+    """Ignore Ctrl-C in a worker, because the parent ends its workers; exit if the parent is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    Thread(target=_end_with_the_parent, daemon=True).start()
+
+
+def _end_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -3,7 +3,7 @@
 import pytest
 
 from agrobot_mj.core.resources import machine_files
-from agrobot_mj.extensions.bench.basis import SAYS, bases, basis_of, comments
+from agrobot_mj.extensions.bench.datasheet import SAYS, bases, basis_of, comments
 from agrobot_mj.scenario.loading import load_scenario
 
 FILE = """title = "One"

@@ -10,8 +10,7 @@ from agrobot_mj import load_scenario
 from agrobot_mj.control import Kinematic, Pd, Situation
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Estimate
-from agrobot_mj.extensions.learners.learned_feedforward import LearnedFeedforward, LearnedState
-from agrobot_mj.extensions.learners.path_network import PathNetwork
+from agrobot_mj.extensions.learners.learned_feedforward import LearnedFeedforward, LearnedState, PathNetwork
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.paths import Circle
 from agrobot_mj.paths.route import SampledRoute

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.extensions.learners.path_network import PathInput, PathNetwork
+from agrobot_mj.extensions.learners.learned_feedforward import PathInput, PathNetwork
 
 DT = 0.05
 

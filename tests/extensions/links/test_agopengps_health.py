@@ -16,8 +16,7 @@ from agrobot_mj.core.agopengps.traffic import Datagram
 from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.links.agopengps.link import link, run_link
-from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard
+from agrobot_mj.extensions.links.agopengps.link import health, link, positions_since_heard, run_link
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.scenario.loading import load_scenario

@@ -21,8 +21,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 from agrobot_mj import Simulation  # noqa: E402
 from agrobot_mj.core.errors import ScenarioError  # noqa: E402
 from agrobot_mj.extensions.links.gym import ENV_ID  # noqa: E402
-from agrobot_mj.extensions.links.gym.env import FollowPath  # noqa: E402
-from agrobot_mj.extensions.links.gym.vector import FollowPathVector  # noqa: E402
+from agrobot_mj.extensions.links.gym.env import FollowPath, FollowPathVector  # noqa: E402
 from agrobot_mj.plants import BicyclePlant  # noqa: E402
 
 ROOT = Path(__file__).parents[3]

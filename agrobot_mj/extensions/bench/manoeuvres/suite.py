@@ -3,39 +3,13 @@
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from math import isfinite
 from pathlib import Path
 from textwrap import dedent
 
 from agrobot_mj.core.identity import code_text
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.extensions.bench.manoeuvres import (
-    antenna_lean,
-    braking,
-    closed_motions,
-    coasting,
-    convergence,
-    cornering,
-    energy,
-    filters,
-    implements,
-    kingpins,
-    loads,
-    machines,
-    parked_across,
-    parking,
-    references,
-    ruts,
-    side_slope,
-    size,
-    sliding,
-    soak,
-    standing,
-    steering,
-    step_steer,
-    tipping,
-    vibration,
-)
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, About, Check, Run, Trial
 from agrobot_mj.extensions.bench.manoeuvres.figures import write_figures
 from agrobot_mj.simulation.results import atomic, results, write_json
@@ -131,32 +105,16 @@ def number(value: float) -> str:
     return f"< {NEGLIGIBLE:g}"
 
 
+MODULES = (
+    *("parking", "braking", "parked_across", "standing", "loads", "tipping", "coasting", "side_slope", "size"),
+    *("antenna_lean", "machines", "cornering", "step_steer", "steering", "kingpins", "sliding", "ruts", "vibration"),
+    *("implements", "closed_motions", "energy", "convergence", "filters", "references", "soak"),
+)
+"""Modules of the manoeuvres, in the order of the page."""
+NAMES = {"braking": "brake", "size": "machine size", "cornering": "constant radius", "references": "outside references"}
+"""Names of manoeuvres that differ from the names of their modules."""
 MANOEUVRES: dict[str, Run] = {
-    "parking": parking.run,
-    "brake": braking.run,
-    "parked across": parked_across.run,
-    "standing": standing.run,
-    "loads": loads.run,
-    "tipping": tipping.run,
-    "coasting": coasting.run,
-    "side slope": side_slope.run,
-    "machine size": size.run,
-    "antenna lean": antenna_lean.run,
-    "machines": machines.run,
-    "constant radius": cornering.run,
-    "step steer": step_steer.run,
-    "steering": steering.run,
-    "kingpins": kingpins.run,
-    "sliding": sliding.run,
-    "ruts": ruts.run,
-    "vibration": vibration.run,
-    "implements": implements.run,
-    "closed motions": closed_motions.run,
-    "energy": energy.run,
-    "convergence": convergence.run,
-    "filters": filters.run,
-    "outside references": references.run,
-    "soak": soak.run,
+    NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }
 
 FILES = ("validation.json", "validation.md", "images/")

@@ -4,7 +4,7 @@
     >>> import agrobot_mj.extensions.links.gym  # registers the environment
     >>> env = gymnasium.make("agrobot_mj/FollowPath-v1", scenario="side_slope", render_mode="rgb_array")
 
-`gymnasium.make_vec` creates several environments (`vector.FollowPathVector`). See docs/extensions/links/gym.md.
+`gymnasium.make_vec` creates several environments (`env.FollowPathVector`). See docs/extensions/links/gym.md.
 """
 
 try:
@@ -22,7 +22,7 @@ def register_env() -> None:
         gymnasium.register(
             ENV_ID,
             entry_point="agrobot_mj.extensions.links.gym.env:FollowPath",
-            vector_entry_point="agrobot_mj.extensions.links.gym.vector:FollowPathVector",
+            vector_entry_point="agrobot_mj.extensions.links.gym.env:FollowPathVector",
         )
 
 

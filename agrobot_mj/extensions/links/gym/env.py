@@ -11,10 +11,16 @@ reward per tick is 1 on the path at the reference speed and 0 at standstill.
 The episode terminates if the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), if the tractor is farther
 than `max_offset_m` from the path (`off_path`), or if the reference is farther than `max_lag_m` ahead along the path
 (`lagging`). The episode is truncated at the end of the scenario, `completed` or `unfinished`.
+
+Vector environment with several tractors in one process: `FollowPathVector`.
+
+The tractors are stepped in sequence: a tick is mostly Python code, so threads give no speed-up. To use several cores,
+choose gymnasium's processes (`vectorization_mode="async"`) or, better, one process per episode.
 """
 
 from collections.abc import Mapping
 from copy import deepcopy
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -22,13 +28,47 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from numpy.random import Generator
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.interrupts import held_back
 from agrobot_mj.core.signals import TICK_S, Array
-from agrobot_mj.extensions.links.gym import observation, randomisation
+from agrobot_mj.extensions.links.gym import observation
 from agrobot_mj.extensions.links.gym.observation import Moment, Vector
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
+
+Range = tuple[float, float] | list[Any]
+"""Pair (low, high) of a uniform distribution, over integers if both are integers, or a list of values."""
+SEEDS = 2**31
+"""Number of seeds from which episodes are sampled."""
+
+
+def check_ranges(ranges: Mapping[str, Range]) -> None:
+    """Raise `ScenarioError` unless every value is a range or a list of values."""
+    for key, values in ranges.items():
+        if key == "seed":
+            raise ScenarioError("randomise: seed: the seed differs in every episode; omit this key")
+        pair = isinstance(values, tuple) and len(values) == 2 and all(isinstance(v, int | float) for v in values)
+        if not (pair and values[0] <= values[1]) and not (isinstance(values, list) and values):
+            raise ScenarioError(
+                f"randomise: {key}: must be (low, high) for a range or a list of values to choose from, got {values!r}"
+            )
+
+
+def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
+    """Return sampled overrides for one episode, in the order of the ranges, including the seed."""
+    drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
+    for key, values in ranges.items():
+        if isinstance(values, list):
+            drawn[key] = values[int(generator.integers(len(values)))]
+        elif all(isinstance(value, int) for value in values):
+            drawn[key] = int(generator.integers(int(values[0]), int(values[1]), endpoint=True))
+        else:
+            drawn[key] = float(generator.uniform(*values))
+    return drawn
+
 
 SHARP_M = 0.2
 """Cross-track error that halves the reward [m]. An error of 2 cm, the receiver noise, costs 1 %."""
@@ -60,7 +100,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         terrain: str | None = None,
         *,
         overrides: Mapping[str, Any] | None = None,
-        randomise: Mapping[str, randomisation.Range] | None = None,
+        randomise: Mapping[str, Range] | None = None,
         speed: bool = False,
         privileged: bool = False,
         preview_m: tuple[float, ...] = PREVIEW_M,
@@ -80,9 +120,9 @@ class FollowPath(gymnasium.Env[Any, Any]):
         given = {key: kind for key, kind in kinds.items() if kind is not None}
         self.scenario = load_scenario(scenario, {**given, **(overrides or {})})
         self.randomise = dict(randomise or {})
-        randomisation.check(self.randomise)
+        check_ranges(self.randomise)
         # Every randomised key is applied once, so that an invalid key raises an error here and not in a later episode.
-        self.scenario.changed(randomisation.draw(self.randomise, np.random.default_rng(0)))
+        self.scenario.changed(draw(self.randomise, np.random.default_rng(0)))
         self.max_offset_m, self.max_lag_m = max_offset_m, max_lag_m
         self.render_mode, self.image_size = render_mode, image_size
         self._seen = tuple(preview_m), self.scenario.sensors.imu.enabled, privileged
@@ -101,7 +141,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         """
         with held_back():
             super().reset(seed=seed)
-            drawn = randomisation.draw(self.randomise, self.np_random)
+            drawn = draw(self.randomise, self.np_random)
             drawn |= (options or {}).get("overrides", {})
             sim = self.sim = Simulation(self.scenario, drawn)
             sim.reset()
@@ -201,3 +241,25 @@ class FollowPath(gymnasium.Env[Any, Any]):
         if self._camera is not None:
             self._camera.close()
             self._camera = None
+
+
+class FollowPathVector(SyncVectorEnv):
+    """Vector environment of `num_envs` tractors; keywords as in `FollowPath`. Signals interrupt only between ticks."""
+
+    def __init__(
+        self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
+    ) -> None:
+        super().__init__([partial(FollowPath, **keywords)] * num_envs, autoreset_mode=autoreset_mode)
+
+    def __copy__(self) -> "FollowPathVector":
+        return deepcopy(self)
+
+    def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
+        """Start new episodes. `seed` is that of the first tractor, or a list; `options` as in `FollowPath.reset`."""
+        with held_back():
+            return super().reset(seed=seed, options=options)
+
+    def step(self, actions: Any) -> Any:
+        """Advance all tractors by one tick."""
+        with held_back():
+            return super().step(actions)
