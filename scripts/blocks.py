@@ -13,7 +13,6 @@ def page(name: str, docs: Path = DOCS) -> Path:
 
 
 def block(text: str, name: str) -> str:
-    """Return the content of a block."""
     return _found(text, name).group(1)
 
 

@@ -84,7 +84,6 @@ def works(programs: Path, folder: Path) -> None:
 
 
 def must_exist(folder: Path, *names: str) -> None:
-    """Raise `RuntimeError` for the first missing file."""
     for name in names:
         if not (folder / name).is_file():
             raise RuntimeError(f"{name}: is missing")
@@ -110,7 +109,6 @@ def works_without_a_cache(programs: Path, folder: Path) -> None:
 
 
 def files(programs: Path) -> dict[str, bytes]:
-    """Return the installed files of the package, without files added by the installer."""
     (site,) = (programs.parent / "lib").glob("python*/site-packages")
     found = (file for file in (site / "agrobot_mj").rglob("*") if file.is_file() and "__pycache__" not in file.parts)
     return {str(file.relative_to(site)): file.read_bytes() for file in found}

@@ -38,7 +38,6 @@ def _axis(half: float = HALF_WIDTH_M) -> Array:
 
 
 def _heights(heights: Array, folder: Path, name: str) -> Keys:
-    """Return the overrides for a terrain with these heights."""
     np.save(folder / name, heights)
     return {"kind": "heightmap", "file": str(folder / name), "spacing_m": SPACING_M}
 

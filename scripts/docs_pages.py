@@ -66,7 +66,6 @@ def _table(place: TableClass) -> list[str]:
 
 
 def _cell(text: str) -> str:
-    """Return text escaped for a table cell."""
     line = " ".join(text.split())
     lead = " " if text.startswith(" ") else ""
     return lead + line.replace("<", "&lt;")

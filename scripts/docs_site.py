@@ -81,7 +81,6 @@ def moved(source: str) -> str:
 
 
 def notebook(text: str) -> str:
-    """Return the cells of a notebook as Markdown."""
     cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
     return "\n\n".join(f"```python\n{source}\n```" if kind == "code" else source for kind, source in cells)
 
@@ -115,7 +114,6 @@ def target_of(link: str, page: str) -> str:
 
 
 def absent(path: str) -> bool:
-    """Return whether a path belongs to a missing extension."""
     parts = Path(path).parts
     return parts[:2] == ("docs", "extensions") and not (ROOT / "agrobot_mj" / Path(*parts[1:3])).is_dir()
 

@@ -10,7 +10,6 @@ ORIGIN = "Written by `make reference` from plants/mujoco/bodywork.py."
 
 
 def files() -> dict[Path, str]:
-    """Return the content of each file."""
     texts = {body: "\n".join(map(geom, drawn)) for body, drawn in bodies(COMPACT).items()}
     head, foot = f"<mujocoinclude>\n  <!-- {ORIGIN} -->", "</mujocoinclude>\n"
     return {FOLDER / f"{body}.xml": f"{head}\n{text}\n{foot}" for body, text in texts.items()}

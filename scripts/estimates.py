@@ -1,14 +1,14 @@
 """Means over seeds with confidence intervals and the number of failed runs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import exp, isfinite, log, nan
+from math import exp, inf, isfinite, log, nan
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.stats import bootstrap, t
 
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import has_errors
-from agrobot_mj.studies.statistics import student_interval
 
 Row = Mapping[str, Any]
 Value = Callable[[Any], float]
@@ -33,21 +33,35 @@ class Estimate(NamedTuple):
         return self._marked(f"{mean} ({low} to {high})" if self.n > 1 else mean)
 
     def short(self, digits: int = 2) -> str:
-        """Return the mean and the number of failed seeds."""
         return self._marked(f"{self.mean:.{digits}f}")
 
     def below(self, limit: float) -> bool:
-        """Return whether the interval is below a limit and no seed failed."""
         return not self.failed and self.high < limit
 
     def above(self, limit: float) -> bool:
-        """Return whether the interval is above a limit and no seed failed."""
         return not self.failed and self.low > limit
 
     def _marked(self, text: str) -> str:
         if not self.n:
             return "failed" if self.failed else "-"
         return f"{text}, {self.failed} of {self.n + self.failed} failed" if self.failed else text
+
+
+def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
+    """Return the two-sided interval of the mean of normally distributed values; infinite for fewer than two values."""
+    n = len(values)
+    if n < 2:
+        return -inf, inf
+    mean, half = np.mean(values), t.ppf((1.0 + confidence) / 2.0, n - 1) * np.std(values, ddof=1) / np.sqrt(n)
+    return float(mean - half), float(mean + half)
+
+
+def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Return the two-sided 95 % bootstrap interval of the mean, reproducible for the same values."""
+    if len(values) < 2:
+        return (float(values[0]),) * 2 if len(values) else (nan, nan)
+    found = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=0).confidence_interval
+    return float(found.low), float(found.high)
 
 
 def estimate(
@@ -60,7 +74,6 @@ def estimate(
 
 
 def select(rows: Iterable[Any], **wanted: Any) -> list[Any]:
-    """Return the rows with the given values."""
     return [row for row in rows if all(row.get(name) == value for name, value in wanted.items())]
 
 
@@ -81,7 +94,6 @@ def by_law(rows: Iterable[Row], value: Value) -> dict[str, dict[int, float]]:
 
 
 def mean(rows: Iterable[Row], value: Value) -> Estimate:
-    """Return the mean and interval of a value over the seeds."""
     return estimate(by_seed(rows, value).values())
 
 

@@ -44,7 +44,6 @@ IMPLEMENT_HEADS = ("implement", "rms [m]", "p95 [m]", "mean, left + [cm]", "pull
 
 
 def runs_of(scenario: Scenario) -> dict[str, Log]:
-    """Return the logs of a scenario by controller."""
     if not isinstance(scenario.guidance, CascadeLaw):
         return {scenario.guidance.kind: run(scenario)}  # law without yaw controller
     kinds = CONTROLLERS if scenario.controller.kind in CONTROLLERS else (scenario.controller.kind,)
@@ -60,7 +59,6 @@ def shows(name: str) -> str:
 
 
 def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
-    """Draw map and lateral error next to each other."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE_IN, layout="constrained")
         FigureCanvasAgg(figure)
@@ -125,7 +123,6 @@ def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) 
 
 
 def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """Draw the lateral error over time, and the time windows of the faults."""
     end = max(log.column("t")[-1] for log in logs.values())
     for k, fault in enumerate(scenario.fault):
         window = (fault.start_s, end if fault.end_s is None else fault.end_s)
@@ -138,7 +135,6 @@ def draw_error(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 
 def section(name: str, logs: dict[str, Log]) -> str:
-    """Return the section of a scenario as Markdown."""
     picture = f"![Map and lateral error of {name}](../images/scenarios/{name}.png)"
     return "\n".join([f"## `{name}`", "", shows(name), "", picture, *passes(logs), *implements(logs), ""])
 
@@ -174,7 +170,6 @@ def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]
 
 
 def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> tuple[str, ...]:
-    """Return the cells of a scenario in the overview table."""
     found = [(law_name(kind), log.metrics["lateral_abs_p95"]) for kind, log in logs.items()]
     errors = ", ".join(f"{law} {p95:.2f}" for law, p95 in found if p95 is not None)
     return f"[`{name}`](#{name})", scenario.title, scenario.expected_outcome.replace("_", " "), errors or "-"

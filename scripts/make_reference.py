@@ -73,12 +73,10 @@ def reference() -> str:
 
 
 def _ours(kind: type) -> bool:
-    """Return whether a class belongs to the package."""
     return kind.__module__.startswith("agrobot_mj.")
 
 
 def _all_on(part: Any) -> Any:
-    """Return a sensor with all parts enabled."""
     inner = {name: _all_on(value) for name, value in part if isinstance(value, Spec)}
     return part.model_copy(update=inner | ({"enabled": True} if "enabled" in type(part).model_fields else {}))
 
@@ -127,7 +125,6 @@ def numbers_in(text: str) -> dict[str, list[Number]]:
 
 
 def with_numbers(text: str) -> str:
-    """Return the page with updated tables of numbers."""
     for name, found in numbers_in(text).items():
         several = len({number.kind for number in found}) > 1
         heads = ("kind",) * several + ("key", "default", "unit", "range and source")
@@ -184,7 +181,6 @@ def faults_table() -> str:
 
 
 def _key(place: TableClass, key: str) -> str:
-    """Return a key as text, with its description if the default is not a number."""
     doc, default = document(place, key), getattr(place.default, key, 0.0)
     what = re.split(r"(?<=\.) ", " ".join(doc.text.replace("`", '"').split()), maxsplit=1)[0].rstrip(".")
     return f"`{key}`" if isinstance(default, int | float) else f"`{key}` ({what[0].lower()}{what[1:]})"
@@ -225,7 +221,6 @@ TABLES_OF = {
 
 
 def with_tables(page: str, text: str) -> str:
-    """Return the page with updated tables of kinds, faults and sweeps."""
     return reduce(lambda whole, name: put(whole, name, TABLES_OF[page][name]()), TABLES_OF[page], text)
 
 

@@ -29,7 +29,6 @@ IMAGES, PAGE = DOCS / "images", page("recordings")
 
 
 def main() -> int:
-    """Render all images, or the images of the given parts; return the exit status."""
     parts: dict[str, Callable[[Path], None]] = {"tabs": tabs, "comparison": comparison, "gallery": gallery}
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -43,7 +42,6 @@ def main() -> int:
 
 
 def tabs(folder: Path) -> None:
-    """Render all tabs of the recordings in docs/recordings.md."""
     for name, t in PLAN["tabs"].items():
         file = folder / f"{name}.rrd"
         run(load_scenario(name), (Recording(file),))
@@ -51,7 +49,6 @@ def tabs(folder: Path) -> None:
 
 
 def comparison(folder: Path) -> None:
-    """Render a comparison of both plants with and without network."""
     name, overrides = COMPARED
     logs = [
         (f"{plant}-{kind}", run(load_scenario(name, {**overrides, "plant.kind": plant, "controller.kind": kind})))

@@ -18,7 +18,6 @@ PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
 
 
 def main(arguments: list[str]) -> None:
-    """Write the requested parts, each when complete."""
     verb, *options = arguments or [""]
     if verb not in PAGES:
         raise SystemExit(f"python scripts/pages.py PAGE, one of {', '.join(PAGES)}")

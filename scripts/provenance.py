@@ -62,7 +62,6 @@ def checked(page: str) -> str:
 
 
 def statements(page: str) -> dict[str, str]:
-    """Return the content of the provenance blocks of a page, by name."""
     return {found["name"]: found["text"] for found in BLOCK.finditer(page)}
 
 

@@ -59,7 +59,6 @@ class ErrorTrace(NamedTuple):
 
 
 def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -> RecordedDrive:
-    """Simulate a scenario and return the truth."""
     loop, truths = Loop(load_scenario(name, {**SENSORS, **overrides, "duration_s": duration})), []
     for _ in range(loop.scenario.ticks):
         truths.append(loop.truth)
@@ -68,7 +67,6 @@ def record(name: str, overrides: dict[str, Any], duration: float = DURATION_S) -
 
 
 def nominal(t: float) -> Conditions:
-    """Return conditions without faults."""
     return NOMINAL
 
 
@@ -135,7 +133,6 @@ def late(seconds: float) -> Day:
 
 
 def rms(values: Array) -> float:
-    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -162,7 +159,6 @@ class End(NamedTuple):
 
 
 def whole(trace: ErrorTrace) -> Whole:
-    """Return the results of a replay without outage."""
     counts = trace.t > BEGIN_S
     angles = (degrees(rms(values[counts])) for values in (trace.heading, trace.course, trace.yaw_rate))
     nees, nis, heading_nees = (float(np.nanmean(v[counts])) for v in (trace.nees, trace.nis, trace.heading_nees))

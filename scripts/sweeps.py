@@ -34,12 +34,10 @@ Blocks = dict[str, str]
 
 
 def shipped(name: str) -> dict[str, Any]:
-    """Return the content of a shipped sweep file."""
     return tomllib.loads(sweep_files()[name].read_text("utf-8"))
 
 
 def variants(name: str) -> dict[str, dict[str, Any]]:
-    """Return the overrides of the variants of a sweep by name."""
     return {each["name"]: each["set"] for each in shipped(name)["variant"]}
 
 
@@ -99,7 +97,6 @@ class Study:
         return [json.loads(file.read_text("utf-8")) for file in files] if all(map(Path.exists, files)) else []
 
     def kept(self, name: str, row: Row) -> "KeptRun":
-        """Return a run of a sweep that keeps signals."""
         return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
 
     def write(self, part: str, blocks: Blocks) -> None:
@@ -116,7 +113,6 @@ class Study:
             raise SystemExit(f"{self.pages[0]}: blocks are gone: {', '.join(lost)}")
 
     def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
-        """Return the file of a sweep: the shipped file or a changed copy."""
         if not (changes or self.trial or self.seeds or self.variants):
             return source
         content = shipped(source) | changes
@@ -144,7 +140,6 @@ class KeptRun:
         self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")
 
     def column(self, name: str) -> np.ndarray:
-        """Return a signal, shape (ticks,); NaN if missing."""
         return pq.read_table(self.folder / "signals.parquet", columns=[name]).column(0).to_numpy()
 
 

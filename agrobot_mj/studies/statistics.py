@@ -1,8 +1,7 @@
-"""Confidence intervals for small samples: of a success rate, and of a mean."""
+"""Confidence intervals of a success rate for small samples."""
 
 from bisect import bisect_left
-from collections.abc import Sequence
-from math import inf, log, nan
+from math import log
 
 import numpy as np
 
@@ -59,24 +58,3 @@ def wilson_interval(successes: int, runs: int, confidence: float) -> tuple[float
 
     low, high = binomtest(successes, runs).proportion_ci(confidence, method="wilson")
     return float(low), float(high)
-
-
-def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
-    """Return the two-sided interval of the mean of normally distributed values; infinite for fewer than two values."""
-    from scipy.stats import t
-
-    n = len(values)
-    if n < 2:
-        return -inf, inf
-    mean, half = np.mean(values), t.ppf((1.0 + confidence) / 2.0, n - 1) * np.std(values, ddof=1) / np.sqrt(n)
-    return float(mean - half), float(mean + half)
-
-
-def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % bootstrap interval of the mean, reproducible for the same values."""
-    from scipy.stats import bootstrap
-
-    if len(values) < 2:
-        return (float(values[0]),) * 2 if len(values) else (nan, nan)
-    found = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=0).confidence_interval
-    return float(found.low), float(found.high)

@@ -25,7 +25,6 @@ def acquisition(study: Study) -> Blocks:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return a table with one row per law and speed; empty without runs."""
     best: dict[tuple[float, ...], float] = {}
     for begin, seconds in (pair for row in rows for pair in acquired(row).items()):
         best[begin] = min(seconds, best.get(begin, seconds))

@@ -37,7 +37,6 @@ the firmest soil for a robust law [-]."""
 
 
 def path_name(path: dict[str, Any]) -> str:
-    """Return the name of a figure eight with radius and speed."""
     return f"{path['radius_m']:g} m, {path['speed_m_s']:g} m/s"
 
 
@@ -100,7 +99,6 @@ class Claims:
         self.rows = rows
 
     def mean(self, value: Value, plant: str, law: str, study: str = "paper", x: Any = 0.0) -> Estimate:
-        """Return mean and interval of a value over the seeds."""
         return mean(self._runs(plant, law, study, x), value)
 
     def over(
@@ -139,18 +137,15 @@ class Judged(NamedTuple):
 
 
 def claims_table(rows: Sequence[Row]) -> str:
-    """Return a Markdown table of the claims."""
     lines = [(each.claim, f"**{each.verdict}**", each.network, each.null) for each in judged(Claims(rows))]
     return markdown_table(("claim", "verdict", "the paper's network", "baseline to beat"), lines)
 
 
 def judged(claims: Claims) -> list[Judged]:
-    """Return all claims in the order of the page."""
     return [judge(claims) for judge in (_better, _takes_over, _second_turn, _settles, _type_2, _soil)]
 
 
 def both(function: Callable[[str], Estimate]) -> str:
-    """Return an estimate on both plants as text."""
     return "; ".join(f"{plant} {function(plant).text()}" for plant in PLANTS)
 
 

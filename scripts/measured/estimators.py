@@ -16,7 +16,7 @@ from typing import Any
 import consistency as ground
 import numpy as np
 from consistency import CASES, DRIVES, SEEDS, drive, judged
-from estimates import estimate
+from estimates import bootstrap_interval, estimate
 from recorded_drives import (
     BEGIN_S,
     BIAS,
@@ -44,7 +44,6 @@ from sweeps import Blocks, KeptRun, Row, Study
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.studies.statistics import bootstrap_interval
 
 KINDS = (PAPER, UKF, BIAS, FULL)
 RECORDED, SEEDS_FULL, SEEDS_OTHER = 4, 20, 4
@@ -82,7 +81,6 @@ def short(value: float) -> str:
 
 
 def setting(key: str, value: float) -> str:
-    """Return the name of an estimator setting in the table."""
     return "compensated" if key == "terrain_compensation" else f"{key} {value:g}"
 
 

@@ -57,7 +57,6 @@ def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
 
 
 def shares(study: Study) -> Blocks:
-    """Return the importance of uncertain parameters, and copy the figures."""
     from agrobot_mj.extensions.search.importance import importance, importance_table, importance_text
 
     found = {}

@@ -38,7 +38,6 @@ def drive(pair: Pair) -> Row:
 
 
 def exceptions(study: Study) -> Blocks:
-    """Return a table with one row per scenario and outcome."""
     rows = study.done("machines", drive, [(machine, name) for name in scenario_files() for machine in machine_files()])
     groups: dict[Pair, list[str]] = defaultdict(list)
     for row in rows:

@@ -23,7 +23,6 @@ BARS = {
 
 
 def safety(study: Study) -> Blocks:
-    """Return all tables, without runs of the outcome `error`."""
     sane, failures = ([row for row in study.rows(name) if not row["error"]] for name in ("sane", "faults"))
     if not (sane and failures):
         return {}
@@ -31,7 +30,6 @@ def safety(study: Study) -> Blocks:
 
 
 def failure(row: Row) -> str:
-    """Return kind and keys of the fault of a run."""
     faults = json.loads(row["fault"]) if isinstance(row["fault"], str) else row["fault"]
     return " and ".join(map(_one, faults))
 
@@ -52,7 +50,6 @@ def beyond(row: Row) -> list[str]:
 
 
 def spread(values: Iterable[float | None]) -> str:
-    """Return median and maximum of the available values."""
     known = [value for value in values if value is not None]
     return f"{np.median(known):.2f} ({max(known):.2f})" if known else "-"
 

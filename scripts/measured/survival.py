@@ -116,7 +116,6 @@ def _without(rows: Sequence[Row]) -> str:
 
 
 def _cells(found: Sequence[Row], hard: Hardship) -> str:
-    """Return the limit under a condition and, if searched, without it."""
     if not found:
         return "-"
     sound = found[0].get("sound") or {}

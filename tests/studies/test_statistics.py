@@ -4,15 +4,10 @@ from math import inf, isnan
 
 import numpy as np
 import pytest
+from estimates import bootstrap_interval, student_interval
 from scipy.stats import ttest_1samp
 
-from agrobot_mj.studies.statistics import (
-    bootstrap_interval,
-    runs_needed,
-    sequential_interval,
-    student_interval,
-    wilson_interval,
-)
+from agrobot_mj.studies.statistics import runs_needed, sequential_interval, wilson_interval
 
 VALUES = [1.0, 1.3, 0.8, 1.1, 1.6]
 
