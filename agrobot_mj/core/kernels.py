@@ -9,8 +9,8 @@ classes are constants of the kernel, `tuple.__new__` creates the tuples, and the
 
 import os
 from collections.abc import Callable
-from functools import lru_cache
-from typing import Any, TypeVar, cast
+from functools import cache, lru_cache, wraps
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numba import config, njit, typeof, types
@@ -18,8 +18,9 @@ from numba.core import pythonapi, serialize
 from numba.core.boxing import box_tuple
 from numba.core.codegen import JITCodeLibrary
 from numba.core.types import containers
-from numba.extending import overload_method
+from numba.extending import overload_method, register_jitable
 
+from agrobot_mj.core import geometry
 from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 

@@ -99,6 +99,12 @@ def stamp(name: str) -> Stamp | None:
     return str(path), status.st_mtime_ns, status.st_ctime_ns, status.st_size
 
 
+def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
+    """Return the stamp of a file that fulfils the conditions of `checked`. Raise ValueError otherwise."""
+    path = checked(name, kinds, most_bytes)
+    return stamp(name) or refuse(path, "no longer exists; create it again")
+
+
 def absence(path: Path) -> str:
     """Return the reason why a path is not a regular file, as text; reading a device or a pipe would never end."""
     try:

@@ -25,19 +25,19 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, PrivateAttr
+from pydantic import Field
 
-from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
+from agrobot_mj.core.resources import Stamp, refuse
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 from agrobot_mj.paths.fillet import Rounding, rounded
+from agrobot_mj.paths.from_file import FromFile
 from agrobot_mj.paths.imports import Polyline, cleaned, local_shapes, read_shapes
 from agrobot_mj.paths.imports.cleaning import CLOSEST_M
-from agrobot_mj.paths.profile import Timed
 from agrobot_mj.paths.track import Course, checked_length, samples, through
 from agrobot_mj.paths.transition import Transitions
 
@@ -52,12 +52,6 @@ class Track(NamedTuple):
     """Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
     notes: tuple[str, ...]
     """Sentences about columns, shapes and points that were left out, and about a shift."""
-
-
-def stamp_of(name: str) -> Stamp:
-    """Return the stamp of the current file content. Raise ValueError if the file cannot contain waypoints."""
-    path = checked(name, (), MAX_BYTES)
-    return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
 @lru_cache(maxsize=8)
@@ -164,15 +158,14 @@ def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float
     return found
 
 
-class Waypoints(Transitions, Timed):
+class Waypoints(Transitions, FromFile):
     """Path through the waypoints of a file."""
 
     sized: ClassVar = {**Transitions.sized, "corner_radius_m": {"turn": 1}}
     radius_key: ClassVar = "corner_radius_m"
 
     kind: Literal["waypoints"] = "waypoints"
-    reads_file: ClassVar[bool] = True
-    """Always True: the course is read from a file."""
+    max_bytes: ClassVar[int] = MAX_BYTES
     file: str = "waypoints.csv"
     """File of positions: CSV with columns named x, y [m] or lat, lon [deg], and optionally speed [m/s]; KML, GeoJSON,
     GPX, a shapefile, or a file of an AgOpenGPS field."""
@@ -193,32 +186,13 @@ class Waypoints(Transitions, Timed):
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
     """Number of laps of a closed path [-]."""
 
-    _stamp: Stamp | None = PrivateAttr(default=None)
-    """Stamp of the file content from which the course was built."""
-
-    def model_post_init(self, context: Any, /) -> None:
-        """Record the stamp of the file without reading it; paths with equal keys and different content differ."""
-        self._stamp = stamp(self.file)
-
-    def check(self) -> None:
-        """Check the file before reading it, then build the course. Raise ValueError if it is invalid."""
-        try:
-            stamp_of(self.file)
-        except ValueError as error:
-            raise ValueError(f"file: {error}") from None
-        super().check()
-
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about what was changed in the file."""
         return (*self._track().notes, *_lap(self)[1])
 
     def _track(self) -> Track:
-        try:
-            self._stamp = self._stamp or stamp_of(self.file)
-            return track(self._stamp, self.crs, self.closed)
-        except ValueError as error:
-            raise ValueError(f"file: {error}") from None
+        return self.content(lambda content: track(content, self.crs, self.closed))
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:

@@ -1,22 +1,11 @@
 """Command that describes fields: `field show`."""
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from agrobot_mj.cli.options import Answer, Out, Quiet, results_folder, utf8
 from agrobot_mj.cli.panels import listed
-
-FieldFile = Annotated[
-    Path,
-    typer.Argument(metavar="FILE", help="Boundary (GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS)."),
-]
-Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if not named in the file.")]
-FieldName = Annotated[
-    str,
-    typer.Option("--field", metavar="NAME", help="Name of a field. Default: the largest."),
-]
+from agrobot_mj.extensions.fields.commands_drive import COMMANDS as FIELD_WORK
+from agrobot_mj.extensions.fields.options import Crs, FieldFile, FieldName
 
 MAP = "map.png"
 """File name of the map."""
@@ -50,5 +39,6 @@ COMMANDS = {
         "field show TASKDATA --field North --out runs/north",
         advanced=True,
     ),
+    **FIELD_WORK,
 }
 """Commands of this extension."""

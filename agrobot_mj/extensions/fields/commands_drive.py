@@ -3,13 +3,30 @@
 import sys
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, finite, overrides, results_folder, utf8
+from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, overrides, results_folder, utf8
 from agrobot_mj.cli.panels import listed
-from agrobot_mj.extensions.fields.commands import Crs, FieldFile, FieldName
+from agrobot_mj.extensions.fields.options import (
+    DEFAULT_WIDTH_M,
+    Angle,
+    Beyond,
+    Crs,
+    Delay,
+    FieldFile,
+    FieldName,
+    Headlands,
+    LookAhead,
+    Order,
+    PlanWidth,
+    Radius,
+    Sections,
+    Speed,
+    Turn,
+    Width,
+)
 
 if TYPE_CHECKING:
     from agrobot_mj.extensions.fields.field import Field
@@ -17,29 +34,14 @@ if TYPE_CHECKING:
     from agrobot_mj.extensions.fields.planner.rig import FieldMachine
     from agrobot_mj.scenario.schema import Scenario
 
-PAGE = "docs/extensions/fields/driving.md"
-Width = Annotated[float, typer.Option(min=0.3, max=60, callback=finite, help="Working width [m].")]
-Headlands = Annotated[int, typer.Option(min=0, max=20, help="Number of headland laps.")]
-Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"Preferred turn ({PAGE}).")]
-Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
-Angle = Annotated[
-    float | None,
-    typer.Option(metavar="DEG", callback=finite, help="Direction of the swaths, from east. Default: fewest swaths."),
-]
-Radius = Annotated[
-    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: from the machine.")
-]
-Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
-Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
-Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Switching delay of a section [s].")]
-LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]
 PLAN_FILES = ("plan.json", "plan.geojson", "plan.png")
 
 
 def field_plan(
     file: FieldFile,
-    width: Width = 3.0,
-    headlands: Headlands = 2,
+    width: Width = DEFAULT_WIDTH_M,
+    headlands: Headlands = None,
+    beyond: Beyond = 0.0,
     turn: Turn = "clothoid",
     order: Order = "boustrophedon",
     angle: Angle = None,
@@ -61,7 +63,7 @@ def field_plan(
 
     field = _field(file, crs, name, quiet)
     base, rig = _rig(field, width, turn, speed, radius, overrides(sets))
-    plan = _plan(field, rig, headlands, turn, order, angle, sections)
+    plan = _plan(field, rig, headlands, turn, order, angle, sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
         write_plan(folder, field, plan)
@@ -73,8 +75,9 @@ def field_plan(
 
 def field_run(
     file: FieldFile,
-    width: Width = 3.0,
-    headlands: Headlands = 2,
+    width: PlanWidth = None,
+    headlands: Headlands = None,
+    beyond: Beyond = 0.0,
     turn: Turn = "clothoid",
     order: Order = "boustrophedon",
     angle: Angle = None,
@@ -101,22 +104,23 @@ def field_run(
     """
     from agrobot_mj.extensions.fields.boom import Boom
     from agrobot_mj.extensions.fields.driving import FILES, drive
+    from agrobot_mj.extensions.fields.given_plan import given_plan, stored_plan
     from agrobot_mj.simulation.results import check_folder
     from agrobot_mj.simulation.storage import files_of_run
 
     given = overrides([*(sets or []), *([f"guidance.kind={guidance}"] if guidance else [])])
     field = _field(file, crs, name, quiet)
-    base, rig = _rig(field, width, turn, speed, radius, given)
+    stored = stored_plan(plan_file) if plan_file else None
+    worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
+    base, rig = _rig(field, worked, turn, speed, radius, given)
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
-        plan = _plan(field, rig, headlands, turn, order, angle, sections)
+        plan = _plan(field, rig, headlands, turn, order, angle, sections, beyond)
     else:
-        from agrobot_mj.extensions.fields.given_plan import given_plan
-
-        plan = given_plan(plan_file, field, rig, sections)
+        plan = given_plan(plan_file, stored, field, rig, sections)
     _warn(plan, quiet)
-    boom = Boom(width, sections, on_delay, off_delay, look_ahead, look_ahead)
+    boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
     return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet)
 
 
@@ -148,12 +152,19 @@ def _rig(
 
 
 def _plan(
-    field: "Field", rig: "FieldMachine", headlands: int, turn: Any, order: str, angle: float | None, sections: int
+    field: "Field",
+    rig: "FieldMachine",
+    headlands: int | None,
+    turn: Any,
+    order: str,
+    angle: float | None,
+    sections: int,
+    beyond: float,
 ) -> "Plan":
     from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 
     direction = None if angle is None else radians(angle)
-    return make_plan(field, rig, Options(headlands, turn, order, direction, sections))
+    return make_plan(field, rig, Options(headlands, turn, order, direction, sections, beyond))
 
 
 def _warn(plan: "Plan", quiet: bool) -> None:

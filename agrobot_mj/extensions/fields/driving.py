@@ -8,6 +8,7 @@ import numpy as np
 
 from agrobot_mj.cli.interrupts import stop_on_signals
 from agrobot_mj.cli.options import Answer, results_folder
+from agrobot_mj.cli.output import print_hints
 from agrobot_mj.cli.runs import answer
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import Boom
@@ -77,6 +78,7 @@ def drive(
             return drives[0]
 
         recording = WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage)
+        said = print_hints([scenario], quiet)
         watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *((recording,) if recorded else ()))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
             log = run(scenario, watchers, lambda: bool(stopped))
@@ -85,7 +87,7 @@ def drive(
             write_log(log, folder, recorded=recorded)
             track = np.column_stack([log.column("x"), log.column("y")])
             write_coverage(folder, field, drove, content, track)
-    found = answer(log, folder, [], [content["summary"]])
+    found = answer(log, folder, said, [content["summary"]])
     return found._replace(content={**found.content, "coverage": content})
 
 

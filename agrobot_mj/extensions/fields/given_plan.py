@@ -8,36 +8,67 @@ import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.resources import stamped
 from agrobot_mj.extensions.fields.field import Field, Leg
-from agrobot_mj.extensions.fields.plan import FORMAT, Plan, PlannedPass, plan_of, stamp_of
+from agrobot_mj.extensions.fields.plan import FORMAT, MAX_BYTES, SUFFIXES, Plan, PlannedPass, plan_of
 from agrobot_mj.extensions.fields.planner.area import area_of
 from agrobot_mj.extensions.fields.planner.laps import pieces_of, rounding
-from agrobot_mj.extensions.fields.planner.planning import leaving
+from agrobot_mj.extensions.fields.planner.leaving import LEAVES, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.extensions.fields.planner.words import FORWARD, REVERSING, connections, end_of, length_of, straight
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.fillet import rounded
 from agrobot_mj.paths.track import Piece
 
+SAME_M = 1e-6
+"""Tolerance of the working width [m]."""
 APART_M, APART_RAD = 0.05, 0.02
 """Distance [m] and change of heading [rad] above which the end of a leg is joined to the start of the next."""
 
 
-def given_plan(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the plan of a plan file or of polylines. Raise `ScenarioError` if it cannot be driven."""
-    if file.suffix == ".json" and FORMAT in file.read_text("utf-8", "replace")[:200]:
-        try:
-            return plan_of(stamp_of(str(file.absolute())))
-        except ValueError as error:
-            raise ScenarioError(f"--plan {error}") from None
+def stored_plan(file: Path) -> Plan | None:
+    """Return the plan of a file of `field plan`; None for another file. Raise `ScenarioError` if it is damaged."""
+    try:
+        if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
+            return None
+        return plan_of(stamped(str(file.absolute()), SUFFIXES, MAX_BYTES))
+    except OSError:
+        return None
+    except ValueError as error:
+        raise ScenarioError(f"--plan {error}") from None
+
+
+def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine, sections: int) -> Plan:
+    """Return the plan of a file, or of its polylines. Raise `ScenarioError` if it cannot be driven."""
+    plan = stored or _of_lines(file, field, rig, sections)
+    if stored is not None:
+        _check(stored, file.name, rig)
+    left = leaving(area_of(field, 0, rig), plan.start, plan.pieces, plan.passes)
+    known = [warning for warning in plan.warnings if not warning.startswith(LEAVES)]
+    return replace(plan, warnings=(*known, *left.warnings()))
+
+
+def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
+    """Raise `ScenarioError` if the plan has another width, or a bend that the machine cannot drive."""
+    if abs(plan.width - rig.width) > SAME_M:
+        raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for {plan.width:g} m; leave out --width")
+    place = plan.course.sharpest()
+    if (peak := float(plan.course.peaks.max())) * rig.tightest > 1.0:
+        raise ScenarioError(
+            f"--plan {name}: the bend of radius {1 / peak:.2f} m at ({place.x:.1f}, {place.y:.1f}) m is tighter than "
+            f"the machine turns ({rig.tightest:.2f} m); choose the --machine of the plan"
+        )
+
+
+def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
+    """Return the plan of a file with polylines. Raise `ScenarioError` if it cannot be driven."""
     from agrobot_mj.extensions.fields.reading import read_plan
 
     legs = read_plan(file, field)
     try:
-        plan = plan_of_legs(field.name, legs, rig, sections)
+        return plan_of_legs(field.name, legs, rig, sections)
     except ValueError as error:
         raise ScenarioError(f"--plan {file.name}: {error}") from None
-    return replace(plan, warnings=tuple(leaving(area_of(field, 0, rig), plan.start, plan.pieces)))
 
 
 def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:

@@ -12,13 +12,14 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from agrobot_mj.core.resources import Stamp, checked, refuse, stamp
+from agrobot_mj.core.resources import Stamp, refuse
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Course, Piece, chain
 
 FORMAT = "agrobot_mj plan 1"
 """First value of a plan file."""
-MAX_BYTES = 50_000_000
+SUFFIXES, MAX_BYTES = (".json",), 50_000_000
+"""Endings and maximum size [bytes] of a plan file."""
 Part = Literal["headland", "body"]
 
 
@@ -57,6 +58,8 @@ class Plan:
     """Direction of the swaths, counter-clockwise from east; None for a plan from a file [deg]."""
     headlands: int = 0
     """Number of headland laps; 0 for a plan from a file."""
+    margin: float = 0.0
+    """Width of the strip along the boundary that is not worked [m]."""
     warnings: tuple[str, ...] = ()
     """Places where the plan leaves the field or crosses worked ground."""
 
@@ -82,12 +85,6 @@ def to_json(plan: Plan) -> dict[str, Any]:
     content["pieces"] = [[None if not isfinite(value) else value for value in piece] for piece in plan.pieces]
     content["passes"] = [one._asdict() for one in plan.passes]
     return {"format": FORMAT, **content}
-
-
-def stamp_of(name: str) -> Stamp:
-    """Return the stamp of the file's current content. Raise ValueError if it cannot be a plan."""
-    path = checked(name, (".json",), MAX_BYTES)
-    return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
 @lru_cache(maxsize=4)
@@ -125,6 +122,7 @@ def _plan(found: Mapping[str, Any]) -> Plan:
         passes=passes,
         angle_deg=None if angle is None else float(angle),
         headlands=int(found.get("headlands", 0)),
+        margin=float(found.get("margin", 0.0)),
         warnings=tuple(map(str, found.get("warnings", ()))),
         **numbers,
     )

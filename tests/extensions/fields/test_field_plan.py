@@ -1,6 +1,7 @@
 """Plans: drivable courses that cover the field, and their files."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,12 @@ from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.resources import stamped
 from agrobot_mj.extensions.fields.coverage import areas
-from agrobot_mj.extensions.fields.plan import plan_of, stamp_of, to_json
+from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
-from agrobot_mj.extensions.fields.planner.area import area_of
+from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of
 from agrobot_mj.extensions.fields.planner.joins import join
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.words import end_of
@@ -61,8 +63,8 @@ def test_connection_to_a_distant_swath_goes_along_a_lap():
 
 
 def test_passes_are_counted_in_driving_order():
-    plan = make_plan(RECTANGLE, machine(), Options(headlands=2))
-    assert [one.part for one in plan.passes] == ["headland"] * 2 + ["body"] * 10
+    plan = make_plan(RECTANGLE, machine(), Options(headlands=3))
+    assert [one.part for one in plan.passes] == ["headland"] * 3 + ["body"] * 8
     ends = np.array([(one.start, one.end) for one in plan.passes]).ravel()
     assert np.all(np.diff(ends) > -1e-9)
     assert plan.angle_deg == 0.0
@@ -88,9 +90,36 @@ def test_sections_leave_less_overlap_at_oblique_ends():
     assert six["body"]["missed_m2"] < one["body"]["missed_m2"] + 0.1
 
 
-def test_plan_without_headlands_leaves_the_field():
-    plan = make_plan(RECTANGLE, machine(), Options(headlands=0))
-    assert any("leaves the field" in warning for warning in plan.warnings)
+@pytest.mark.parametrize(("field", "width"), [*((field, 3.0) for field in FIELDS), (SLANTED, 1.8), (L_SHAPE, 6.0)])
+def test_machine_stays_inside_on_default_headlands(field, width):
+    rig = machine(width)
+    plan = make_plan(field, rig, Options())
+    x, y, yaw = plan.course.divided().joints()
+    tractor, implement = area_of(field, 0, rig).outside(x, y, yaw).max(axis=1)
+    assert tractor <= TOLERANCE_M
+    assert implement <= SWING_M + TOLERANCE_M
+    assert (plan.headlands > 2) == any("headland laps instead of 2" in warning for warning in plan.warnings)
+
+
+@pytest.mark.parametrize("headlands", [0, 1, 2])
+def test_shallow_headland_is_refused_with_the_depth(headlands):
+    with pytest.raises(ScenarioError, match=f"--headlands {headlands}: .*use at least 3 laps \\(9 m\\)"):
+        make_plan(RECTANGLE, machine(), Options(headlands=headlands))
+
+
+def test_permitted_excursion_is_a_warning():
+    plan = make_plan(RECTANGLE, machine(), Options(headlands=1, beyond=4.0))
+    assert plan.headlands == 1
+    assert any("leaves the field by up to 3" in warning for warning in plan.warnings)
+
+
+def test_long_implement_keeps_a_margin_in_the_laps():
+    rig = replace(machine(4.0), behind=2.5)
+    plan = make_plan(RECTANGLE, rig, Options())
+    x, y, yaw = plan.course.divided().joints()
+    assert 0.05 < plan.margin < 0.5
+    assert any(f"keeps {plan.margin:.2f} m from the boundary" in warning for warning in plan.warnings)
+    assert area_of(RECTANGLE, 0, rig).excess(area_of(RECTANGLE, 0, rig).outside(x, y, yaw)).max() == 0.0
 
 
 def test_plan_with_headlands_around_a_hole_stays_inside():
@@ -112,7 +141,7 @@ def test_file_gives_the_same_plan(tmp_path):
     plan = make_plan(RECTANGLE, machine(), Options())
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(plan)))
-    assert plan_of(stamp_of(str(file))) == plan
+    assert plan_of(stamped(str(file), (), MAX_BYTES)) == plan
     path = FieldPlan(file=str(file), speed_m_s=2.0)
     path.check()
     assert path.motion.distances[-1] == pytest.approx(plan.length)

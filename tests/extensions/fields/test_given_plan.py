@@ -1,11 +1,17 @@
 """Plans of other programs: polylines become courses of the machine."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from field_shapes import machine
+from field_shapes import RECTANGLE, machine
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.field import Leg
-from agrobot_mj.extensions.fields.given_plan import plan_of_legs
+from agrobot_mj.extensions.fields.given_plan import given_plan, plan_of_legs, stored_plan
+from agrobot_mj.extensions.fields.plan import to_json
+from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 
 EAST = Leg(np.array([[10.0, 10.0], [40.0, 10.0]]))
 WEST = Leg(np.array([[40.0, 13.0], [10.0, 13.0]]))
@@ -46,6 +52,21 @@ def test_bend_too_tight_for_the_machine_is_named():
         r"machine",
     ):
         plan_of_legs("field", (EAST, sharp), machine(), 1)
+
+
+def test_stored_plan_of_a_nimbler_machine_is_an_error(tmp_path):
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(to_json(make_plan(RECTANGLE, machine(), Options()))))
+    slow = replace(machine(), tightest=9.0)
+    with pytest.raises(ScenarioError, match=r"--plan plan.json: the bend of radius .* is tighter than the machine"):
+        given_plan(file, stored_plan(file), RECTANGLE, slow, 1)
+
+
+def test_stored_plan_of_another_width_is_an_error(tmp_path):
+    file = tmp_path / "plan.json"
+    file.write_text(json.dumps(to_json(make_plan(RECTANGLE, machine(), Options()))))
+    with pytest.raises(ScenarioError, match=r"--width 4: the plan plan.json is for 3 m; leave out --width"):
+        given_plan(file, stored_plan(file), RECTANGLE, machine(4.0), 1)
 
 
 def test_plan_without_legs_is_an_error():

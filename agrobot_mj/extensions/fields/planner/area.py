@@ -18,7 +18,7 @@ from agrobot_mj.paths.track import Piece, chain
 TOLERANCE_M = 0.05
 """Distance beyond the boundary that is tolerated [m], for the rounding of corners and of coordinates."""
 SWING_M = 0.3
-"""Distance by which the raised implement may reach beyond the boundary in a turn [m]. Assumed value (0-0.5)."""
+"""Distance by which the ends of the implement may swing beyond the boundary [m]. Assumed value (0-0.5)."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Area:
     laps: tuple[Ring, ...]
     """Headland laps in driving order."""
     rig: FieldMachine
+    beyond: float = 0.0
+    """Distance beyond the boundary that is free of obstacles [m]."""
 
     @cached_property
     def _allowed(self) -> BaseGeometry:
@@ -55,16 +57,20 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return the distance beyond the boundary [m] and the length across the body [m] of a connection.
-
-        The raised implement may reach SWING_M beyond the boundary: its ends swing out where a turn begins.
-        """
+        """Return the excess distance beyond the boundary [m] and the length across the body [m] of a connection."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()
         across = shapely.LineString(np.column_stack([x, y])).intersection(self._inner_body).length
-        tractor, implement = self.outside(x, y, yaw).max(axis=1)
-        return float(max(tractor, implement - SWING_M, 0.0)), float(across)
+        return float(self.excess(self.outside(x, y, yaw)).max()), float(across)
+
+    def excess(self, outside: Array) -> Array:
+        """Return the distance beyond the boundary in excess of the tolerated distance, shape (n,) [m].
+
+        The ends of the implement may reach SWING_M further than the tractor: they swing out where a bend begins.
+        """
+        found = (outside - self.beyond - np.array([[0.0], [SWING_M]])).max(axis=0)
+        return np.where(found > TOLERANCE_M, found, 0.0)
 
 
 def whole_of(field: Field) -> BaseGeometry:
@@ -74,11 +80,11 @@ def whole_of(field: Field) -> BaseGeometry:
 
 def body_of(field: Field, plan: Plan) -> BaseGeometry:
     """Return the area inside the headland laps of a plan."""
-    return offset(whole_of(field), plan.headlands * plan.width)
+    return offset(whole_of(field), plan.margin + plan.headlands * plan.width)
 
 
-def area_of(field: Field, headlands: int, rig: FieldMachine) -> Area:
-    """Return the area of a field, divided into headland laps and body."""
+def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
+    """Return the area of a field, divided into a margin without work, headland laps and body."""
     whole = whole_of(field)
-    laps = tuple(smoothed(ring, rig) for ring in rings(whole, headlands, rig.width))
-    return Area(whole, offset(whole, headlands * rig.width), laps, rig)
+    laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, margin), headlands, rig.width))
+    return Area(whole, offset(whole, margin + headlands * rig.width), laps, rig, beyond)

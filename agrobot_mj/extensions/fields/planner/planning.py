@@ -4,34 +4,37 @@ Cells are driven nearest first. The plan is drivable and complete, but not optim
 """
 
 from collections.abc import Sequence
-from math import degrees, hypot, pi
+from functools import cached_property
+from math import ceil, degrees, hypot, pi
 from typing import NamedTuple
 
 import numpy as np
 import shapely
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
 from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area, area_of
 from agrobot_mj.extensions.fields.planner.joins import Shape, join
 from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of
+from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.extensions.fields.planner.swaths import Pattern, Swath, best_pattern, ordered, pattern
 from agrobot_mj.extensions.fields.planner.words import end_of, length_of, shortest_arcs, straight
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
-from agrobot_mj.paths.track import Piece, chain
+from agrobot_mj.paths.track import Piece
 
 LAP_STARTS = 24
 """Number of places along a ring where its lap may start."""
-WARNED_M = 0.1
-"""Distance beyond the boundary above which a place is reported [m]."""
+DEFAULT_HEADLANDS = 2
+"""Number of headland laps that are tried first."""
+TRIES = 6
+"""Number of attempts with more laps or a wider margin."""
+MARGIN_STEP_M = 0.02
+"""Width by which a margin exceeds the distance beyond the boundary that it prevents [m]."""
 CLOSE_M = 1e-3
 """Distance below which a pose counts as reached [m]."""
-PLACES_TOLD = 5
-"""Maximum number of places in a warning."""
 GOALS_TRIED = 6
 """Number of starts of the next work to which connections are planned, nearest first."""
 LEAST_AREA = 0.1
@@ -41,8 +44,8 @@ LEAST_AREA = 0.1
 class Options(NamedTuple):
     """Options of a plan."""
 
-    headlands: int = 2
-    """Number of headland laps."""
+    headlands: int | None = None
+    """Number of headland laps; None for two, or more if the turns need more depth."""
     turn: Shape = "clothoid"
     """Preferred turn between neighbouring swaths."""
     order: str = "boustrophedon"
@@ -51,6 +54,8 @@ class Options(NamedTuple):
     """Direction of the swaths, counter-clockwise from east; None for the direction with the fewest swaths [rad]."""
     sections: int = 1
     """Number of sections of the implement."""
+    beyond: float = 0.0
+    """Distance by which the machine may leave the field [m]."""
 
 
 class _Work:
@@ -64,6 +69,7 @@ class _Work:
         self.pose = Pose(0.0, 0.0, 0.0)
         self.distance = 0.0
         self.crossings: list[tuple[Pose, float]] = []
+        self.layout: Pattern | None = None
 
     def go(self, pieces: tuple[Piece, ...]) -> None:
         """Append segments."""
@@ -126,6 +132,7 @@ class _Work:
 
     def cells(self, layout: Pattern) -> None:
         """Append the swaths of all cells, the nearest cell first."""
+        self.layout = layout
         across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.width - 1e-9))
         left = list(layout.cells)
         while left:
@@ -136,6 +143,24 @@ class _Work:
             for number, index in enumerate(ordered(len(cell), self.options.order, across)):
                 self.swath(cell[index], layout, forth == (number % 2 == 0))
 
+    @cached_property
+    def leaving(self) -> Leaving:
+        """Places where the work leaves the field."""
+        return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
+
+    def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
+        """Return the completed plan; the notes precede its warnings."""
+        crossing = [
+            f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the body over {length:.0f} m"
+            for pose, length in self.crossings
+        ]
+        angle = None if self.layout is None else round(degrees(self.layout.angle), 4)
+        return Plan(
+            *(name, self.rig.width, self.rig.behind, self.start or self.pose, tuple(self.pieces), tuple(self.passes)),
+            *(self.rig.path.cusp_pause_s, angle, headlands, margin),
+            warnings=(*notes, *self.leaving.warnings(), *crossing),
+        )
+
 
 def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
     """Return the pose at the start of a swath."""
@@ -144,49 +169,54 @@ def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
 
 
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
-    """Return the plan of a field. Raise `ScenarioError` if there is none."""
-    area = area_of(field, options.headlands, rig)
-    work = _Work(area, options)
+    """Return the plan of a field. Raise `ScenarioError` if there is none that stays inside.
+
+    Without a given number of laps, laps are added until the turns stay inside. The outermost lap moves inwards where
+    the implement swings further beyond the boundary than tolerated.
+    """
+    first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
+    work = _work(field, rig, options, first)
+    found, count, margin = work.leaving, first, 0.0
+    worst = found
+    for _ in range(TRIES):
+        if not max(found.laps, found.turns):
+            break
+        if found.laps:
+            margin = round(margin + found.laps + MARGIN_STEP_M, 2)
+        else:
+            count += ceil(found.turns / rig.width)
+        try:
+            work = _work(field, rig, options, count, margin)
+        except ScenarioError:
+            break
+        found = work.leaving
+        worst = worst if worst.turns or not found.turns else found
+    inside = not max(found.laps, found.turns)
+    if not inside or (options.headlands is not None and count > first):
+        remedy = f"at least {count} laps ({count * rig.width:g} m)" if inside else "a smaller --radius or --width"
+        raise ScenarioError(
+            f"--headlands {first}: the machine would leave the field by {worst.largest} in its turns; use {remedy}, "
+            "or allow it with --beyond"
+        )
+    notes = [f"has {count} headland laps instead of {first}, so that the turns stay inside"] if count > first else []
+    if margin:
+        notes.append(f"keeps {margin:.2f} m from the boundary, so that the implement stays inside in the laps")
+    return work.plan(field.name, count, margin, notes)
+
+
+def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
+    """Return the work with a number of headland laps and a margin. Raise `ScenarioError` if it cannot be driven."""
+    area = area_of(field, headlands, rig, options.beyond, margin)
+    work = _Work(area, options._replace(headlands=headlands))
     for ring in area.laps:
         work.lap(ring)
-    layout = None
     if area.body.area > LEAST_AREA * rig.width**2:
         given = options.angle
-        layout = (
+        work.cells(
             best_pattern(area.body, rig.width, options.sections)
             if given is None
             else pattern(area.body, given, rig.width, options.sections)
         )
-        work.cells(layout)
     if work.start is None:
-        raise ScenarioError(f"--width {rig.width:g}: the field is too narrow for one swath; use a smaller width")
-    warnings = [*leaving(area, work.start, work.pieces), *_crossing(work)]
-    angle = None if layout is None else round(degrees(layout.angle), 4)
-    pause = rig.path.cusp_pause_s
-    parts = tuple(work.pieces), tuple(work.passes), pause, angle, options.headlands, tuple(warnings)
-    return Plan(field.name, rig.width, rig.behind, work.start, *parts)
-
-
-def leaving(area: Area, start: Pose, pieces: Sequence[Piece]) -> list[str]:
-    """Return a warning with the places where a plan leaves the field; empty if it stays inside."""
-    x, y, yaw = chain(start, pieces).divided().joints()
-    outside = area.outside(x, y, yaw).max(axis=0)
-    if not (places := sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])):
-        return []
-    told = ", ".join(f"({x[k]:.0f}, {y[k]:.0f})" for k in places[:PLACES_TOLD])
-    more = f" and at {len(places) - PLACES_TOLD} other locations" if len(places) > PLACES_TOLD else ""
-    return [f"the machine leaves the field by up to {outside[places[0]]:.2f} m at {told} m{more}"]
-
-
-def _crossing(work: _Work) -> list[str]:
-    return [
-        f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
-        for pose, length in work.crossings
-    ]
-
-
-def _peaks(values: Array, limit: float) -> list[int]:
-    """Return the index of the maximum of each run of values above a limit."""
-    above = np.concatenate(([False], values > limit, [False]))
-    starts, ends = np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:])
-    return [int(a + np.argmax(values[a:b])) for a, b in zip(starts, ends, strict=True)]
+        raise ScenarioError(f"--width {rig.width:g}: the field has no room for a swath; use a smaller width")
+    return work

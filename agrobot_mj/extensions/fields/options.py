@@ -1,0 +1,50 @@
+"""Options of the commands of field work."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from agrobot_mj.cli.options import finite
+
+PAGE = "docs/extensions/fields/driving.md"
+FieldFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="Boundary: GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS."),
+]
+Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if the file does not name it.")]
+FieldName = Annotated[
+    str, typer.Option("--field", metavar="NAME", help="Field in a file of several. Default: largest.")
+]
+DEFAULT_WIDTH_M = 3.0
+"""Default working width [m]."""
+Width = Annotated[float, typer.Option(min=0.3, max=60, callback=finite, help="Working width [m].")]
+PlanWidth = Annotated[
+    float | None,
+    typer.Option(
+        "--width",
+        min=0.3,
+        max=60,
+        callback=finite,
+        help="Working width [m]. Default: 3, or that of the plan.",
+    ),
+]
+Headlands = Annotated[
+    int | None, typer.Option(min=0, max=20, help="Number of headland laps. Default: 2, or as many as turns need.")
+]
+Beyond = Annotated[
+    float, typer.Option(min=0, max=20, callback=finite, help="Distance by which turns may leave the field [m].")
+]
+Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"Preferred turn ({PAGE}).")]
+Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
+Angle = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", callback=finite, help="Direction of the swaths, from east. Default: fewest swaths."),
+]
+Radius = Annotated[
+    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: the machine's.")
+]
+Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
+Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
+Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Delay of a section [s].")]
+LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]

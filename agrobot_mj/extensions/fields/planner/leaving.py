@@ -1,0 +1,85 @@
+"""Places where a plan leaves its field: in the laps, which a margin remedies, and in turns, which need more depth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agrobot_mj.core.signals import Array
+from agrobot_mj.extensions.fields.plan import PlannedPass
+from agrobot_mj.extensions.fields.planner.area import Area
+from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.track import Piece, chain
+
+WARNED_M = 0.1
+"""Distance beyond the boundary above which a place is reported [m]."""
+LEAVES = "the machine leaves the field", "the ends of the implement swing beyond the boundary"
+"""Starts of the warnings."""
+PLACES_TOLD = 5
+"""Maximum number of places in a warning."""
+
+
+@dataclass(frozen=True)
+class Leaving:
+    """Distances by which a plan leaves its field, along the course; arrays of shape (n,)."""
+
+    x: Array
+    """East coordinate of the CG [m]."""
+    y: Array
+    """North coordinate of the CG [m]."""
+    outside: Array
+    """Distance of tractor and implement beyond the boundary, shape (2, n) [m]."""
+    excess: Array
+    """Distance beyond the boundary in excess of the tolerated distance [m]."""
+    in_lap: Array
+    """Whether the tractor is on a headland lap."""
+
+    @property
+    def laps(self) -> float:
+        """Maximum excess on headland laps [m]."""
+        return float(np.where(self.in_lap, self.excess, 0.0).max())
+
+    @property
+    def turns(self) -> float:
+        """Maximum excess on swaths, turns and connections [m]."""
+        return float(np.where(self.in_lap, 0.0, self.excess).max())
+
+    @property
+    def largest(self) -> str:
+        """Maximum excess outside of laps, or else on laps, and its place."""
+        values = np.where(self.in_lap, 0.0, self.excess) if self.turns else self.excess
+        k = int(np.argmax(values))
+        return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
+
+    def warnings(self) -> list[str]:
+        """Return sentences with the places where the plan leaves the field; empty if it stays inside."""
+        swings = self.outside[1] * (self.excess <= 0.0) * (self.outside[0] <= WARNED_M)
+        leaves = np.where(swings > 0.0, 0.0, self.outside.max(axis=0))
+        said = zip(LEAVES, (leaves, swings), strict=True)
+        return [f"{what} by {self._places(values)}" for what, values in said if values.max() > WARNED_M]
+
+    def _places(self, outside: Array) -> str:
+        """Return the maximum of distances and the places of their peaks."""
+        places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
+        told = ", ".join(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places[:PLACES_TOLD])
+        more = f" and at {len(places) - PLACES_TOLD} more places" if len(places) > PLACES_TOLD else ""
+        return f"up to {outside[places[0]]:.2f} m at {told} m{more}"
+
+
+def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
+    """Return where a plan leaves its field."""
+    course = chain(start, pieces).divided()
+    x, y, yaw = course.joints()
+    outside, s = area.outside(x, y, yaw), course.distances()
+    in_lap = np.zeros(len(x), dtype=bool)
+    for one in passes:
+        if one.part == "headland":
+            in_lap |= (s >= one.start - area.rig.behind) & (s <= one.end)
+    return Leaving(x, y, outside, area.excess(outside), in_lap)
+
+
+def _peaks(values: Array, limit: float) -> list[int]:
+    """Return the index of the maximum of each run of values above a limit."""
+    above = np.concatenate(([False], values > limit, [False]))
+    starts, ends = np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:])
+    return [int(a + np.argmax(values[a:b])) for a, b in zip(starts, ends, strict=True)]

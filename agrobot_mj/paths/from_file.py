@@ -1,0 +1,44 @@
+"""Base class of the paths whose course is read from a file."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+from pydantic import PrivateAttr
+
+from agrobot_mj.core.resources import Stamp, stamp, stamped
+from agrobot_mj.paths.profile import Timed
+
+Content = TypeVar("Content")
+
+
+class FromFile(Timed):
+    """Path along the content of a file; subclasses define `file`, `max_bytes` and `course`."""
+
+    reads_file: ClassVar[bool] = True
+    """Always True: the course is read from a file."""
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    """Endings of the file; empty for any ending."""
+    max_bytes: ClassVar[int]
+    """Maximum size of the file [bytes]."""
+    if TYPE_CHECKING:
+        file: str
+
+    _stamp: Stamp | None = PrivateAttr(default=None)
+    """Stamp of the file content from which the course was built."""
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Record the stamp of the file without reading it; paths with equal keys and different content differ."""
+        self._stamp = stamp(self.file)
+
+    def check(self) -> None:
+        """Check the file before reading it, then build the course. Raise ValueError if it is invalid."""
+        self.content(lambda _: stamped(self.file, self.suffixes, self.max_bytes))
+        super().check()
+
+    def content(self, read: Callable[[Stamp], Content]) -> Content:
+        """Return the content of the file from `read`. Raise ValueError if it is invalid."""
+        try:
+            self._stamp = self._stamp or stamped(self.file, self.suffixes, self.max_bytes)
+            return read(self._stamp)
+        except ValueError as error:
+            raise ValueError(f"file: {error}") from None
