@@ -320,14 +320,14 @@ BAD = [
     (["compare", "circle", "--seeds", "0"], "--seeds"),
     (["compare", "circle", "--seeds", "300000"], "1200000 runs are planned"),
     (["compare", "circle", "--guidance", "lqg"], "did you mean 'lqr'"),
-    (["compare", "circle", "--variant", "worn steering.valve=1"], "write it as"),
+    (["compare", "circle", "--variant", "worn steering.valve=1"], "must have the form"),
     (["compare", "circle", "--variant", "worn: steering.valve.dead_band=1"], "did you mean 'dead_band_v'"),
     (["compare", "nothing"], "unknown scenario 'nothing'"),
     (["export", ".", "--mcap"], ".: the folder has no scenario.toml; specify the folder of a run"),
     (["export", "."], "export: no format is specified; add --mcap"),
     (["ros2", "circle", "--pace", "slow"], "--pace"),
     (["explain", "tractor.wheelbase"], "did you mean 'tractor.wheelbase_m'"),
-    (["init", ""], "not a name"),
+    (["init", ""], "not a valid name"),
     (["init", "\udcff"], "the text is not valid UTF-8"),
     (["init", "broken"], "broken.toml: already exists"),
     (["init", "nowhere/mine"], "nowhere/mine.toml"),
@@ -357,7 +357,7 @@ def test_recording_of_an_old_viewer_names_its_version(call, elsewhere, command):
     (elsewhere / "old.rrd").write_bytes(b"RRF2" + bytes([0, 22, 1, 0]) + bytes(100))
     status, out, err = call(*command, "old.rrd")
     assert (status, out) == (2, "")
-    assert "old.rrd: was written by Rerun 0.22, the viewer reads 0.23 and later; run the scenario again" in err
+    assert "old.rrd: the recording was written by Rerun 0.22, but the viewer needs 0.23 or later; run it again" in err
     assert names(elsewhere) == {"old.rrd"}
 
 
@@ -432,13 +432,11 @@ def test_unsupported_plants_are_skipped_unless_specified(call):
     status, out, err = call("compare", *arguments)
     assert status == 0
     assert "mujoco" in out
-    assert err.startswith(
-        "bicycle is left out: side_slope_5: terrain.kind: the bicycle plant supports only flat ground"
-    )
+    assert err.startswith("bicycle is omitted: side_slope_5: terrain.kind: the bicycle plant supports only flat ground")
     assert err.count("\n") == 1
     status, _, err = call("compare", *arguments, "--plants", "bicycle,mujoco")
     assert status == 2
-    assert "left out" not in err
+    assert "omitted" not in err
     assert "the bicycle plant supports only flat ground" in err
 
 

@@ -43,4 +43,4 @@ def test_numeric_options_of_the_commands_are_found():
 
 def test_shard_number_with_too_many_digits_is_reported(call):
     status, _, err = call("sweep", "x.toml", "--shard", f"1/{'9' * 5000}")
-    assert (status, "write the part and the number of parts" in err) == (2, True)
+    assert (status, "must have the form PART/PARTS" in err) == (2, True)

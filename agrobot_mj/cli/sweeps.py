@@ -80,7 +80,7 @@ def _shard(text: str | None) -> tuple[int, int]:
         return 1, 1
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text.strip())
     if not match or not 1 <= int(match[1]) <= int(match[2]):
-        raise ScenarioError(f"--shard {text}: write the part and the number of parts as in 1/4, from 1/4 to 4/4")
+        raise ScenarioError(f"--shard {text}: must have the form PART/PARTS, from 1/4 to 4/4 for 4 parts")
     return int(match[1]), int(match[2])
 
 

@@ -95,7 +95,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
     if not name.isdecimal():
         raise ScenarioError(f"--set {shortened(dotted)}: {key} is a list; write {key}.0.key=value")
     if len(name) > 9 or int(name) >= len(items):
-        has = f"the scenario has {len(items)} tables [[{key}]], counted from 0; add a table to the file"
+        has = f"the scenario has {len(items)} tables [[{key}]], and 0 is the first; add one to the file"
         raise ScenarioError(f"--set {shortened(dotted)}: {has}")
     return items[int(name)]
 

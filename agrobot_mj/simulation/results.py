@@ -69,9 +69,8 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
     """Raise `ScenarioError` unless files or folders of these names may be written to `folder`."""
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
-            f"{folder}: the folder contains files but no {MARK} of agrobot-mj, so nothing is written to it; specify "
-            f"a new folder, or allow agrobot-mj to replace the contents of this one with: "
-            f"touch {shlex.quote(str(folder / MARK))}"
+            f"{folder}: the folder contains files that agrobot-mj did not write; specify another folder, or allow "
+            f"agrobot-mj to replace the contents of this one with: touch {shlex.quote(str(folder / MARK))}"
         )
     check_names(folder, names)
 

@@ -47,7 +47,7 @@ def test_commands_without_faults_pass_unchanged():
     ("bad", "fix", "word"),
     [
         ({"y": 2.5}, FIX, "off the path"),
-        ({"sigma": 1.5}, FIX, "position uncertain"),
+        ({"sigma": 1.5}, FIX, "position standard deviation"),
         ({"nis": 1e4}, FIX, "contradict"),
         ({"steer": 0.5}, FIX, "steering command"),
         ({"age": 8.5}, None, "no GNSS fix"),

@@ -61,7 +61,7 @@ def faults(data):
         ({"box": {"width_m": "wide"}}, "box.width_m: must be a number, got 'wide'"),
         ({"box": {"width_m": float("nan")}}, "box.width_m: must be a finite number, got nan"),
         ({"box": {"width_m": float("inf")}}, "box.width_m: must be a finite number, got inf"),
-        ({"box": {"label": 3}}, "box.label: must be a text, got 3"),
+        ({"box": {"label": 3}}, "box.label: must be a string, got 3"),
         ({"box": {"sealed": 1}}, "box.sealed: must be true or false, got 1"),
         ({"box": {"sides": 3}}, "box.sides: must be a list, got 3"),
         ({"box": {"sides": [1.0, "x"]}}, "box.sides[1]: must be a number, got 'x'"),
@@ -96,7 +96,10 @@ def test_misspelt_key_in_a_union_suggests_keys_of_the_selected_kind():
             {"box": {"filling": {"kind": "foam", "pressure_bar": 2}}},
             "box.filling.pressure_bar: unknown key; it is a key of kind = 'air'",
         ),
-        ({"box": {"label": {"copies": 2}}}, "box.label: must be a text, got {'copies': 2}; did you mean 'box.copies'?"),
+        (
+            {"box": {"label": {"copies": 2}}},
+            "box.label: must be a string, got {'copies': 2}; did you mean 'box.copies'?",
+        ),
     ],
 )
 def test_suggestions_include_keys_of_other_tables_and_kinds(data, hint):

@@ -246,10 +246,10 @@ BAD = [
     (LOSS + LOSS.replace("0.5", "0.8"), (), ("fault[1]: the fault overlaps fault[0]", "0.8 to 1 s and 0.5 to 1 s")),
     ('[fault]\nkind = "gnss_loss"\n', (), ("fault: must be a list of tables; write [[fault]]",)),
     ("fault = 3\n", (), ("fault: must be a list, got 3",)),
-    (LOSS, ("fault.9.x=1",), ("--set fault.9.x: the scenario has 1 of [[fault]], counted from 0",)),
+    (LOSS, ("fault.9.x=1",), ("--set fault.9.x: the scenario has 1 tables [[fault]], and 0 is the first",)),
     (LOSS, ("fault.x=1",), ("--set fault.x: fault is a list; write fault.0.key=value",)),
     (LOSS, ("fault.x.y=1",), ("--set fault.x.y: fault is a list; write fault.0.key=value",)),
-    ("", ("fault.0.end_s=1",), ("--set fault.0.end_s: the scenario has 0 of [[fault]]",)),
+    ("", ("fault.0.end_s=1",), ("--set fault.0.end_s: the scenario has 0 tables [[fault]]",)),
     (LOSS, ("fault.0.end_s=0.2",), ("fault[0].end_s: must be above start_s (0.5), got 0.2",)),
     (LOSS, ("fault.0.kind=friction",), ("fault[0].kind: 'friction' acts on a part that the bicycle",)),
 ]

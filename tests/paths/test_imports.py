@@ -117,7 +117,7 @@ def test_metres_far_from_the_origin_are_shifted(tmp_path):
     text = "x,y\n" + "".join(f"{x + 432100.25},{y + 5791000.5}\n" for x, y in BEND)
     points, notes = points_of(tmp_path, "far.csv", text)
     np.testing.assert_allclose(points, BEND + [0.25, -9.5])
-    assert notes == ("subtracts (432100, 5791010) m from all coordinates",)
+    assert notes == ("(432100, 5791010) m is subtracted from all coordinates",)
     near = points_of(tmp_path, "near.csv", "x,y\n" + "".join(f"{x + 1500},{y}\n" for x, y in BEND))
     np.testing.assert_allclose(near.points, BEND + [1500, 0])
 
@@ -154,7 +154,7 @@ def test_recorded_track_with_a_stop_becomes_steerable(tmp_path):
     assert [note.split()[0] for note in path.notes] == ["leaves", "thins", "smooths"]
     (tmp_path / "mine.toml").write_text('[path]\nkind = "waypoints"\nfile = "way.csv"\n')
     said = [line for line in hints(load_scenario(tmp_path / "mine.toml")) if line.startswith("path.file: ")]
-    assert said[0] == "path.file: leaves out 1 repeated point"
+    assert said[0] == "path.file: 1 repeated point omitted"
 
 
 def test_clean_track_is_not_changed():

@@ -103,9 +103,9 @@ def test_edited_waypoint_file_gives_a_different_path(tmp_path):
 
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
-    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write one, or remove the row"),
+    "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write a number, or remove the row"),
     "two rows": ("0,0;0,0\n1,0;2,0\n", "has 2 waypoints; at least 3 are required"),
-    "two separators": ("0,0\n1;0\n", "row 2: has semicolons or tabs; separate the columns of all rows"),
+    "two separators": ("0,0\n1;0\n", "row 2: it has semicolons or tabs; separate all columns"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
@@ -125,11 +125,11 @@ FAULTS = {
         f"has {MAX_ROWS + 1} waypoints, and the limit is {MAX_ROWS}",
     ),
     "long": ("0,0\n90e3,0\n0,1\n", "km long, more than 50 km"),
-    "words": ("east-west,up\n0,0\n", "row 1: has no columns x and y, or lat and lon; did you mean"),
-    "a column without a name": ("x,theta\n0,0\n", "row 1: has no columns x and y, or lat and lon"),
-    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "the numbers are probably degrees; name"),
+    "words": ("east-west,up\n0,0\n", "row 1: no columns x and y, or lat and lon; did you mean"),
+    "a column without a name": ("x,theta\n0,0\n", "row 1: no columns x and y, or lat and lon"),
+    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "only and are probably degrees; name"),
     "swapped degrees": ("lat,lon\n106.7,52.3\n", "row 2: lat is 106.7, not an angle in degrees"),
-    "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: has 4 columns"),
+    "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: it has 4 columns"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
     "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; use a speed from 0.001 to 5"),
     "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
@@ -159,13 +159,13 @@ def test_error_for_an_invalid_waypoint_names_file_row_and_fix(tmp_path, name):
 
 def test_binary_waypoint_files_are_rejected(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
-    assert "binary.csv: is not valid UTF-8" in rejection(tmp_path, "binary.csv")
+    assert "binary.csv: the file is not UTF-8 text" in rejection(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
     assert "folder.csv: is a folder; specify a file" in rejection(tmp_path, "folder.csv")
     assert "nowhere.csv: no such file in " in rejection(tmp_path, "nowhere.csv")
     with (tmp_path / "huge.csv").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    assert "huge.csv: has 2 MB, the limit is 2" in rejection(tmp_path, "huge.csv")
+    assert "huge.csv: the file has 2 MB, more than 2" in rejection(tmp_path, "huge.csv")
     assert "path.file" in rejection(tmp_path, "a" * 5000)
 
 

@@ -143,7 +143,7 @@ def test_engine_speed_falls_in_proportion_to_the_power():
         ({"front_release_deg": 20}, "driveline.front_release_deg: has no effect .* driveline.front_wheel_drive = true"),
         ({"front_engage_slip": 0.1}, "driveline.front_engage_slip: has no effect"),
         ({"lock_release_deg": 10}, "driveline.lock_release_deg: has no effect"),
-        ({"motor_front_share": 0.5, "front_wheel_drive": True}, "driveline.motor_front_share: excludes"),
+        ({"motor_front_share": 0.5, "front_wheel_drive": True}, "driveline.motor_front_share: cannot be combined"),
     ],
 )
 def test_keys_without_effect_are_rejected(keys, message):

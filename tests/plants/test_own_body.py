@@ -136,7 +136,7 @@ def test_resolved_scenario_with_a_custom_body_runs_again(tmp_path):
 
 def test_key_that_contradicts_the_body_file_is_rejected(tmp_path):
     path = variant(tmp_path)
-    with pytest.raises(ScenarioError, match=r"tractor\.mass_kg: the body of mine\.xml has 750, got 800; leave it out"):
+    with pytest.raises(ScenarioError, match=r"tractor\.mass_kg: the body of mine\.xml has 750, got 800; omit the key"):
         load_scenario("straight_line", {"tractor.mjcf": str(path), "tractor.mass_kg": 800})
     same = load_scenario("straight_line", {"tractor.mjcf": str(path), "tractor.mass_kg": 750.0})
     assert same.tractor.antenna_height_m == pytest.approx(2.0)
@@ -181,11 +181,11 @@ WRONG = {
     "origin": (AHEAD, "origin of the chassis must be below"),
     "height": ([("0.40574484", "0.2")], "origin of the chassis must be on the ground"),
     "sides": ([('"wheel_rl" pos="0 0.5', '"wheel_rl" pos="0 0.6')], "must be mirror images"),
-    "sizes": ([('"tyre_rl" size="0.42', '"tyre_rl" size="0.40')], "of one size"),
+    "sizes": ([('"tyre_rl" size="0.42', '"tyre_rl" size="0.40')], "have the same size"),
     "loose": ([on_chassis("arm", '<joint name="loose" range="-9 9"/>')], "'loose' moves freely"),
     "beside": (
         [('<body name="chassis">', f'<body name="tree">{SPHERE}</body><body name="chassis">')],
-        "stands in the world",
+        "is not attached to the chassis",
     ),
     "lopsided": ([("0.51092295 0 0.60513564", "0.51092295 0.4 0.60513564")], "off the middle"),
     "reserved": ([on_chassis("implement")], "choose another"),
@@ -194,8 +194,8 @@ WRONG = {
     "not a number": ([('mass="590.5"', 'mass="nan"')], "<inertial mass>: must be finite numbers"),
     "infinite": ([('pos="1.4 0 0.26835063"', 'pos="inf 0 0.2"')], "<body pos>: must be finite numbers"),
     "no mesh": ([before_world('<asset><mesh name="a" file="a.stl"/></asset>')], "a.stl: no such file"),
-    "outside": ([before_world('<include file="../secret.xml"/>')], "must lie in the folder of the body"),
-    "absolute": ([before_world('<include file="/etc/passwd"/>')], "must lie in the folder of the body"),
+    "outside": ([before_world('<include file="../secret.xml"/>')], "must be in the folder of the body"),
+    "absolute": ([before_world('<include file="/etc/passwd"/>')], "must be in the folder of the body"),
     "folder": ([('angle="degree"', 'angle="degree" meshdir="/etc"')], "<compiler meshdir>"),
     "plugin": ([before_world('<extension><plugin plugin="x"/></extension>')], "plugins are not supported"),
     "unknown": ([before_world("<wheels/>")], "MuJoCo cannot read it"),
@@ -212,12 +212,12 @@ def test_error_for_an_invalid_body_names_the_faulty_part(case, tmp_path):
     ("content", "expected"),
     [
         ("", "is empty"),
-        ("hello", "is not XML"),
+        ("hello", "is not valid XML"),
         ("<robot/>", "begins with <robot>"),
-        ("<mujoco>", "is not XML"),
+        ("<mujoco>", "is not valid XML"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document type"),
         ("<mujoco/>", "has no body 'chassis'"),
-        ("\0\0\0", "is not XML"),
+        ("\0\0\0", "is not valid XML"),
         ("<mujoco><worldbody>" + 5000 * "<body>" + 5000 * "</body>" + "</worldbody></mujoco>", "cannot read it"),
     ],
 )

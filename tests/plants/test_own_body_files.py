@@ -94,7 +94,7 @@ def test_change_of_an_indirectly_included_body_file_changes_the_hash(tmp_path):
 def test_two_bodies_with_different_files_of_equal_name_are_rejected(tmp_path):
     bodies = [write(tmp_path / side, mesh("crate"), crate__obj=WEDGE) for side in ("left", "right")]
     data = [{"mjcf": str(body)} for body in bodies]
-    with pytest.raises(ScenarioError, match=r"right.crate\.obj: has the same name as .*left.crate\.obj.*rename one"):
+    with pytest.raises(ScenarioError, match=r"right.crate\.obj: it has the same name as .*left.crate\.obj.*rename one"):
         relocate_files(data)
 
 
@@ -109,14 +109,14 @@ REFUSED = {
     "absolute path in an include": (
         INCLUDE.format("inc.xml"),
         {"inc__xml": '<mujocoinclude><asset><mesh name="a" file="/srv/a.obj"/></asset></mujocoinclude>'},
-        "'/srv/a.obj': must lie in the folder of the body",
+        "'/srv/a.obj': must be in the folder of the body",
     ),
     "folder of an attached model": (
         '<asset><model name="rack" file="rack.xml"/></asset>',
         {"rack__xml": model("rack", '<compiler assetdir="/srv"/>'), "rack__obj": WEDGE},
         "<compiler assetdir>: all files must be next to the body",
     ),
-    "path of an attached model": ('<asset><model file="sub/rack.xml"/></asset>', {}, "'sub/rack.xml': must lie in"),
+    "path of an attached model": ('<asset><model file="sub/rack.xml"/></asset>', {}, "'sub/rack.xml': must be in"),
     "attached model without its mesh": (
         '<asset><model file="rack.xml"/></asset>',
         {"rack__xml": model("rack")},

@@ -28,7 +28,7 @@ def test_recording_cut_within_a_chunk_opens_up_to_that_chunk(eight, tmp_path, ca
         kept = readable.parent
     assert not kept.exists()
     assert len(cut.read_bytes()) == int(share * len(content))
-    assert "cut.rrd: is incomplete" in capsys.readouterr().err
+    assert "cut.rrd: the recording is incomplete" in capsys.readouterr().err
     all_times, all_values = eight.column(*ERROR)
     assert len(times) > 0.2 * share * len(all_times)
     np.testing.assert_array_equal(times, all_times[: len(times)])

@@ -319,6 +319,6 @@ def test_comparison_with_rerun_disabled_draws_its_figures(tmp_path):
     keys = ("--set", "duration_s=0.7", "--plants", "bicycle", "--controllers", "pd,pd_t2fnn", "--jobs", "1")
     done = command(tmp_path, "compare", "circle", *keys, "--out", "out", before=partial(switch_rerun, "off"))
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count("disables Rerun") == 1
+    assert done.stderr.count("Rerun is disabled") == 1
     assert (tmp_path / "out" / "trajectory.png").is_file()
     assert not list((tmp_path / "out").rglob("*.rrd"))

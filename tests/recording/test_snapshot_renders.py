@@ -97,7 +97,7 @@ def test_tab_can_be_selected_and_an_unknown_one_is_reported(eight, tmp_path):
     assert alone.name == "tractor_3.5.png"
     assert view.shape[1] > 600
     assert near(view[:20], (0xB9, 0xCD, 0xDB)) > 0.9, "sky up to the edge, no bar"
-    with pytest.raises(ScenarioError, match=r"no tab or view Engine; there are Drive, Control.*, Tractor"):
+    with pytest.raises(ScenarioError, match=r"no tab or view Engine \(available: Drive, Control.*, Tractor"):
         snapshots(eight.path, [1.0], tmp_path / "none", ["Engine"])
     assert not (tmp_path / "none").exists()
 

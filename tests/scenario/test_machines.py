@@ -164,7 +164,7 @@ def test_machine_file_in_the_folder_of_the_scenario_is_found(mine, tmp_path):
     [
         ("ridng", r"unknown 'ridng'; did you mean 'riding'\? \(known: compact, .*utility\)"),
         ("no/such.toml", "no such file"),
-        (3, "machine: must be a text, got 3"),
+        (3, "machine: must be a string, got 3"),
     ],
 )
 def test_an_unknown_machine_is_rejected(machine, message):
@@ -205,7 +205,9 @@ def test_command_line_lists_machines_and_rejects_an_unknown_one():
 
 def test_impossible_machine_is_reported_with_its_scenario(mine):
     impossible = load_scenario("straight_line", {"machine": mine, "tractor.yaw_inertia_kg_m2": 1.0})
-    with pytest.raises(ScenarioError, match=r"^straight_line, machine .*mine\.toml: tractor: .*would fit"):
+    with pytest.raises(
+        ScenarioError, match=r"^straight_line, machine .*mine\.toml: tractor: .*for this mass and wheelbase"
+    ):
         check_tractor(impossible)
 
 

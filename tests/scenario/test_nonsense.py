@@ -57,7 +57,7 @@ def test_soil_that_rebounds_within_a_time_step_is_rejected():
 
 def test_bend_too_sharp_for_the_tyre_grip_is_rejected():
     text = refused("circle", path__radius_m=3.0, path__speed_m_s=5.0)
-    assert "path.speed_m_s: 5 m/s in the sharpest bend, 0.333 1/m, needs 8.3 m/s2 to the side" in text
+    assert "path.speed_m_s: 5 m/s in the sharpest bend (0.333 1/m) needs 8.3 m/s2 to the side" in text
     assert load_scenario("circle", {"path.radius_m": 4.0, "path.speed_m_s": 5.0})
 
 

@@ -152,7 +152,7 @@ assert "it is a key of kind = 'swamp'" in told(), told()
         (
             "from typing import Literal\nfrom agrobot_mj.core.spec import Spec\n"
             'class A(Spec):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: belongs to no family; derive it from one of ",
+            "own.py: register: A: the class belongs to no family; derive it from one of ",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
@@ -167,12 +167,12 @@ assert "it is a key of kind = 'swamp'" in told(), told()
         (
             "from typing import Literal\nfrom agrobot_mj.paths import Line\n"
             'class A(Line):\n    """A."""\n    kind: Literal["a", "b"] = "a"',
-            'own.py: register: A: needs a kind: Literal["my_kind"] = "my_kind"',
+            'own.py: register: A: the class needs a kind: Literal["my_kind"] = "my_kind"',
         ),
         (
             "from typing import Any, Literal\nfrom agrobot_mj.paths import Line\n"
             'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b: Any = object()',
-            "own.py: register: A: has a key that TOML cannot represent (",
+            "own.py: register: A: it has a key that TOML cannot represent (",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.control import GuidanceLaw\n"

@@ -244,7 +244,7 @@ def test_existing_file_is_not_overwritten_by_the_template(tmp_path, monkeypatch)
 @pytest.mark.parametrize("name", ["", ".", "..", ".toml", "x/.toml"])
 def test_invalid_template_name_is_rejected(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ScenarioError, match="not a name"):
+    with pytest.raises(ScenarioError, match="not a valid name"):
         write_template(name)
     assert not list(tmp_path.iterdir())
 

@@ -143,8 +143,7 @@ def test_sensor_that_does_not_return_state_and_reading_is_rejected():
     blind = whole.sensors.model_copy(update={"gyro": Silent()})
     with pytest.raises(
         ScenarioError,
-        match=r"the sensor \(gyro\): measure must return a pair of its state and a "
-        r"measurement",
+        match=r"the sensor \(gyro\): measure must return its state and measurement",
     ):
         run(whole.model_copy(update={"sensors": blind}))
 
@@ -166,9 +165,7 @@ class Chatty(Gyro):
 def test_report_without_a_number_for_each_column_is_rejected(answer):
     whole = scenario()
     loud = whole.sensors.model_copy(update={"gyro": Chatty(answer=answer)})
-    with pytest.raises(
-        ScenarioError, match=r"the sensor \(gyro\): report must return 2 numbers, one for each of its col"
-    ):
+    with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): report must return 2 numbers, one per col"):
         run(whole.model_copy(update={"sensors": loud}))
 
 

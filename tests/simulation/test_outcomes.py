@@ -244,7 +244,7 @@ def test_stop_reason_is_compared_with_the_expected_reason():
     assert "off the path" in log.metrics["stop_reason"]
     assert not log.as_expected
     assert scenario.changed({"expected_reason": "position known"}).hash8 == scenario.hash8
-    with pytest.raises(ScenarioError, match="expected_reason: only stopped, unfinished, diverged have one"):
+    with pytest.raises(ScenarioError, match="expected_reason: only stopped, unfinished, diverged have a reason"):
         load_scenario("circle", {"expected_reason": "no GNSS fix"})
 
 

@@ -135,7 +135,7 @@ def test_error_for_a_run_argument_of_the_wrong_type_names_it(arguments, message)
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [((5,), "^member: must be a class, got 5"), ((Simulation, 3), "^name: must be a text, got 3")],
+    [((5,), "^member: must be a class, got 5"), ((Simulation, 3), "^name: must be a string, got 3")],
 )
 def test_error_for_a_register_argument_of_the_wrong_type_names_it(arguments, message):
     with pytest.raises(TypeError, match=message):

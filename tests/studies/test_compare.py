@@ -46,12 +46,12 @@ def test_variant_option_is_parsed_into_a_name_and_toml_values():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("worn", "write it as"),
-        ("worn.valve=1", "write it as"),
-        ("a=1: b=2", "write it as"),
-        (": a=1", "write it as"),
-        ("worn: a", "write it as key=value"),
-        ("worn: a=", "write it as key=value"),
+        ("worn", "must have the form"),
+        ("worn.valve=1", "must have the form"),
+        ("a=1: b=2", "must have the form"),
+        (": a=1", "must have the form"),
+        ("worn: a", "must have the form key=value"),
+        ("worn: a=", "must have the form key=value"),
         ("worn: a=[1, 2", "not valid TOML"),
         ("worn: a=1], b=2", "not valid TOML"),
         ("worn: a={b=1]", "not valid TOML"),
@@ -140,13 +140,13 @@ def test_special_characters_in_names_give_safe_distinct_folders(circle):
     [
         (["a: plant.kind=mujoco"], {}, "plant.kind: set this key with --plants"),
         (["a: seed=3"], {}, "seed: set this key with --seeds"),
-        (["a:", "a:"], {}, "'a': is given twice"),
+        (["a:", "a:"], {}, "'a': the name is given twice"),
         (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "the name is also a compared law"),
         (["a: steering.valve.dead_band=1"], {}, "did you mean 'dead_band_v'"),
         (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
         (["a: terrain.kind=slope"], {}, "supports only flat ground"),
         ([], {"guidance": ["lqr", "stanly"]}, "did you mean 'stanley'"),
-        ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), the limit is 2000"),
+        ([], {"seeds": 300_000}, "600000 runs are planned (2 laws, 1 plants, 300000 seeds), and the limit is 2000"),
         ([], {"seeds": 3, "most": 5}, "add --max-runs 6"),
     ],
 )
@@ -172,7 +172,7 @@ def test_law_is_skipped_on_a_plant_that_does_not_support_it():
     found = planned(load_scenario("circle"), "tilted: terrain.kind=slope", "level:", plants=None)
     assert [case.folder for case in found.cases] == ["bicycle-level-s1", "mujoco-tilted-s1", "mujoco-level-s1"]
     (line,) = found.left_out
-    assert line.startswith("tilted on bicycle is left out: --variant 'tilted': circle: terrain.kind")
+    assert line.startswith("tilted on bicycle is omitted: --variant 'tilted': circle: terrain.kind")
 
 
 # --- runs ---------------------------------------------------------------------------------------------------------

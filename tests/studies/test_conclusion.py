@@ -21,7 +21,7 @@ def test_best_law_of_each_plant_is_named():
     assert conclusion(rows) == [
         "bicycle: net has the smallest lateral mean square error in seed 1, 0.25 times that of pd",
         "mujoco: net has the smallest lateral mean square error in seed 1, 0.25 times that of pd"
-        " and 2.00 times its own on bicycle",
+        " and 2.00 times its error on bicycle",
     ]
 
 

@@ -43,7 +43,7 @@ def test_failure_to_start_workers_is_not_attributed_to_a_run(monkeypatch):
     """As below a program on standard input, which workers cannot import: each died on whatever it was given."""
     monkeypatch.setattr(sys.modules["__main__"], "__spec__", None, raising=False)
     monkeypatch.setattr(sys.modules["__main__"], "__file__", "<stdin>", raising=False)
-    with pool.Pool(2) as workers, pytest.raises(ScenarioError, match=r"no worker process can start: .* __name__"):
+    with pool.Pool(2) as workers, pytest.raises(ScenarioError, match=r"no worker process can start .* __name__"):
         list(workers.spread(abs, [-1, -2], died=lambda work: 0))
 
 

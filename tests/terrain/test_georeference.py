@@ -85,8 +85,8 @@ def test_without_an_origin_the_middle_of_the_grid_is_at_zero(tmp_path):
     [
         ({"model": 2}, "cells are in degrees; reproject"),
         ({"tags": False}, "has no north-up position .* gdalwarp"),
-        ({"scale": (2.0, 3.0)}, "cells of 2 x 3 m; resample"),
-        ({"nodata": "0"}, "has 1 holes"),
+        ({"scale": (2.0, 3.0)}, "cells are 2 x 3 m; resample"),
+        ({"nodata": "0"}, "has 1 missing values"),
         ({"nodata": "none"}, "the NODATA value is not a number"),
         ({"scale": (1e-5, 1e-5)}, "if these are degrees"),
     ],
@@ -101,7 +101,7 @@ def test_unusable_geotiffs_are_rejected_with_the_fix(tmp_path, keys, message):
 def test_images_of_colours_and_other_files_are_rejected(tmp_path):
     Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(tmp_path / "colour.tif")
     (tmp_path / "text.tif").write_text("no image")
-    for name, message in (("colour.tif", "one band"), ("text.tif", "is no TIFF")):
+    for name, message in (("colour.tif", "one band"), ("text.tif", "is not a TIFF")):
         with pytest.raises(ScenarioError, match=message):
             load_scenario("straight_line", {"terrain": {"kind": "heightmap", "file": str(tmp_path / name)}})
 

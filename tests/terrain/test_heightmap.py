@@ -68,7 +68,9 @@ def test_esri_grids_may_be_rectangular_wrapped_and_in_capitals(tmp_path):
 
 def test_rectangular_array_without_the_rectangular_key_is_rejected(tmp_path):
     np.save(tmp_path / "strip.npy", np.zeros((2, 5), dtype=np.int16))
-    with pytest.raises(ValueError, match=r"^file: strip\.npy: has 2 rows and 5 columns; set rectangular = true"):
+    with pytest.raises(
+        ValueError, match=r"^file: strip\.npy: the grid has 2 rows and 5 columns; set rectangular = true"
+    ):
         Heightmap(file=str(tmp_path / "strip.npy")).ground()
     assert Heightmap(file=str(tmp_path / "strip.npy"), rectangular=True).ground().extent == (-2, 2, -0.5, 0.5)
 
@@ -174,16 +176,16 @@ BAD = {
     "large.npy": (saved(np.zeros((2100, 2001), dtype=np.uint8)), "has 2100 x 2001 nodes, more than 4200000"),
     "wide.npy": (saved(np.zeros((2, 3))), "has 2 rows and 3 columns; set rectangular = true"),
     "negative.npy": (patched(saved(np.zeros((20, 20))), b"(20, 20)", b"(-2, 20)"), "cannot be read"),
-    "text.png": (b"hello", "is no PNG picture"),
-    "jpeg.png": (patched(GREY, b"\x89PNG", b"\xff\xd8\xff\xe0"), "is no PNG picture"),
+    "text.png": (b"hello", "the file is not a PNG image"),
+    "jpeg.png": (patched(GREY, b"\x89PNG", b"\xff\xd8\xff\xe0"), "the file is not a PNG image"),
     "short.png": (GREY[:-20000], "cannot be read"),
     "colour.png": (png(np.zeros((5, 5, 3), dtype=np.uint8)), "the image has type RGB; export it as grey"),
     "alpha.png": (png(np.zeros((5, 5, 2), dtype=np.uint8)), "the image has type LA"),
     "wide.png": (png(np.zeros((3, 5), dtype=np.uint8)), "has 3 rows and 5 columns; set rectangular = true"),
     "bomb.png": (bomb(), "the limit"),
-    "letters.asc": (b"hello world", "has no nrows in its header"),
+    "letters.asc": (b"hello world", "the header has no nrows"),
     "binary.asc": (b"ncols \xff\xfe", "cannot be read"),
-    "nosize.asc": (asc(HILL, HEAD.replace("cellsize 2.5\n", "")).encode(), "has no cellsize in its header"),
+    "nosize.asc": (asc(HILL, HEAD.replace("cellsize 2.5\n", "")).encode(), "the header has no cellsize"),
     "zero.asc": (asc(HILL, HEAD.replace("2.5", "0")).encode(), "the header has cellsize 0"),
     "degrees.asc": (
         asc(HILL, HEAD.replace("2.5", "2.8e-4")).encode(),
@@ -191,18 +193,18 @@ BAD = {
     ),
     "utf16.asc": (asc(HILL).encode("utf-16"), "cannot be read"),
     "word.asc": (asc(HILL, HEAD.replace("2.5", "wide")).encode(), "cannot be read (could not convert"),
-    "half.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows 2.5")).encode(), "says nrows 2.5"),
-    "nan.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows nan")).encode(), "says nrows nan"),
-    "twice.asc": (asc(HILL, "ncols 3\n" + HEAD).encode(), "says ncols twice"),
+    "half.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows 2.5")).encode(), "the header has nrows 2.5"),
+    "nan.asc": (asc(HILL, HEAD.replace("nrows 3", "nrows nan")).encode(), "the header has nrows nan"),
+    "twice.asc": (asc(HILL, "ncols 3\n" + HEAD).encode(), "the header contains ncols twice"),
     "oblong.asc": (
         asc(HILL, HEAD.replace("cellsize 2.5", "dx 2.5\ndy 3")).encode(),
-        "has cells of 2.5 x 3 m; resample",
+        "the cells are 2.5 x 3 m; resample",
     ),
     "few.asc": (asc(HILL[:2]).encode(), "has 6 values, but its header gives 3 x 3 = 9; it is truncated"),
     "many.asc": (asc([*HILL, HILL[0]]).encode(), "has 12 values, but its header gives 3 x 3 = 9"),
     "comma.asc": (asc(HILL).replace("0.5", "0,5").encode(), "use numbers with a decimal point"),
-    "holes.asc": (asc([[-9999, 0, 0], [0, 0, 0], [0, -9999, 0]]).encode(), "has 2 holes (NODATA); fill them"),
-    "lost.asc": (asc(HILL).replace("0.5 ", "nan ").encode(), "holds NaN in 1 places"),
+    "holes.asc": (asc([[-9999, 0, 0], [0, 0, 0], [0, -9999, 0]]).encode(), "has 2 missing values (NODATA); fill them"),
+    "lost.asc": (asc(HILL).replace("0.5 ", "nan ").encode(), "has NaN at 1 nodes"),
     "large.asc": (HEAD.replace("ncols 3", "ncols 3000000").encode(), "has 3 x 3000000 nodes, more than"),
     "row.asc": (asc(HILL[:1], HEAD.replace("nrows 3", "nrows 1")).encode(), "has 1 x 3 nodes; at least 2 x 2"),
 }
@@ -232,14 +234,14 @@ def test_error_for_an_invalid_heightmap_names_the_file_and_the_fix(tmp_path, nam
 def test_heightmap_file_is_not_read_beyond_the_size_limit(tmp_path):
     with (tmp_path / "sparse.asc").open("wb") as stream:
         stream.truncate(MOST_BYTES + 1)
-    with pytest.raises(ValueError, match=r"^file: sparse\.asc: has 134 MB, the limit is 134; crop"):
+    with pytest.raises(ValueError, match=r"^file: sparse\.asc: the file has 134 MB, more than 134 MB; crop"):
         Heightmap(file=str(tmp_path / "sparse.asc")).ground()
 
 
 def test_error_for_heights_in_the_wrong_unit_suggests_a_scale(tmp_path):
     np.save(tmp_path / "feet.npy", 1000 * HILL)
     with pytest.raises(
-        ValueError, match=r"^scale: feet\.npy climbs 500 m between nodes 1 m apart.*at most 0\.0034 fits"
+        ValueError, match=r"^scale: feet\.npy rises 500 m between nodes 1 m apart.*at most 0\.0034 fits"
     ):
         Heightmap(file=str(tmp_path / "feet.npy")).ground()
     assert Heightmap(file=str(tmp_path / "feet.npy"), scale=0.0034).ground().steepest < tan(radians(60))
@@ -253,7 +255,7 @@ def test_excessive_heightmap_values_are_reported(tmp_path):
 
 def test_spacing_key_is_rejected_for_a_grid_with_its_own_cell_size(tmp_path):
     (tmp_path / "hill.asc").write_text(asc(HILL))
-    with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc states its own cellsize of 2\.5 m; omit the key"):
+    with pytest.raises(ValueError, match=r"^spacing_m: hill\.asc already has a cellsize of 2\.5 m; omit the key"):
         Heightmap(file=str(tmp_path / "hill.asc"), spacing_m=1.0).ground()
 
 

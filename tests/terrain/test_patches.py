@@ -129,7 +129,10 @@ BAD = [
     ),
     ('kind = "polygon"\npoints = [[0, 0], [1, 0], [nan, 0]]', "terrain.patch[0].points"),
     ('kind = "polygon"\npoints = [[900, 0], [901, 0], [900, 1]]', "terrain.patch[0]: the patch is outside the field"),
-    ('kind = "polygon"\npoints = [[0, 0], [5, 1], [10, 2]]', "terrain.patch[0].points: all lie on one line; add"),
+    (
+        'kind = "polygon"\npoints = [[0, 0], [5, 1], [10, 2]]',
+        "terrain.patch[0].points: all corners are on one line; add",
+    ),
     ('kind = "polygon"\npoints = [[0, 0], [1e300, 0], [0, 1]]', "terrain.patch[0].points[1][0]: must be at most 1e+09"),
     ('kind = "rectangle"\nlength_m = -3', "terrain.patch[0].length_m: must be above 0"),
     (
@@ -145,7 +148,7 @@ BAD = [
     ('kind = "image"', "terrain.patch[0].file: is missing"),
     ('kind = "image"\nfile = "none.png"', "terrain.patch[0].file: none.png: no such file in "),
     ('kind = "image"\nfile = "map.npy"', "terrain.patch[0].file: map.npy: "),
-    ('kind = "image"\nfile = "text.png"', "terrain.patch[0].file: text.png: is no PNG picture"),
+    ('kind = "image"\nfile = "text.png"', "terrain.patch[0].file: text.png: the file is not a PNG image"),
     ('kind = "image"\nfile = "rgb.png"', "terrain.patch[0].file: rgb.png: the image has type RGB"),
     ('kind = "image"\nfile = "grey.png"\ncone_index_white_kpa = 9.0', "terrain.patch[0].cone_index_white_kpa: needs"),
     ('kind = "image"\nfile = "grey.png"\nx_m = 1e4', "terrain.patch[0]: the patch is outside the field"),

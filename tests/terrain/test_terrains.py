@@ -115,11 +115,11 @@ def test_suggested_node_spacing_resolves_the_furrows():
 @pytest.mark.parametrize(
     ("terrain", "key"),
     [
-        (Ridges(node_m=0.3), "node_m: 0.3 m is too coarse for this relief; set at most 0.0938"),
-        (Bumps(node_m=0.3), "node_m: 0.3 m is too coarse for this relief; set at most 0.2"),
+        (Ridges(node_m=0.3), "node_m: 0.3 m is too coarse for this relief; set a value of at most 0.0938"),
+        (Bumps(node_m=0.3), "node_m: 0.3 m is too coarse for this relief; set a value of at most 0.2"),
         (Ridges(depth_m=1.0), "depth_m: the slopes are steeper than 60 deg"),
         (Bumps(height_m=2.0), "height_m: the slopes are steeper than 60 deg"),
-        (Bumps(count=100), "count: bump 25 of the row lies at \\(77.0, -0.5\\) m, outside the field; set count to 24"),
+        (Bumps(count=100), "count: bump 25 of the row is at \\(77.0, -0.5\\) m, outside the field; set count to 24"),
         (Bumps(x_m=100.0), "x_m: the first bump is at \\(100.0, -0.5\\) m, outside the field; move it"),
     ],
 )

@@ -111,7 +111,9 @@ def test_ruts_beyond_the_memory_limit_are_not_stored():
 
 
 def test_error_for_an_excessively_fine_rut_grid_names_the_key():
-    with pytest.raises(ValueError, match=r"plant\.tyre\.cell_m: 0\.02 m is too fine for this field; set at least"):
+    with pytest.raises(
+        ValueError, match=r"plant\.tyre\.cell_m: 0\.02 m is too fine for this field; set a value of at least"
+    ):
         mujoco_plant(Ruts(cell_m=0.02), Flat(half_size_m=5000.0))
     assert untouched_soil((0.0, 100.0, 0.0, 50.0), 0.05).tiles.shape == (32, 63)
     assert with_soil_memory(Flat().ground(), Soil().structure().bearing).memory is FORGETS

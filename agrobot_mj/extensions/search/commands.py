@@ -212,7 +212,7 @@ def _varied(text: str) -> "Varied":
             numbers = value.split(":")
         first, second = map(float, numbers)
     except (AttributeError, LookupError, TypeError, ValueError):
-        form = "KEY=MILD:HARD, or as 'KEY={normal=[MEAN, SD]}'"
+        form = "KEY=MILD:HARD or 'KEY={normal=[MEAN, SD]}'"
         raise ScenarioError(f"--vary {shortened(text)}: the range must have the form {form}") from None
     return made(key, first, second)
 

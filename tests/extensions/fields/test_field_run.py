@@ -93,7 +93,7 @@ def test_report_begins_with_the_coverage(driven):
     ("options", "message"),
     [
         (["--radius", "1"], "--radius 1: machine compact needs at least 1.58 m"),
-        (["--width", "30"], "--width 30: the field has no room"),
+        (["--width", "30"], "--width 30: the field is too narrow"),
         (["--machine", "nobody"], "machine"),
         (["--set", "tractor.mass=1"], "tractor.mass"),
     ],

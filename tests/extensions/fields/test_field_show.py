@@ -42,7 +42,7 @@ def test_show_gives_a_document_on_success_and_failure(call, file):
 def test_first_word_alone_lists_the_commands(call):
     status, _, err = call("field")
     assert status == 2
-    assert "field: name one of its commands: field show" in err
+    assert "field: specify one of its commands: field show" in err
 
 
 def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):

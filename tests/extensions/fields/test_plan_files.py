@@ -123,12 +123,15 @@ def test_plan_in_the_grid_of_the_field_needs_no_system(tmp_path):
 
 
 REJECTED = {
-    "far.csv": ("x,y\n50000,10\n50100,10\n", "far.csv: lies 49.8 km from the field; use the coordinate system"),
+    "far.csv": ("x,y\n50000,10\n50100,10\n", "far.csv: the plan is 49.8 km from the field; use the coordinate system"),
     "ring.json": (
         json.dumps({"type": "Polygon", "coordinates": [[[6.7, 52], [6.8, 52], [6.8, 52.1]]]}),
         "has no lines",
     ),
-    "broken.txt": ("10 10 0 0 2 100 1 1\n110 10 0 0\n", "broken.txt: row 2: has no 8 numbers; save the path again"),
+    "broken.txt": (
+        "10 10 0 0 2 100 1 1\n110 10 0 0\n",
+        "broken.txt: row 2: the row does not have 8 numbers; save the path again",
+    ),
 }
 
 
@@ -141,5 +144,5 @@ def test_unusable_plan_is_reported_by_name(tmp_path, name):
 
 
 def test_degrees_need_the_position_of_the_field(tmp_path):
-    with pytest.raises(ScenarioError, match="has geographic coordinates, but the field has not"):
+    with pytest.raises(ScenarioError, match="has geographic coordinates, but the field does not"):
         plan_of(tmp_path, "p.json", json.dumps(line(degrees(OUT))), Field("Home", FIELD.boundary))

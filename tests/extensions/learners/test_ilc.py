@@ -245,7 +245,9 @@ def test_initial_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "none.parquet")})
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "steering.loop.kind": "adaptive", "duration_s": 0.1}))
     write_log(log, tmp_path)
-    with pytest.raises(ScenarioError, match=r"guidance.file: learned.parquet: holds no \w+_learned, only valve_gain"):
+    with pytest.raises(
+        ScenarioError, match=r"guidance.file: learned.parquet: the file has no \w+_learned, only valve_gain"
+    ):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / LEARNED)})
     with pytest.raises(ScenarioError, match=r"signals.parquet: has no columns quantity"):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "signals.parquet")})

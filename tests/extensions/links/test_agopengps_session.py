@@ -314,7 +314,7 @@ def test_second_link_on_the_same_port_is_rejected():
     with UdpSockets("127.0.0.1", own, other):
         done = command("straight_line", f"--port={own}", f"--host-port={other}", "--no-rrd")
     assert done.returncode == 2
-    assert f"127.0.0.1:{own} is in use: another link" in done.stderr
+    assert f"127.0.0.1:{own} is in use by another link" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -322,7 +322,7 @@ def test_second_link_on_the_same_port_is_rejected():
     ("arguments", "message"),
     [
         (["--address", "tractor"], "--address: 'tractor' is not an IPv4 address"),
-        (["--nmea", "10110"], "--nmea 10110: write it as 127.0.0.1:10110"),
+        (["--nmea", "10110"], "--nmea 10110: write address and port, for example 127.0.0.1:10110"),
         (["--nmea", "here:10110"], "--nmea: 'here' is not an IPv4 address"),
         (["--port", "70000"], "Invalid value for '--port'"),
         (["--host-port", "0"], "Invalid value for '--host-port'"),

@@ -33,7 +33,7 @@ def test_second_link_on_the_same_port_is_rejected():
     port = free_port()
     with (
         UdpSockets("127.0.0.1", port, 9),
-        pytest.raises(ScenarioError, match=rf"127\.0\.0\.1:{port} is in use: .*--port"),
+        pytest.raises(ScenarioError, match=rf"127\.0\.0\.1:{port} is in use .*--port"),
     ):
         UdpSockets("127.0.0.1", port, 9)
     with UdpSockets("127.0.0.1", port, 9):
@@ -107,7 +107,7 @@ def test_traffic_recording_without_datagrams_is_valid(tmp_path):
 
 
 def test_invalid_traffic_recording_is_rejected(tmp_path):
-    with pytest.raises(ScenarioError, match="no such file; --replay wants"):
+    with pytest.raises(ScenarioError, match=r"no such file; specify the link.parquet"):
         read_traffic(tmp_path / "none.parquet")
     (tmp_path / "text.parquet").write_text("t,wall_s")
     pq.write_table(pa.table({"t": [0.0]}), tmp_path / "other.parquet")
@@ -115,5 +115,5 @@ def test_invalid_traffic_recording_is_rejected(tmp_path):
     empty.add(Datagram(0, 0.0, "in", None, b""))
     pq.write_table(empty.table(0), tmp_path / "empty.parquet")
     for name in ("text", "other", "empty"):
-        with pytest.raises(ScenarioError, match=rf"{name}\.parquet: not the link\.parquet of a run"):
+        with pytest.raises(ScenarioError, match=rf"{name}\.parquet: this is not the link\.parquet of a run"):
             read_traffic(tmp_path / f"{name}.parquet")

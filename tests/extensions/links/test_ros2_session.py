@@ -83,12 +83,12 @@ def test_program_that_stops_sending_ends_a_lock_step_run():
     )
     assert log.outcome == "host_lost"
     assert len(log.column("t")) == 14
-    assert "nothing on /cmd_vel for 0.2 s; lock-step needs a message every 0.05 s" in told[-1]
+    assert "no message on /cmd_vel for 0.2 s; lock-step needs a message every 0.05 s" in told[-1]
     assert "set --every above 1" in told[-1]
 
 
 def test_missing_command_program_is_reported():
-    with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s: no program publishes it"):
+    with pytest.raises(NoProgramError, match=r"no message on /cmd_vel within 0.2 s: no program publishes this topic"):
         driven(lambda _: None)
 
 
@@ -109,7 +109,7 @@ def test_error_names_publishers_of_the_wrong_message_type():
         ([], False, 0, "no program publishes this topic"),
         (["geometry_msgs/msg/Twist"], False, 0, ""),
         (["geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"], False, 0, ""),
-        (["geometry_msgs/msg/Twist"], True, 0, "leave out --stamped"),
+        (["geometry_msgs/msg/Twist"], True, 0, "omit --stamped"),
         (
             ["std_msgs/msg/String"],
             False,
@@ -132,7 +132,7 @@ def test_non_finite_commands_are_counted_and_reported_once(bad):
     log, _ = driven(lambda _: bad if next(ticks) % 3 == 2 else (1.0, 0.0), options, **{"duration_s": 0.6})
     assert log.outcome == "completed"
     assert log.metrics["ros2"]["refused"] >= 3
-    assert len([text for text in told if "not finite and is ignored" in text]) == 1
+    assert len([text for text in told if "non-finite velocity on /cmd_vel is ignored" in text]) == 1
     assert (log.column("cmd_speed") == 1.0).all()
 
 

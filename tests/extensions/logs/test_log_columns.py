@@ -61,7 +61,7 @@ def test_non_numeric_cell_is_reported_with_its_column(write, values, told):
 
 def test_log_with_column_names_but_no_rows_is_rejected(tmp_path):
     (tmp_path / "log.csv").write_text("t,bad\n")
-    with pytest.raises(FieldLogError, match=r"^log.csv: has column names but no rows"):
+    with pytest.raises(FieldLogError, match=r"^log.csv: the file has column names but no rows"):
         read_columns(tmp_path / "log.csv", ["t", "bad"])
 
 
@@ -79,7 +79,7 @@ def test_missing_column_message_names_the_key_and_a_suggestion(write):
         (np.concatenate([T[:2], T[1:]]), "does not increase at row 3; sort"),
         (np.floor(T), "repeats each time in 20 rows; export more digits"),
         (np.where(T[7] == T, np.nan, T), "no number in row 8"),
-        (1000 * T, 'looks like milliseconds; set time.unit, e.g. "ms"'),
+        (1000 * T, 'indicates milliseconds; set time.unit, e.g. "ms"'),
         (T[:1], "has 1 rows"),
     ],
 )

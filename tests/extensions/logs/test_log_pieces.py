@@ -171,7 +171,7 @@ def left_out(columns, log_map):
     """What is kept of a log, and the positions left out."""
     found = pieces([read(columns, log_map)])
     told = [note for note in found.notes if "positions that jump" in note]
-    return found, int(told[0].split("left out ")[1].split()[0]) if told else 0
+    return found, int(told[0].split("omitted ")[1].split()[0]) if told else 0
 
 
 @pytest.mark.parametrize("heading", [True, False])

@@ -99,7 +99,7 @@ def test_column_mapped_to_two_quantities_is_rejected():
 @pytest.mark.parametrize("name", INSTEAD)
 def test_possible_wheel_angle_columns_are_suggested(name):
     names = ["t", "speed", "heading", name]
-    told = f"it has no wheel angle; [steer] of a map may name {name}, {INSTEAD[name]}"
+    told = f"the log has no wheel angle; [steer] of a map can use column {name}, {INSTEAD[name]}"
     assert lacking(["time", "speed", "heading"], names) == told
     assert lacking(["time", "speed", "steer"], names) == "it has no yaw rate, heading or position to compare with"
     assert lacking(["time", "speed", "steer", "heading"], names) == ""

@@ -251,7 +251,7 @@ def test_course_is_used_without_gyro_and_heading(driven):
             "map.toml: position.latitude: specify either latitude and longitude, or east and north",
         ),
         ("[speed]", "[speed", "map.toml: not valid TOML"),
-        ('column = "kmh"', 'column = "km"', "log.csv: has no column 'km' (speed.column); did you mean 'kmh'"),
+        ('column = "kmh"', 'column = "km"', "log.csv: no column 'km' (speed.column); did you mean 'kmh'"),
         ('column = "kmh"', 'column = "note"', "log.csv: 'note' holds text"),
         ('unit = "km/h"', 'unit = "kn"', None),
         ('unit = "ms"', 'unit = "s"', "log.csv: 'ms' has steps of 50 s, which indicates milliseconds; set time.unit"),

@@ -271,7 +271,7 @@ def test_indices_that_are_impossible_or_from_few_samples_are_not_ranked(plan, tm
     assert "Therefore there is no ranking." in text
     assert "| ? |" in importance_table(found)
     below = Share("mine.key", 0.5, 0.2, 0.9, effect=-0.46, half=0.41)
-    text = "mine.key: the first-order index is from -0.87 to -0.05: no index can be there"
+    text = "mine.key: the first-order index is from -0.87 to -0.05, outside the possible range"
     assert sobol_flaws([below], 256) == (text,)
     assert sobol_flaws([below._replace(effect=-0.3)], 256) == ()
 

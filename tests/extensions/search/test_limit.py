@@ -290,7 +290,7 @@ def test_limit_result_states_evaluated_values_and_gaps_between_them():
     )
     assert "does not fail at evaluated values" in found.statement
     found = search(lambda v: v < 2.345, tolerance=0.5)
-    assert "Held at 0, 1, 2; failed at 2.5, 3, 4; no value in between was evaluated" in found.statement
+    assert "Succeeded at 0, 1, 2; failed at 2.5, 3, 4; no value in between was evaluated" in found.statement
 
 
 def test_runs_independent_of_the_seed_count_once_and_have_no_interval():
@@ -425,7 +425,7 @@ def test_limit_command_compares_laws_and_writes_its_result(call, tmp_path):
         ("--range", "1-8", "--range 1-8: specify two numbers, such as 0:25"),
         ("--until", "os.system('x') > 1", "write comparisons of metrics and outcome"),
         ("--beside", "terain.kind=flat", "unknown key"),
-        ("--beside", "flat", "--beside flat: write it as key=value"),
+        ("--beside", "flat", "--beside flat: the override must have the form key=value"),
         ("--key", "path.sped_m_s", "did you mean 'speed_m_s'"),
         (
             "--key",

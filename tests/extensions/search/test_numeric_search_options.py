@@ -33,7 +33,9 @@ def test_numeric_limit_options_out_of_range_are_rejected(odd, monkeypatch):
 @pytest.mark.parametrize(("budget", "seeds"), [(64, 200_000), (10**9, 1), (8, 10**400)])
 def test_excessively_large_search_is_rejected_before_building_cases(budget, seeds, monkeypatch, tmp_path):
     monkeypatch.setattr(study, "tuning_cases", lambda *_: pytest.fail("built"))
-    with pytest.raises(ScenarioError, match=r"--budget .* --seeds .*: more than 100,000 runs; reduce the budget"):
+    with pytest.raises(
+        ScenarioError, match=r"--budget .* --seeds .*: this needs more than 100,000 runs; reduce the budget"
+    ):
         tune(
             load_scenario("straight_line", {"guidance.kind": "stanley"}),
             read_tuning("surfaces"),

@@ -72,13 +72,13 @@ def test_report_of_a_screening_shows_the_importance_of_parameters(tmp_path):
     files = {file.name for file in write_report(out)}
     assert {"importance.json", "importance.png"} <= files
     check_page(out)
-    assert "<h2>Importance</h2><p>Share of the variance of xte_rms" in page_of(out)
+    assert "<h2>Importance</h2><p>Fraction of the variance of xte_rms" in page_of(out)
     found = json.loads((out / "importance.json").read_text())["groups"][0]["shares"]
     (bars,) = [t for c in charts_of(out).values() for t in c["data"] if t["type"] == "bar"]
     assert bars["y"] == [share["key"] for share in found]
     np.testing.assert_allclose(bars["x"], [share["share"] for share in found], rtol=1e-5)
     write_report(out, "lateral_rms")
-    assert "Share of the variance of lateral_rms" in page_of(out)
+    assert "Fraction of the variance of lateral_rms" in page_of(out)
     with pytest.raises(ScenarioError, match="--metric lateral_rmss: no such column"):
         write_report(out, "lateral_rmss")
 

@@ -184,7 +184,7 @@ def test_key_given_in_two_places_of_a_sweep_is_rejected(plan):
     [
         ("seeds = [1, 7, 1, 1]\n", "seeds: 1 is listed more than once; list each value once"),
         ('[axes]\n"guidance.kind" = ["lqr", "stanley", "lqr"]\n', 'axes.guidance.kind: has "lqr" more than once'),
-        ('[axes]\n"path.speed_m_s" = [1, 1.0]\n', "axes.path.speed_m_s: has 1 more than once"),
+        ('[axes]\n"path.speed_m_s" = [1, 1.0]\n', "axes.path.speed_m_s: 1 is listed more than once"),
         ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; set seeds"),
     ],
 )

@@ -169,7 +169,7 @@ def test_lost_dask_scheduler_is_reported_and_finished_runs_are_kept(file, tmp_pa
     monkeypatch.setattr(workers, "_workers", lambda client, address: 1)
     status, out, err = call(file, "--scheduler", "tcp://here:1", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
-    assert err.startswith("--scheduler tcp://here:1: was lost; finished runs are kept")
+    assert err.startswith("--scheduler tcp://here:1: the connection is lost; finished runs are kept")
     assert 0 < table(tmp_path / "out").num_rows <= 3
 
 
@@ -330,7 +330,7 @@ def test_sweep_keeps_the_files_requested_by_keep(tmp_path):
 @pytest.mark.parametrize("text", ["0/2", "3/2", "1", "a/b"])
 def test_an_invalid_shard_is_reported(call, file, text):
     status, _, err = call(file, "--shard", text)
-    assert (status, err) == (2, f"--shard {text}: write the part and the number of parts as in 1/4, from 1/4 to 4/4\n")
+    assert (status, err) == (2, f"--shard {text}: must have the form PART/PARTS, from 1/4 to 4/4 for 4 parts\n")
 
 
 def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):

@@ -63,7 +63,9 @@ def open_log(path: Path) -> OpenedLog:
             f"{path}: the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"
         )
     kinds = ", ".join(reader.kind for reader in READERS)
-    raise FieldLogError(f"{path.name}: the format is unknown ({kinds}); export it as CSV in UTF-8 with a header line")
+    raise FieldLogError(
+        f"{path.name}: the format is unknown (supported: {kinds}); export it as CSV in UTF-8 with a header line"
+    )
 
 
 def _head(path: Path) -> Head:

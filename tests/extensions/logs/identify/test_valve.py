@@ -187,9 +187,9 @@ def test_folder_without_a_run_is_rejected(calm, tmp_path):
     refuses(r"has no signals\.parquet")
     file = tmp_path / "signals.parquet"
     file.write_text("no table")
-    refuses("has no column 't'")
+    refuses("no column 't'")
     pq.write_table(pa.table({"t": [0.0, 0.05], "speed": [1.0, 1.0]}), file)
-    refuses("has no column 'valve_voltage'")
+    refuses("no column 'valve_voltage'")
     pq.write_table(calm.signals.slice(0, 150), file)
     refuses("too short")
     n = 600
@@ -218,7 +218,7 @@ T = np.arange(1000) * 0.05
         ("t", pa.array(np.r_[T[:-1], np.nan]), "'t' has no number in row 1000"),
         ("t", pa.array([None] * 1000, pa.float64()), "'t' has no number in row 1"),
         ("t", pa.array(1000 * T), "'t' has steps of 50 s, which indicates milliseconds"),
-        ("t", pa.array(20 * T), "'t': rows must be 0.001 to 0.5 s apart, got 1; is it in s?"),
+        ("t", pa.array(20 * T), "'t': rows must be 0.001 to 0.5 s apart, got 1 s; check the unit"),
         ("t", pa.array(np.r_[T[:500], T[500:] + 60]), "'t': rows must be evenly spaced"),
         ("steer_measured", pa.array(["left"] * 1000), "'steer_measured' holds text ('left' in row 1)"),
         ("steer_measured", pa.array([[0.1]] * 1000), "'steer_measured' holds list<"),

@@ -56,7 +56,9 @@ def test_rows_of_an_agopenweb_log_are_converted_to_quantities(recorded):
 
 def test_steering_demand_replaces_the_wheel_angle_if_mapped(recorded):
     log = open_log(recorded)
-    with pytest.raises(FieldLogError, match=r"^dump of Monday: it has no wheel angle; .* may name steer_demand"):
+    with pytest.raises(
+        FieldLogError, match=r"^dump of Monday: the log has no wheel angle; .* can use column steer_demand"
+    ):
         log.checked_map()
     tables = log.tables | {"steer": {"column": "steer_demand", "unit": "rad"}}
     found = read_recording(log.source, LogMap.model_validate(tables), antenna_height=2.0)

@@ -123,9 +123,9 @@ def test_position_is_missing_without_a_fix(folder):
     ("content", "told"),
     [
         ('<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]>' + HEADER, "declares a document type or entities"),
-        (HEADER[:60], "TLG00001.XML: is not XML"),
+        (HEADER[:60], "TLG00001.XML: the file is not valid XML"),
         (HEADER.replace("018D", "xyz"), "TLG00001.XML: invalid literal"),
-        ("<TIM/>", "holds no time log with positions"),
+        ("<TIM/>", "contains no time log with positions"),
     ],
 )
 def test_malformed_task_descriptions_are_rejected_with_the_reason(folder, content, told):
@@ -133,7 +133,7 @@ def test_malformed_task_descriptions_are_rejected_with_the_reason(folder, conten
     with pytest.raises(FieldLogError, match=told):
         open_log(folder)
     (folder / "TLG00001.XML").write_text(content, encoding="utf-16")
-    with pytest.raises(FieldLogError, match=r"TLG00001|holds no time log"):
+    with pytest.raises(FieldLogError, match=r"TLG00001|contains no time log"):
         open_log(folder)
 
 
@@ -150,7 +150,7 @@ def test_malformed_task_descriptions_are_rejected_with_the_reason(folder, conten
 )
 def test_impossible_records_are_ignored(folder, data):
     (folder / "TLG00001.BIN").write_bytes(data)
-    with pytest.raises(FieldLogError, match="holds no time log with positions"):
+    with pytest.raises(FieldLogError, match="contains no time log with positions"):
         open_log(folder)
 
 
@@ -177,7 +177,7 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
             open_log(tmp_path / "z")
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "x").write_text(TASK)
-    with pytest.raises(FieldLogError, match=r"contains neither signals.parquet nor TASKDATA.XML"):
+    with pytest.raises(FieldLogError, match=r"the folder has neither signals.parquet nor TASKDATA.XML"):
         open_log(tmp_path / "a")
 
 

@@ -159,7 +159,7 @@ def test_a_cold_start_is_omitted(tmp_path, late):
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     log = open_log(tmp_path / "log")
     assert len(log.source) == 100
-    assert log.notes[0].startswith(f"left out {12 if late else 11} sentences before the first fix")
+    assert log.notes[0].startswith(f"{12 if late else 11} sentences before the first fix")
 
 
 def test_positions_without_a_quality_are_read(tmp_path):

@@ -104,7 +104,7 @@ def test_certain_failure_has_the_interval_of_direct_simulation():
     found = risk_of(WHOLE._replace(top=-70), particles=20, repeats=3)
     assert (found.estimate.probability, found.estimate.high, found.worth) == (1.0, 1.0, 60)
     assert found.estimate.low == pytest.approx(60 / (60 + 1.96**2), abs=1e-4)
-    assert "plain runs" not in found.statement
+    assert "Monte Carlo" not in found.statement
 
 
 def test_search_ends_below_the_minimum_probability():
@@ -203,9 +203,9 @@ def test_failure_from_a_missing_metric_is_reported(call, tmp_path):
     words = ["risk", *BICYCLE[:-1], "duration_s=0.1", "--particles", "2", "--repeats", "2", "--jobs", "1"]
     status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
     assert status == 0
-    assert "a run fails with a probability of 1 (95% interval 0.51 to 1), by 4 runs" in said
+    assert "a run fails with a probability of 1 (95% interval 0.51 to 1), from 4 runs" in said
     assert "; of these 4 without xte_abs_max" in said
-    assert "1 of 2: probability 1, by 2 runs\n" in said
+    assert "1 of 2: probability 1 from 2 runs\n" in said
     assert (tmp_path / "r" / "risk.png").is_file()
 
 
