@@ -26,5 +26,5 @@ def _found(text: str, name: str) -> re.Match[str]:
     begin, end = re.escape(f"<!-- {name} -->\n"), re.escape(f"\n<!-- end of {name} -->")
     found = re.compile(f"{begin}(.*?){end}", re.DOTALL).search(text)
     if not found:
-        raise SystemExit(f"the page's block <!-- {name} --> is gone")
+        raise SystemExit(f"the page has no block <!-- {name} -->; restore it")
     return found

@@ -76,11 +76,11 @@ def works(programs: Path, folder: Path) -> None:
         must([programs / "agrobot-mj", *arguments], folder)
     must_exist(folder, "run/signals.parquet", "compared/comparison.json")
     if (folder / "run/run.rrd").exists():
-        raise RuntimeError("run/run.rrd: written without the extra")
+        raise RuntimeError("run/run.rrd: the file was written without the extra")
     for arguments in REFUSED:
         done = call([programs / "agrobot-mj", *arguments], folder)
         if done.returncode != 2 or "pip install" not in done.stderr or "Traceback" in done.stderr:
-            raise RuntimeError(f"{' '.join(arguments)}: status {done.returncode}, said {done.stderr!r}")
+            raise RuntimeError(f"{' '.join(arguments)}: status {done.returncode}, stderr {done.stderr!r}")
 
 
 def must_exist(folder: Path, *names: str) -> None:
@@ -155,7 +155,7 @@ def main() -> int:
                 from_source = environment(sdist, python, other)
                 must([from_source / "agrobot-mj", "list"], other)
                 if files(programs) != files(from_source):
-                    raise RuntimeError("the sdist installs other files than the wheel")
+                    raise RuntimeError("the sdist and the wheel install different files")
                 tell(f"{python}: the sdist installs the same files")
                 if python == PYTHONS[-1]:
                     works_with_all(environment(f"{wheel}[all]", python, place / "all"), place / "work")

@@ -79,7 +79,7 @@ def faults(root: Path) -> list[str]:
                 found.append(f"pyproject.toml: {requirement}, but locked: {', '.join(versions) or 'nothing'}")
     for key in sorted(lock.keys() - set().union(*pins.values())):
         if key[0] not in extras:
-            found.append(f"uv.lock: {key[0]}=={key[1]} is in no exported file")
+            found.append(f"uv.lock: {key[0]}=={key[1]} is missing from the exported files")
     return found
 
 

@@ -177,7 +177,7 @@ def line(name: str, scenario: Scenario, logs: dict[str, Log]) -> tuple[str, ...]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="draw these only, and leave the page alone")
+    parser.add_argument("names", nargs="*", help="scenarios to draw; the page is not changed")
     chosen = parser.parse_args().names
     names = chosen or list(scenario_files())
     IMAGES.mkdir(parents=True, exist_ok=True)

@@ -56,7 +56,7 @@ def checked(page: str) -> str:
         plain = text.replace(f" {LATER}", "")
         found = STATEMENT.match(plain)
         if found is None:
-            raise SystemExit(f"block <!-- {name} -->: states no version, commit and code: {text}")
+            raise SystemExit(f"block <!-- {name} -->: version, commit and code are missing: {text}")
         page = put(page, name, plain if found["code"] == present_code() else f"{plain} {LATER}")
     return page
 

@@ -47,17 +47,19 @@ class Study:
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
         """Create the study of the Makefile target `verb` for the pages named `pages`."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
-        parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; all of them if left out")
+        parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; default: all")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
-        parser.add_argument("--only-draw", action="store_true", help="run nothing, write pages and figures")
-        parser.add_argument("--seeds", type=int, help="first seeds of each sweep, first pieces of other work: a trial")
-        parser.add_argument("--variant", action="append", help="this variant of each sweep only, for a trial")
-        parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, for a trial")
+        parser.add_argument("--only-draw", action="store_true", help="write pages and figures without new runs")
+        parser.add_argument("--seeds", type=int, help="number of seeds of each sweep and of tasks, for a trial")
+        parser.add_argument("--variant", action="append", help="run only this variant of each sweep, for a trial")
+        parser.add_argument(
+            "--set", type=_pair, action="append", default=[], help="override KEY=VALUE for all runs, for a trial"
+        )
         parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "pages", help="folder of the runs")
         parser.add_argument("--docs", type=Path, default=DOCS, help="folder of the pages")
         given = parser.parse_args(arguments)
         if unknown := set(given.part) - set(parts):
-            parser.error(f"{', '.join(sorted(unknown))}: no such part; known: {', '.join(parts)}")
+            parser.error(f"{', '.join(sorted(unknown))}: unknown part (known: {', '.join(parts)})")
         self.parts, self.jobs, self.seeds, self.trial = given.part or parts, given.jobs, given.seeds, dict(given.set)
         self.only_draw, self.variants = given.only_draw, given.variant
         self.verb, self.pages = verb, [page(name, given.docs) for name in pages]
@@ -77,7 +79,7 @@ class Study:
         if content is None or len(rows := read_rows(folder)) < content["runs"]:
             return []
         if content["of"]["program"] != PROGRAM:
-            raise SystemExit(f"{folder}: was run with other sources; remove it, and run it again")
+            raise SystemExit(f"{folder}: the results come from different code; remove the folder and run again")
         return rows
 
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
@@ -90,7 +92,7 @@ class Study:
         if not self.only_draw:
             folder.mkdir(parents=True, exist_ok=True)
             todo = [file for file in files if not file.exists()]
-            with tally(f"{name}: {len(todo)} pieces of work", len(todo)) as advance:
+            with tally(f"{name}: {len(todo)} tasks", len(todo)) as advance:
                 for file, row in spread(partial(_at, perform, files), todo, self.jobs):
                     write_json(file, row)
                     advance()
@@ -110,7 +112,7 @@ class Study:
                 text = put(text, name, made.pop(name))
             file.write_text(text, encoding="utf-8")
         if lost := [name for name in made if not name.startswith("standing")]:
-            raise SystemExit(f"{self.pages[0]}: blocks are gone: {', '.join(lost)}")
+            raise SystemExit(f"{self.pages[0]}: the page has no blocks {', '.join(lost)}")
 
     def _file(self, name: str, source: str, changes: dict[str, Any]) -> str | Path:
         if not (changes or self.trial or self.seeds or self.variants):

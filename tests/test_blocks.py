@@ -24,5 +24,5 @@ def test_replacing_a_page_block_by_itself_leaves_the_page_unchanged(page, name):
 
 
 def test_error_names_a_missing_page_block():
-    with pytest.raises(SystemExit, match="<!-- costs --> is gone"):
+    with pytest.raises(SystemExit, match="the page has no block <!-- costs -->"):
         put("<!-- costs -->\n1\n", "costs", "2")

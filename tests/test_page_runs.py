@@ -39,7 +39,7 @@ def test_runs_of_other_source_versions_are_not_plotted(tmp_path):
     content = json.loads(plan.read_text())
     content["of"]["program"] = "0" * 16
     plan.write_text(json.dumps(content))
-    with pytest.raises(SystemExit, match="other sources"):
+    with pytest.raises(SystemExit, match="different code"):
         study(tmp_path, "--only-draw").rows("printed")
 
 
@@ -74,4 +74,4 @@ def test_results_page_states_version_and_commit(tmp_path, monkeypatch):
 def test_error_names_an_unknown_part_of_a_page(tmp_path, capsys):
     with pytest.raises(SystemExit):
         study(tmp_path, "parts")
-    assert "parts: no such part; known: part" in capsys.readouterr().err
+    assert "parts: unknown part (known: part" in capsys.readouterr().err

@@ -44,7 +44,7 @@ def exceptions(study: Study) -> Blocks:
         if not row["expected"]:
             groups[row["name"], row["ends"]].append(f"`{row['machine']}`")
     if missing := {name for name, _ in groups} - set(WHY):
-        raise SystemExit(f"scripts/measured/machines.toml needs a reason for {', '.join(sorted(missing))}")
+        raise SystemExit(f"scripts/measured/machines.toml: add a reason for {', '.join(sorted(missing))}")
     lines = [(f"`{name}`", ", ".join(some), ends, WHY[name]) for (name, ends), some in groups.items()]
     return {BLOCK: markdown_table(("scenario", "on", "ends", "because"), lines) if rows else ""}
 
