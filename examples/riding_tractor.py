@@ -306,11 +306,11 @@ def gain(loop: Loop, ground: Path, roughness: float) -> str:
     """Return the table of errors that are corrected one after the other."""
     right = calibrated(STRAIGHT, SCALE)
     changes = {
-        "as it is": loop,
-        "centre put right": loop._replace(board=Board(STRAIGHT)),
-        "centre and scale put right": loop._replace(board=right),
-        "heading put right besides": loop._replace(board=right, heading_error=0.0),
-        "dead band of 5 counts besides": loop._replace(board=right._replace(dead_band=5.0), heading_error=0.0),
+        "unchanged": loop,
+        "centre corrected": loop._replace(board=Board(STRAIGHT)),
+        "centre and scale corrected": loop._replace(board=right),
+        "also heading corrected": loop._replace(board=right, heading_error=0.0),
+        "also a dead band of 5 counts": loop._replace(board=right._replace(dead_band=5.0), heading_error=0.0),
     }
     lines = []
     for name, each in changes.items():
@@ -327,7 +327,7 @@ FAILURES: dict[str, dict[str, Any]] = {
     "position silent for 37 s, last fix of quality 2": {
         **{"kind": "gnss_frozen", "keep": "velocity", "quality": "dgps", "end_s": BEGIN_S + 37}
     },
-    "heading silent from then on, called valid": {"kind": "heading_stuck"},
+    "heading silent afterwards, reported as valid": {"kind": "heading_stuck"},
     "quality 2 for 1.4 s": {"kind": "gnss_dgps", "end_s": BEGIN_S + 1.4},
     "quality 2 for 7.2 s": {"kind": "gnss_dgps", "end_s": BEGIN_S + 7.2},
     "no heading for 0.2 s": {"kind": "heading_loss", "end_s": BEGIN_S + 0.2},
@@ -352,9 +352,9 @@ def failures(loop: Loop, ground: dict[str, Any], seeds: Sequence[int] = (1, 2)) 
             rests = np.flatnonzero(after[6] < RESTING_M_S)
             ways += [float(after[4][rests[0]] - after[4][0])] if rests.size else []
             offs.append(float(np.abs(after[5] - rows[5][rows[0] < BEGIN_S][-1]).max()))
-        text = f"{np.mean(ways):.2f} ({max(ways):.2f})" if ways else "drives on"
+        text = f"{np.mean(ways):.2f} ({max(ways):.2f})" if ways else "continues"
         lines.append((name, f"{len(ways)} of {len(seeds)}", text, f"{np.mean(offs):.2f} ({max(offs):.2f})"))
-    return markdown_table(("failure", "stops", "way to rest [m]", "off its line [m]"), lines)
+    return markdown_table(("failure", "stops", "stopping distance [m]", "off its line [m]"), lines)
 
 
 if __name__ == "__main__":
