@@ -216,7 +216,7 @@ def test_error_for_an_invalid_body_names_the_faulty_part(case, tmp_path):
         ("<robot/>", "begins with <robot>"),
         ("<mujoco>", "is not valid XML"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><mujoco/>', "document type"),
-        ("<mujoco/>", "has no body 'chassis'"),
+        ("<mujoco/>", "there is no body 'chassis'"),
         ("\0\0\0", "is not valid XML"),
         ("<mujoco><worldbody>" + 5000 * "<body>" + 5000 * "</body>" + "</worldbody></mujoco>", "cannot read it"),
     ],
@@ -243,7 +243,7 @@ def test_command_with_an_invalid_body_reports_it_and_writes_no_files(tmp_path, c
     (tmp_path / "s.toml").write_text(tomli_w.dumps({"tractor": {"mjcf": path.name}}), encoding="utf-8")
     status, _, told = call("run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "tractor.mjcf: mine.xml: has no joint 'steer_fl'" in told
+    assert "tractor.mjcf: mine.xml: there is no joint 'steer_fl'" in told
     assert "Traceback" not in told
     assert not (tmp_path / "out").exists()
 

@@ -125,7 +125,7 @@ REFUSED = {
     "model that attaches itself": (
         '<asset><model file="rack.xml"/></asset>',
         {"rack__xml": model("rack", '<asset><model file="rack.xml"/></asset>'), "rack__obj": WEDGE},
-        "rack.xml: includes or attaches itself",
+        "rack.xml: the file includes or attaches itself",
     ),
     "plugin in an attached model": (
         '<asset><model file="rack.xml"/></asset>',

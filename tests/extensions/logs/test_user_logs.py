@@ -86,7 +86,7 @@ def test_bursts_are_told_with_their_length_and_period():
     recording = recorded({name: values[kept] for name, values in columns.items()})
     found = bursts(recording)
     assert (found.number, found.length, found.period) == (15, pytest.approx(2.0, abs=0.1), pytest.approx(8.0))
-    with pytest.raises(FieldLogError, match=r"15 bursts of \d.\d s, one every 8\.0 s, .* needs 5 s: record with"):
+    with pytest.raises(FieldLogError, match=r"15 bursts of \d.\d s, one every 8\.0 s, .* needs 5 s; record with"):
         pieces([recording])
     assert bursts(recorded(columns)) is None
 

@@ -315,7 +315,7 @@ def test_reported_noise_is_the_variance_between_seeds():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("samples = 9", "samples = 8", "samples: must be at least 9 with screening, 3 a draw, got 8"),
+        ("samples = 9", "samples = 8", "samples: must be at least 9 with screening, 3 per draw, got 8"),
         ("[draws]", '[draws]\n"path.kind" = { choice = ["line", "circle"] }', "path.kind: screening needs numbers"),
     ],
 )

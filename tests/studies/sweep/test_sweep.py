@@ -146,7 +146,7 @@ def test_unreachable_dask_scheduler_is_reported_and_nothing_is_lost(file, tmp_pa
     call(file, "--shard", "1/4", "--jobs", 1, "--out", tmp_path / "out")
     status, out, err = call(file, "--scheduler", "tcp://127.0.0.1:9", "--out", tmp_path / "out")
     assert (status, out) == (2, "")
-    assert err.startswith("--scheduler tcp://127.0.0.1:9: cannot be reached: ")
+    assert err.startswith("--scheduler tcp://127.0.0.1:9: the scheduler cannot be reached: ")
     assert len(list((tmp_path / "out" / "rows").rglob("*.json"))) == TOTAL // 4
 
 
