@@ -244,8 +244,7 @@ def test_fit_rejects_positions_at_one_per_second():
         ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] is constant; specify another column, or omit"),
         (
             {"speed": lambda values: np.round(values * 3.6) / 3.6},
-            r"the resolution of \[speed\] is 0.28 m/s, too "
-            r"coarse",
+            r"the resolution of \[speed\] is 0.28 m/s, too low",
         ),
     ],
 )
