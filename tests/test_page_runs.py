@@ -67,7 +67,7 @@ def test_results_page_states_version_and_commit(tmp_path, monkeypatch):
     assert "<!-- a -->\nnew\n" in one.read_text()
     assert "<!-- b -->\nnewer\n" in other.read_text()
     assert "\nVersion 4.5.6, commit 0123456ab; again: `make verb STUDY=part`.\n" in other.read_text()
-    with pytest.raises(SystemExit, match="gone: c"):
+    with pytest.raises(SystemExit, match="no blocks c"):
         pages.write("part", {"c": "new"})
 
 
