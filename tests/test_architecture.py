@@ -12,7 +12,7 @@ import pytest
 
 import agrobot_mj
 from agrobot_mj.core.kernel_cache import MAKES_KERNELS, PARTS
-from agrobot_mj.core.resources import installed_plugins
+from agrobot_mj.core.resources import installed
 
 PACKAGE = Path(agrobot_mj.__file__).parent
 LAYERS = [
@@ -96,7 +96,7 @@ def test_extensions_do_not_import_each_other(name):
 
 
 def test_core_does_not_name_any_kind_of_an_extension():
-    entries = [entry for entry in installed_plugins() if entry.module.startswith("agrobot_mj.extensions.")]
+    entries = [entry for entry in installed("plugins") if entry.module.startswith("agrobot_mj.extensions.")]
     kinds = [kind.model_fields["kind"].default for entry in entries for kind in entry.load()]
     assert "learned_feedforward" in kinds or "learners" not in EXTENSIONS
     core = [file for part in LAYERS[:-1] for file in files_of(part)]

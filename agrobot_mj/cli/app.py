@@ -15,7 +15,7 @@ from agrobot_mj.cli.answers import with_json
 from agrobot_mj.cli.options import with_machine, with_plugins
 from agrobot_mj.cli.panels import COMMANDS, HelpEntry, PanelledGroup, command_name, listed
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import installed_commands
+from agrobot_mj.core.resources import installed
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
@@ -108,7 +108,7 @@ def _renamed(command: Callable[..., Any], now: str) -> Callable[..., Any]:
 
 ON_RECORDINGS = (recordings.view, recordings.snapshot)
 _add(CORE)
-for entry in installed_commands():
+for entry in installed("commands"):
     try:
         _add(entry.load())
     except Exception as error:  # errors of installed packages do not affect other commands

@@ -6,7 +6,7 @@
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import NoReturn
+from typing import Literal, NoReturn
 
 _PACKAGE = Path(__file__).parents[1]
 
@@ -56,25 +56,13 @@ def machine_files() -> dict[str, Path]:
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}
 
 
-def installed_plugins() -> list[EntryPoint]:
-    """Return the entry points of extensions and installed packages that add kinds."""
-    return _present("agrobot_mj.plugins")
+def installed(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoint]:
+    """Return the entry points of extensions and installed packages that add kinds, commands, or report pages.
 
-
-def installed_commands() -> list[EntryPoint]:
-    """Return the entry points of extensions and installed packages that add commands."""
-    return _present("agrobot_mj.commands")
-
-
-def installed_reports() -> list[EntryPoint]:
-    """Return the entry points of extensions and installed packages that add report pages and sections."""
-    return _present("agrobot_mj.reports")
-
-
-def _present(group: str) -> list[EntryPoint]:
-    """Return the entry points of a group, extensions first; omit extensions whose folder was removed."""
+    Extensions are first; those whose folder was removed are omitted.
+    """
     ours, theirs = list[EntryPoint](), list[EntryPoint]()
-    for entry in entry_points(group=group):
+    for entry in entry_points(group=f"agrobot_mj.{group}"):
         if not entry.module.startswith("agrobot_mj.extensions."):
             theirs.append(entry)
         elif (_PACKAGE / "extensions" / entry.module.split(".")[2]).is_dir():

@@ -28,7 +28,7 @@ from pydantic_core import PydanticSerializationError
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import digest, take_in, taking_in_imports
-from agrobot_mj.core.resources import installed_plugins, is_file
+from agrobot_mj.core.resources import installed, is_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
 from agrobot_mj.metrics import METRICS, Metric
@@ -242,7 +242,7 @@ def _absent(file: Path) -> list[Path]:
 @cache
 def load_installed() -> None:
     """Register the members of the extensions and of installed plugins. Raises `ScenarioError`."""
-    for entry in installed_plugins():
+    for entry in installed("plugins"):
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             with taking_in_imports():
                 found = entry.load()

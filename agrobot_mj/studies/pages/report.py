@@ -12,7 +12,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import installed_reports
+from agrobot_mj.core.resources import installed
 from agrobot_mj.metrics.success import error_of
 from agrobot_mj.scenario.plugins import with_plugin_options
 from agrobot_mj.simulation.results import check_folder
@@ -96,7 +96,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
     """Return all pages and sections; the page of a run is last, because other results may be in the same folder."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
-    for entry in installed_reports():
+    for entry in installed("reports"):
         reports: Reports = entry.load()
         pages |= reports.pages
         for name, section in reports.sections.items():
