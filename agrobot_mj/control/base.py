@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.reporting import Reporting
-from agrobot_mj.core.signals import Array, Column, Command, Estimate, PathPoint, Reference
+from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference, Vector
 from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -38,7 +38,7 @@ class Route(Protocol):
         """Return the path point at arc length `s` [m], with `offset` 0, extrapolating straight beyond the ends."""
         ...
 
-    def curvatures(self, distances: Sequence[float]) -> Array:
+    def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
         """Return the curvatures at the arc lengths `distances` [m], extrapolated as in `ahead`, shape (n,) [1/m]."""
         ...
 
@@ -80,7 +80,7 @@ class Situation(NamedTuple):
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Return the maximum absolute steering angle for a given maximum lateral acceleration [rad]."""
         m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
-        return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / u**2))
+        return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / (u * u)))
 
 
 class Learner(Reporting):

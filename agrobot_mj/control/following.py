@@ -14,12 +14,13 @@ from collections.abc import Sequence
 from math import asin, atan, cos, inf, isnan, log, nan, pi, radians, sin, sqrt, tan, tanh
 from typing import Annotated, Any, ClassVar, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import SLOWEST_M_S, GuidanceLaw, Route, Situation
-from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import to_heading, wrap
-from agrobot_mj.core.signals import Column, Command, PathPoint
+from agrobot_mj.core.kernels import jit, shared, stage
+from agrobot_mj.core.signals import Column, Command, PathPoint, Reference, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -76,92 +77,45 @@ class Following(GuidanceLaw):
 
     def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
         """Compute the deviation from the path, the limited steering angle and the speed."""
-        deviation = self._deviation(state, situation, dt)
+        deviation = self._deviation(state, situation)
         memory, wanted = self.steering(state.memory, deviation, situation, dt)
-        steer = clip(wanted + deviation.bias, -deviation.limit, deviation.limit)
-        speed = self._speed(deviation, situation, steer)
-        if state.speed is not None:
-            highest = max(abs(state.speed), SLOWEST_M_S) + RISE_M_S2 * dt
-            speed = clip(speed, -highest, highest)
-        state = FollowingState(
-            memory,
-            deviation.place.s,
-            steer,
-            deviation.direction,
-            deviation.cross_track,
-            deviation.heading,
-            deviation.steer_ahead,
-            deviation.bias,
-            speed,
+        r, e, limits = situation.reference, situation.estimate, state.limits or self._limits(situation.machine)
+        last = nan if state.speed is None else state.speed
+        steer, speed = _limited(limits, deviation, r, e.x, e.y, situation.steer, wanted, last, dt)
+        place, direction, errors = deviation.place, deviation.direction, (deviation.cross_track, deviation.heading)
+        ahead, bias = deviation.steer_ahead, deviation.bias
+        return FollowingState(memory, place.s, steer, direction, *errors, ahead, bias, speed, limits), Command(
+            steer, speed
         )
-        return state, Command(steer, speed)
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
         """Return the command without feed-forward and steering-bias compensation [rad]."""
         return command.steer - state.steer_ahead - state.bias
 
-    def slip_length(self, situation: Situation) -> float:
-        """Return the distance from the CG to the point without sideslip [m]; l_r if the tyres do not slip."""
-        return situation.machine.cg_to_rear_axle
+    def rolling(self, situation: Situation) -> tuple[float, float]:
+        """Return slip length and effective wheelbase [m].
 
-    def effective_wheelbase(self, situation: Situation) -> float:
-        """Return the small-angle ratio of steering angle to curvature at the point without sideslip [m]."""
-        return situation.machine.wheelbase_m
+        The slip length is the distance from the CG to the point without sideslip: l_r if the tyres do not slip. The
+        effective wheelbase is the small-angle ratio of steering angle to curvature at this point.
+        """
+        return situation.machine.cg_to_rear_axle, situation.machine.wheelbase_m
 
-    def _deviation(self, state: "FollowingState", situation: Situation, dt: float) -> "PathDeviation":
-        estimate, r, route, t = situation.estimate, situation.reference, situation.route, situation.t
+    def _limits(self, machine: TractorParameters) -> "CommandLimits":
+        """Return the numbers that limit steering angle and speed of a tractor."""
+        speed = self.saturation_m_s, self.gain_per_m, self.lateral_acceleration_m_s2
+        return CommandLimits(*speed, machine.wheelbase_m, machine.steer_limit, MAX_HEADING_CHANGE)
+
+    def _deviation(self, state: "FollowingState", situation: Situation) -> "PathDeviation":
+        """Return the deviation of the tractor from the path."""
+        e, r, route, t = situation.estimate, situation.reference, situation.route, situation.t
         leg = route.leg(t)
-        near = route.passed(t) if state.s is None else state.s
-        place = route.nearest(estimate.x, estimate.y, near, t)
-        along = to_heading(r.yaw, r.vx, r.vy)[0]
-        direction = _sign(along if abs(along) > 1e-6 else state.direction or place.direction)
-        l_r, L = self.slip_length(situation), self.effective_wheelbase(situation)
-        beta, later = sideslips(route, (place.s, place.s + abs(estimate.speed) * self.preview_s), direction, leg, l_r)
-        bias = estimate.steer_bias if self.compensate_steer_bias and not isnan(estimate.steer_bias) else 0.0
-        return PathDeviation(
-            place=place,
-            leg=leg,
-            direction=direction,
-            speed=direction * max(abs(estimate.speed), SLOWEST_M_S),
-            yaw=place.yaw - beta,
-            cross_track=place.offset,
-            heading=wrap(estimate.yaw - place.yaw + beta),
-            steer_here=atan(L * tan(beta) / l_r),
-            steer_ahead=atan(L * tan(later) / l_r),
-            bias=clip(bias, -MAX_STEER_BIAS, MAX_STEER_BIAS),
-            limit=situation.steer_limit(self.lateral_acceleration_m_s2),
-        )
-
-    def _speed(self, deviation: "PathDeviation", situation: Situation, steer: float) -> float:
-        """Return the reference speed plus a correction for the lag along the path [m/s], in the direction of the leg.
-
-        The speed exceeds the reference only near the path, because the limited steering rate makes an approach at
-        higher speed less accurate. The tractor slows down while the wheels turn to their command. At a large angle to
-        the path it also slows down while the steering angle is large.
-        """
-        r, e, k_s, k_e = situation.reference, situation.estimate, self.saturation_m_s, self.gain_per_m
-        along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
-        astray = max(abs(deviation.cross_track) / FADING_M, abs(deviation.heading) / FADING_ANGLE)
-        ahead = k_s * tanh(k_e * lead) * deviation.direction
-        pace = deviation.direction * along + (ahead * clip(2.0 - astray, 0.0, 1.0) if ahead > 0.0 else ahead)
-        turning = abs(steer - situation.steer)
-        if abs(deviation.heading) > STEEP:
-            turning = max(turning, abs(situation.steer - deviation.bias - deviation.steer_here))
-        most = min(self._approach_speed(deviation, situation), _turning_speed(situation.machine, turning))
-        return deviation.direction * clip(pace, 0.0, most)
-
-    def _approach_speed(self, deviation: "PathDeviation", situation: Situation) -> float:
-        """Return the maximum speed [m/s] at which the tractor can turn onto the path from a large angle theta.
-
-        The arc at lateral acceleration a and the travel during the steering time T must fit into the distance e from
-        the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed allowed at full lock.
-        """
-        theta, e, a = abs(deviation.heading), abs(deviation.cross_track), self.lateral_acceleration_m_s2
-        if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
-            return inf
-        bend, straight = (1.0 - cos(theta)) / a, TURNING_S * sin(min(theta, pi / 2))
-        tightest = situation.machine.wheelbase_m / tan(situation.machine.steer_limit)
-        return max((sqrt(straight**2 + 4.0 * bend * e) - straight) / (2.0 * bend), sqrt(a * tightest))
+        place = route.nearest(e.x, e.y, route.passed(t) if state.s is None else state.s, t)
+        direction = _direction(r, state.direction or place.direction)
+        rolling = self.rolling(situation)
+        distances = _lookback(place.s, abs(e.speed) * self.preview_s, direction, leg, rolling[0])
+        bias = e.steer_bias if self.compensate_steer_bias else nan
+        curvatures, limit = route.curvatures(distances), situation.steer_limit(self.lateral_acceleration_m_s2)
+        return _deviated(place, leg, direction, rolling, curvatures, e.yaw, e.speed, bias, limit)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -212,6 +166,8 @@ class FollowingState(NamedTuple):
     """Last steering-bias compensation [rad]."""
     speed: float | None = None
     """Last speed command; None before the first tick [m/s]."""
+    limits: "CommandLimits | None" = None
+    """CommandLimits of steering angle and speed; None before the first tick."""
 
 
 class PathDeviation(NamedTuple):
@@ -240,49 +196,149 @@ class PathDeviation(NamedTuple):
     limit: float
     """Maximum absolute steering command [rad]."""
 
-    def offset_of(self, ahead: float, direction: float, situation: Situation) -> float:
-        """Return the lateral offset of a point of the tractor from its error-free position [m].
 
-        The point is `ahead` [m] of the CG. The offset is positive to the left of `direction` [rad].
-        """
-        e, psi = situation.estimate, self.yaw
-        east = e.x - self.place.x + ahead * (cos(e.yaw) - cos(psi))
-        north = e.y - self.place.y + ahead * (sin(e.yaw) - sin(psi))
-        return to_heading(direction, east, north)[1]
+class CommandLimits(NamedTuple):
+    """Numbers that limit steering angle and speed."""
+
+    saturation: float
+    """Maximum speed correction [m/s]."""
+    gain: float
+    """Slope of the speed correction, divided by its saturation [1/m]."""
+    lateral_acceleration: float
+    """Maximum lateral acceleration [m/s2]."""
+    wheelbase: float
+    """Wheelbase [m]."""
+    steer_limit: float
+    """Maximum steering angle [rad]."""
+    heading_change: float
+    """Maximum heading change while the wheels turn to their command [rad]."""
 
 
-def sideslips(
-    route: Route, places: Sequence[float], direction: float, leg: tuple[float, float], length: float
-) -> list[float]:
-    """Return the sideslip beta [rad] of a CG at each arc length [m], `length` [m] ahead of the point without sideslip.
+def _direction(r: Reference, otherwise: float) -> float:
+    """Return the direction of travel, 1 forward or -1 in reverse, from `otherwise` for a reference at rest."""
+    along = cos(r.yaw) * r.vx + sin(r.yaw) * r.vy
+    return -1.0 if (along if abs(along) > 1e-6 else otherwise) < 0 else 1.0
+
+
+@stage
+def _lookback(s: float, preview: float, direction: float, leg: tuple[float, float], length: float) -> Vector:
+    """Return the arc lengths [m] of the curvatures that cause the sideslip at `s` and `preview` [m] ahead."""
+    distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
+    for k, lag in enumerate(LOOKBACK):
+        distances[k] = _behind(s, direction * lag * length, leg)
+        distances[n + k] = _behind(s + preview, direction * lag * length, leg)
+    return distances
+
+
+@shared
+def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
+    """Return the arc length `lag` [m] behind `s`, on the leg; the path is straight before its start."""
+    return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
+
+
+@stage
+def _deviated(
+    place: PathPoint, leg: tuple[float, float], direction: float, rolling: tuple[float, float], curvatures: Vector,
+    yaw: float, speed: float, bias: float, limit: float,
+) -> PathDeviation:  # fmt: skip
+    """Return the deviation for the curvatures at `_lookback`; `bias` is the estimated steering bias or NaN [rad]."""
+    (l_r, L), n = rolling, len(LOOKBACK)
+    beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
+    bias = 0.0 if isnan(bias) else min(max(bias, -MAX_STEER_BIAS), MAX_STEER_BIAS)
+    return PathDeviation(
+        place,
+        leg,
+        direction,
+        direction * max(abs(speed), SLOWEST_M_S),
+        place.yaw - beta,
+        place.offset,
+        wrap(yaw - place.yaw + beta),
+        atan(L * tan(beta) / l_r),
+        atan(L * tan(later) / l_r),
+        bias,
+        limit,
+    )
+
+
+@shared
+def _sideslip(curvatures: Vector, length: float) -> float:
+    """Return the sideslip beta [rad] of a CG, `length` [m] ahead of the point without sideslip.
 
     The sideslip follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
     """
-    high, n = leg[1], len(LOOKBACK)
-    # the path is straight before its start
-    distances = [
-        min(max(s - direction * lag * length, leg[0] if leg[0] > 0.0 else s - 1e9), high)
-        for s in places
-        for lag in LOOKBACK
-    ]
-    found = route.curvatures(distances).tolist()
-    means = (sum(found[k : k + n]) / n for k in range(0, len(found), n))
-    return [asin(clip(length * mean, -0.95, 0.95)) for mean in means]
+    total = 0.0
+    for curvature in curvatures:
+        total += curvature
+    return asin(min(max(length * (total / len(curvatures)), -0.95), 0.95))
 
 
 def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
-    """Return the sideslip of `sideslips` at one arc length [rad]."""
-    return sideslips(route, (s,), direction, leg, length)[0]
+    """Return the sideslip [rad] of a CG at an arc length [m], `length` [m] ahead of the point without sideslip."""
+    return _sideslip(route.curvatures([_behind(s, direction * lag * length, leg) for lag in LOOKBACK]), length)
 
 
-def _turning_speed(machine: TractorParameters, turning: float) -> float:
-    """Return the maximum speed [m/s] at which the heading changes by at most MAX_HEADING_CHANGE while the wheels turn.
+@stage
+def _limited(
+    limits: CommandLimits, deviation: PathDeviation, r: Reference, x: float, y: float, steer: float, wanted: float,
+    last: float, dt: float,
+) -> tuple[float, float]:  # fmt: skip
+    """Return the steering angle [rad] and the speed [m/s] of the command; `last` is the last speed or NaN.
 
-    The wheels turn by `turning` [rad] at a constant rate in the time T:  u turning T / (2 L) = MAX_HEADING_CHANGE.
+    The speed is that of the reference plus a correction for the lag along the path, in the direction of the leg. It
+    exceeds the reference only near the path, because the limited steering rate makes an approach at higher speed less
+    accurate. The tractor slows down while the wheels turn to their command. At a large angle to the path it also slows
+    down while the steering angle is large.
     """
-    T = TURNING_S * turning / machine.steer_limit
-    return max(2.0 * machine.wheelbase_m * MAX_HEADING_CHANGE / max(turning * T, 1e-6), SLOWEST_M_S)
+    command = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
+    along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - x, r.y - y)[0]
+    astray = max(abs(deviation.cross_track) / FADING_M, abs(deviation.heading) / FADING_ANGLE)
+    ahead = limits.saturation * tanh(limits.gain * lead) * deviation.direction
+    near = min(max(2.0 - astray, 0.0), 1.0)
+    pace = deviation.direction * along + (ahead * near if ahead > 0.0 else ahead)
+    turning = abs(command - steer)
+    if abs(deviation.heading) > STEEP:
+        turning = max(turning, abs(steer - deviation.bias - deviation.steer_here))
+    most = min(_approach_speed(limits, deviation), _turning_speed(limits, turning))
+    speed = deviation.direction * min(max(pace, 0.0), most)
+    if not isnan(last):
+        highest = max(abs(last), SLOWEST_M_S) + RISE_M_S2 * dt
+        speed = min(max(speed, -highest), highest)
+    return command, speed
 
 
-def _sign(x: float) -> float:
-    return -1.0 if x < 0 else 1.0
+@jit
+def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
+    """Return the maximum speed [m/s] at which the tractor can turn onto the path from a large angle theta.
+
+    The arc at lateral acceleration a and the travel during the steering time T must fit into the distance e from
+    the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed allowed at full lock.
+    """
+    theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
+    if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
+        return inf
+    bend, straight = (1.0 - cos(theta)) / a, TURNING_S * sin(min(theta, pi / 2))
+    tightest = limits.wheelbase / tan(limits.steer_limit)
+    return max((sqrt(straight * straight + 4.0 * bend * e) - straight) / (2.0 * bend), sqrt(a * tightest))
+
+
+@jit
+def _turning_speed(limits: CommandLimits, turning: float) -> float:
+    """Return the maximum speed [m/s] at which the heading changes by at most `heading_change` while the wheels turn.
+
+    The wheels turn by `turning` [rad] at a constant rate in the time T:  u turning T / (2 L) = `heading_change`.
+    """
+    T = TURNING_S * turning / limits.steer_limit
+    return max(2.0 * limits.wheelbase * limits.heading_change / max(turning * T, 1e-6), SLOWEST_M_S)
+
+
+@shared
+def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
+    """Return the lateral offset of a point of the tractor from its error-free position [m].
+
+    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. The offset is positive to the left of
+    `direction` [rad].
+    """
+    (x, y, yaw), psi = pose, deviation.yaw
+    east = x - deviation.place.x + ahead * (cos(yaw) - cos(psi))
+    north = y - deviation.place.y + ahead * (sin(yaw) - sin(psi))
+    return to_heading(direction, east, north)[1]

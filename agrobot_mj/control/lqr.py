@@ -28,8 +28,8 @@ from pydantic import Field
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.following import STEEP, Integrating, PathDeviation
-from agrobot_mj.control.pid import clip
-from agrobot_mj.core.signals import TICK_S, Array
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.signals import TICK_S, Array, Matrix, Vector
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -44,10 +44,12 @@ class LqrState(NamedTuple):
 
     integral: float = 0.0
     """Integral of the cross-track error, stored as a steering angle [rad]."""
-    delayed: tuple[float, ...] = ()
+    delayed: Vector = np.zeros(0)
     """Feedback parts of the commands delayed by the steering, oldest first [rad]."""
-    errors: tuple[float, ...] = ()
+    errors: Vector = np.zeros(0)
     """Last path errors, steering angle and delayed commands (the states x); empty before the first tick."""
+    table: Matrix = np.zeros((0, 0))
+    """Gains by speed; empty before the first tick."""
 
 
 class Lqr(Integrating):
@@ -91,55 +93,70 @@ class Lqr(Integrating):
 
     def memory(self) -> LqrState:
         """Return the initial state, with delayed commands of zero."""
-        return LqrState(delayed=(0.0,) * round(self.steering_delay_s / TICK_S))
+        return LqrState(delayed=np.zeros(round(self.steering_delay_s / TICK_S)))
 
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
         """Return the new state and the steering angle [rad]: feed-forward, state feedback and integral term."""
-        gains, transient = self._scheduled(situation.machine, deviation.speed)
-        direct = [k - gains[-1] * t for k, t in zip(gains, transient, strict=False)]
-        delta = situation.steer - deviation.bias - deviation.steer_here
-        far = abs(radians(self.approach_deg) * direct[1] / direct[0])
-        offset = clip(deviation.cross_track, -far, far)
-        errors = (offset, deviation.heading, delta, *memory.delayed)
-        wanted = deviation.steer_ahead + memory.integral - sum(k * x for k, x in zip(direct, errors, strict=True))
-        possible = clip(wanted, -deviation.limit - deviation.bias, deviation.limit - deviation.bias)
-        moved = sum(t * (x - last) for t, x, last in zip(transient, errors, memory.errors or errors, strict=True))
-        near = offset == deviation.cross_track and abs(deviation.heading) < STEEP and situation.estimate.aligned
-        step = -gains[-1] * (offset * dt + moved) if near else 0.0
-        integral = self._integral(memory, situation, step, wanted - possible)
-        delayed = (*memory.delayed, possible - deviation.steer_ahead)[1:]
-        return LqrState(integral, delayed, errors), wanted
+        if not memory.table.size:
+            memory = memory._replace(table=_table(self, situation.machine))
+        limits, e = (radians(self.approach_deg), radians(self.integral_limit_deg)), situation.estimate
+        return _lqr(limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
         """Return the gains for e_y, e_psi, delta, the delayed commands (oldest first) and the integral of e_y."""
-        return self._scheduled(machine, speed)[0]
+        found = _scheduled(_table(self, machine), speed)
+        return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
-    def _scheduled(self, machine: TractorParameters, speed: float) -> tuple[list[float], list[float]]:
-        """Return the gains and the ratio P_qx / P_qq of the Riccati solution at a speed [m/s], negative in reverse."""
-        speeds, table = _table(self, machine, speed < 0)
-        u = clip(abs(speed), speeds[0], speeds[-1])
-        k = min(int(np.searchsorted(speeds, u, "right")), len(speeds) - 1)
-        weight = (u - speeds[k - 1]) / (speeds[k] - speeds[k - 1])
-        row = [a + weight * (b - a) for a, b in zip(table[k - 1], table[k], strict=True)]
-        n = (len(row) + 1) // 2
-        return row[:n], row[n:]
+    def rolling(self, situation: Situation) -> tuple[float, float]:
+        """Return slip length and effective wheelbase at the estimated speed [m]."""
+        return _slip(self, situation.machine, situation.estimate.speed)
 
-    def slip_length(self, situation: Situation) -> float:
-        """Return the distance a from the CG to the point without sideslip, at least 0.1 l_r [m]."""
-        return _slip(self, situation.machine, situation.estimate.speed)[0]
 
-    def effective_wheelbase(self, situation: Situation) -> float:
-        """Return the effective wheelbase L + K u^2 at the estimated speed u [m]."""
-        return _slip(self, situation.machine, situation.estimate.speed)[1]
+@stage
+def _lqr(
+    limits: tuple[float, float], memory: LqrState, deviation: PathDeviation, speed: float, aligned: bool,
+    steer: float, dt: float,
+) -> tuple[LqrState, float]:  # fmt: skip
+    """Return the new state and the steering angle [rad]; `limits` are those of approach and integral [rad]."""
+    row = _scheduled(memory.table, deviation.speed)
+    n = (row.size + 1) // 2
+    k, transient, first = row[:n], row[n:], memory.errors.size == 0
+    errors, delayed = np.zeros(n - 1), np.zeros(memory.delayed.size)
+    direct = k[:-1] - k[-1] * transient
+    far = abs(limits[0] * direct[1] / direct[0])
+    errors[0] = min(max(deviation.cross_track, -far), far)
+    errors[1], errors[2] = deviation.heading, steer - deviation.bias - deviation.steer_here
+    errors[3:] = memory.delayed
+    feedback = moved = 0.0
+    for i in range(n - 1):
+        feedback += direct[i] * errors[i]
+        moved += 0.0 if first else transient[i] * (errors[i] - memory.errors[i])
+    wanted, most = deviation.steer_ahead + memory.integral - feedback, deviation.limit
+    possible = min(max(wanted, -most - deviation.bias), most - deviation.bias)
+    near = errors[0] == deviation.cross_track and abs(deviation.heading) < STEEP and aligned
+    integral = memory.integral
+    if wanted == possible and abs(speed) >= STANDING_M_S:
+        step = -k[-1] * (errors[0] * dt + moved) if near else 0.0
+        integral = min(max(integral + step, -limits[1]), limits[1])
+    for i in range(delayed.size):
+        delayed[i] = memory.delayed[i + 1] if i + 1 < delayed.size else possible - deviation.steer_ahead
+    return LqrState(integral, delayed, errors, memory.table), wanted
 
-    def _integral(self, memory: LqrState, situation: Situation, step: float, excess: float) -> float:
-        """Return the integral plus `step` [rad]; unchanged at standstill or if the command exceeds its limit."""
-        if excess or abs(situation.estimate.speed) < STANDING_M_S:
-            return memory.integral
-        limit = radians(self.integral_limit_deg)
-        return clip(memory.integral + step, -limit, limit)
+
+@jit
+def _scheduled(table: Matrix, speed: float) -> Vector:
+    """Return the gains, and the ratios P_qx / P_qq of the Riccati solution, at a speed [m/s], negative in reverse."""
+    n = len(SPEEDS)
+    u, first = min(max(abs(speed), SPEEDS[0]), SPEEDS[-1]), n if speed < 0 else 0
+    k = 1
+    while k < n - 1 and SPEEDS[k] <= u:
+        k += 1
+    weight = (u - SPEEDS[k - 1]) / (SPEEDS[k] - SPEEDS[k - 1])
+    low, high = table[first + k - 1], table[first + k]
+    row: Vector = low + weight * (high - low)
+    return row
 
 
 def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, float]:
@@ -151,10 +168,9 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 
 @lru_cache(maxsize=64)
-def _table(law: Lqr, machine: TractorParameters, reverse: bool) -> tuple[list[float], list[list[float]]]:
-    """Return the grid of speeds [m/s] and, for each speed, the gains followed by P_qx / P_qq."""
-    speeds = [-u if reverse else u for u in SPEEDS]
-    return list(SPEEDS), [np.concatenate(_gains(law, machine, u)).tolist() for u in speeds]
+def _table(law: Lqr, machine: TractorParameters) -> Matrix:
+    """Return the gains followed by P_qx / P_qq, one row for each speed of the grid, then those in reverse."""
+    return np.array([np.concatenate(_gains(law, machine, sign * u)) for sign in (1, -1) for u in SPEEDS])
 
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:

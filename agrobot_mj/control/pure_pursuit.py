@@ -22,6 +22,8 @@ from agrobot_mj.control.base import SLOWEST_M_S, Situation
 from agrobot_mj.control.following import MAX_STEER_BIAS, STEEP, Integrating, PathDeviation, sideslip
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import from_heading, to_heading
+from agrobot_mj.core.kernels import stage
+from agrobot_mj.core.signals import PathPoint
 from agrobot_mj.core.spec import NonNegative, Positive
 
 BRISK_M_S = 1.2
@@ -84,30 +86,38 @@ class PurePursuit(Integrating):
         return memory, arc + memory.integral
 
     def _arc(self, deviation: PathDeviation, situation: Situation) -> float:
-        """Return the steering angle of the arc to the goal [rad]."""
-        e, L = situation.estimate, situation.machine.wheelbase_m
-        predicted, turn = e.speed * self.prediction_s, e.yaw_rate * self.prediction_s
-        dx, dy = from_heading(e.yaw + turn / 2, predicted, 0.0)
-        x, y = self._goal(deviation, abs(predicted), situation)
-        ahead, left = to_heading(e.yaw + turn, x - e.rear_x - dx, y - e.rear_y - dy)
-        if ahead * deviation.direction < 0.0:  # goal opposite to the direction of travel: turn at the steering limit
-            return copysign(deviation.limit, left)
-        return atan(L * 2 * left / (ahead**2 + left**2))
-
-    def _goal(self, deviation: PathDeviation, predicted: float, situation: Situation) -> tuple[float, float]:
-        """Return the goal of the rear axle [m]; the look-ahead distance begins `predicted` [m] ahead.
+        """Return the steering angle of the arc to the goal [rad].
 
         The goal is on the path, or next to the path at a distance that limits the approach angle. Beyond the leg it is
         on the straight extension.
         """
-        l_r, route, end = situation.machine.cg_to_rear_axle, situation.route, deviation.leg[1]
-        u = abs(situation.estimate.speed)
+        e, m, route, end = situation.estimate, situation.machine, situation.route, deviation.leg[1]
+        u, l_r = abs(e.speed), m.cg_to_rear_axle
         pace = max(u, route.ahead(deviation.place.s + self.lookahead_m).speed, SLOWEST_M_S)  # speed a little later
-        reach = predicted + self.lookahead_m * min(sqrt(pace / BRISK_M_S), 1.0) + self.lookahead_s * u
-        far = reach * tan(radians(self.approach_deg))
+        predicted = e.speed * self.prediction_s
+        reach = abs(predicted) + self.lookahead_m * min(sqrt(pace / BRISK_M_S), 1.0) + self.lookahead_s * u
         s = min(deviation.place.s + reach, end)
         goal, beta = route.ahead(s), sideslip(route, s, deviation.direction, deviation.leg, l_r)
-        psi = goal.yaw - beta
-        aside = deviation.cross_track - clip(deviation.cross_track, -far, far)
-        dx, dy = from_heading(goal.yaw, deviation.direction * (deviation.place.s + reach - s), aside)
-        return goal.x + dx - l_r * cos(psi), goal.y + dy - l_r * sin(psi)
+        turn, far = e.yaw_rate * self.prediction_s, reach * tan(radians(self.approach_deg))
+        beyond, pose = deviation.place.s + reach - s, (e.rear_x, e.rear_y, e.yaw)
+        return _arc_to(deviation, goal, beta, beyond, far, pose, predicted, turn, l_r, m.wheelbase_m)
+
+
+@stage
+def _arc_to(
+    deviation: PathDeviation, goal: PathPoint, beta: float, beyond: float, far: float,
+    pose: tuple[float, float, float], predicted: float, turn: float, l_r: float, L: float,
+) -> float:  # fmt: skip
+    """Return the steering angle of the arc [rad] to a goal `beyond` [m] a path point with the sideslip `beta` [rad].
+
+    The arc begins at the `pose` of R after travelling `predicted` [m] while turning by `turn` [rad].
+    """
+    rear_x, rear_y, yaw = pose
+    aside = deviation.cross_track - min(max(deviation.cross_track, -far), far)
+    east, north = from_heading(goal.yaw, deviation.direction * beyond, aside)
+    x, y = goal.x + east - l_r * cos(goal.yaw - beta), goal.y + north - l_r * sin(goal.yaw - beta)
+    dx, dy = from_heading(yaw + turn / 2, predicted, 0.0)
+    ahead, left = to_heading(yaw + turn, x - rear_x - dx, y - rear_y - dy)
+    if ahead * deviation.direction < 0.0:  # goal opposite to the direction of travel: turn at the steering limit
+        return copysign(deviation.limit, left)
+    return atan(L * 2 * left / (ahead * ahead + left * left))

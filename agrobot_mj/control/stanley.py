@@ -17,14 +17,14 @@ expected motion of the front axle. It is frozen during an approach at a large an
 the command is at its limit, and until the heading is known, because the supervisor steers in the meantime.
 """
 
-from math import atan, radians, sin, tan
+from math import atan, isnan, nan, radians, sin, tan
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import MAX_STEER_BIAS, STEEP, Integrating, PathDeviation
-from agrobot_mj.control.pid import clip
+from agrobot_mj.control.following import MAX_STEER_BIAS, STEEP, Integrating, PathDeviation, offset_of
+from agrobot_mj.core.kernels import stage
 from agrobot_mj.core.spec import NonNegative, Positive
 
 WHEEL_LAG = radians(3.0)
@@ -36,8 +36,8 @@ class StanleyState(NamedTuple):
 
     integral: float = 0.0
     """Steering angle v of the integral term [rad]."""
-    offset: float | None = None
-    """Offset e_f of the front axle at the last tick [m]; None before the first tick in forward travel."""
+    offset: float = nan
+    """Offset e_f of the front axle at the last tick [m]; NaN before the first tick in forward travel."""
 
 
 class Stanley(Integrating):
@@ -73,21 +73,56 @@ class Stanley(Integrating):
         self, memory: StanleyState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[StanleyState, float]:
         """Return the new state and the steering angle [rad]: feed-forward, heading error, axle offset and integral."""
-        machine, k, pace = situation.machine, self.gain_per_s, self.softening_m_s + abs(deviation.speed)
-        if deviation.direction < 0:
-            e_r = deviation.offset_of(-machine.cg_to_rear_axle, deviation.yaw, situation)
-            wanted = deviation.steer_ahead + self.reverse_heading_gain * deviation.heading - atan(k * e_r / pace)
-            return StanleyState(memory.integral), wanted
-        e_f = deviation.offset_of(machine.cg_to_front_axle, deviation.yaw + deviation.steer_here, situation)
-        towards = atan(k * e_f / pace)
-        turning = situation.estimate.yaw_rate - deviation.speed * tan(deviation.steer_here) / machine.wheelbase_m
-        wanted = deviation.steer_ahead - deviation.heading - towards - self.yaw_damping_s * turning + memory.integral
-        if not situation.estimate.aligned:
-            return StanleyState(memory.integral), wanted
-        steered = clip(wanted + deviation.bias, -deviation.limit, deviation.limit)
-        follows = steered == wanted + deviation.bias and abs(steered - situation.steer) < WHEEL_LAG
-        unexplained = 0.0
-        if follows and memory.offset is not None and abs(deviation.heading) < STEEP:
-            unexplained = e_f - memory.offset + situation.estimate.speed * sin(towards) * dt
-        integral = clip(memory.integral - self.integral_per_m * unexplained, -MAX_STEER_BIAS, MAX_STEER_BIAS)
-        return StanleyState(integral, e_f), wanted
+        m, e = situation.machine, situation.estimate
+        gains = self.gain_per_s, self.softening_m_s, self.yaw_damping_s, self.reverse_heading_gain, self.integral_per_m
+        machine, pose = (m.cg_to_front_axle, m.cg_to_rear_axle, m.wheelbase_m), (e.x, e.y, e.yaw)
+        return _stanley(
+            Gains(*gains, *machine), memory, deviation, pose, e.speed, e.yaw_rate, e.aligned, situation.steer, dt
+        )
+
+
+class Gains(NamedTuple):
+    """Numbers of the law and of the tractor."""
+
+    k: float
+    """Gain k [1/s]."""
+    softening: float
+    """Softening speed u_0 [m/s]."""
+    damping: float
+    """Damping k_d [s]."""
+    reverse: float
+    """Heading gain h in reverse [-]."""
+    integral: float
+    """Integral gain k_i [rad/m]."""
+    front: float
+    """Distance from the CG to the front axle [m]."""
+    rear: float
+    """Distance from the CG to the rear axle [m]."""
+    wheelbase: float
+    """Wheelbase [m]."""
+
+
+@stage
+def _stanley(
+    gains: Gains, memory: StanleyState, deviation: PathDeviation, pose: tuple[float, float, float], speed: float,
+    yaw_rate: float, aligned: bool, steer: float, dt: float,
+) -> tuple[StanleyState, float]:  # fmt: skip
+    """Return the new state and the steering angle [rad]."""
+    pace, ahead = gains.softening + abs(deviation.speed), deviation.steer_ahead
+    if deviation.direction < 0:
+        e_r = offset_of(deviation, -gains.rear, deviation.yaw, pose)
+        wanted = ahead + gains.reverse * deviation.heading - atan(gains.k * e_r / pace)
+        return StanleyState(memory.integral, nan), wanted
+    e_f = offset_of(deviation, gains.front, deviation.yaw + deviation.steer_here, pose)
+    towards = atan(gains.k * e_f / pace)
+    turning = yaw_rate - deviation.speed * tan(deviation.steer_here) / gains.wheelbase
+    wanted = ahead - deviation.heading - towards - gains.damping * turning + memory.integral
+    if not aligned:
+        return StanleyState(memory.integral, nan), wanted
+    steered = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
+    follows = steered == wanted + deviation.bias and abs(steered - steer) < WHEEL_LAG
+    unexplained = 0.0
+    if follows and not isnan(memory.offset) and abs(deviation.heading) < STEEP:
+        unexplained = e_f - memory.offset + speed * sin(towards) * dt
+    integral = memory.integral - gains.integral * unexplained
+    return StanleyState(min(max(integral, -MAX_STEER_BIAS), MAX_STEER_BIAS), e_f), wanted

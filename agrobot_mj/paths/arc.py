@@ -55,8 +55,11 @@ def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0
 
     `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, otherwise the segment is a clothoid.
     """
-    if sharpness:
-        return _along_clothoid(start, curvature, distance, sharpness)
+    return _along_clothoid(start, curvature, distance, sharpness) if sharpness else on_arc(start, curvature, distance)
+
+
+def on_arc(start: Pose, curvature: float, distance: float) -> Pose:
+    """Return the pose at the distance `distance` [m] along an arc that starts at `start` with `curvature` [1/m]."""
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
     direction = start.yaw + half_turn

@@ -9,15 +9,15 @@ of its time. Later sampling never changes the result of a query.
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, inf, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.geometry import to_heading, wrap
-from agrobot_mj.core.kernels import bound, jit
-from agrobot_mj.core.signals import Array, PathPoint, Reference
-from agrobot_mj.paths.arc import Pose, advance
+from agrobot_mj.core.kernels import bound, jit, shared, stage
+from agrobot_mj.core.signals import Array, Matrix, PathPoint, Reference, Vector
+from agrobot_mj.paths.arc import Pose, on_arc
 from agrobot_mj.paths.base import ReferencePath, reference_at
 
 STEP_M = 0.05
@@ -69,9 +69,18 @@ class Sample(NamedTuple):
 
     def offset(self, x: float, y: float) -> float:
         """Return the signed distance of (x, y) [m] from the osculating circle, positive left [m]."""
-        ahead, left = to_heading(self.yaw, x - self.x, y - self.y)
-        to_centre = hypot(self.curvature * ahead, 1 - self.curvature * left)
-        return (2 * left - self.curvature * (ahead**2 + left**2)) / (1 + to_centre)
+        return _offset(self, x, y)
+
+
+@shared
+def _offset(a: Sample, x: float, y: float) -> float:
+    """Return the signed distance of (x, y) [m] from the osculating circle of a sample, positive left [m]."""
+    ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
+    along, across = a.curvature * ahead, 1 - a.curvature * left
+    return (2 * left - a.curvature * (ahead * ahead + left * left)) / (1 + sqrt(along * along + across * across))
+
+
+shared(on_arc)
 
 
 @jit
@@ -98,11 +107,32 @@ def _search(
     return k, first < k < last - 1
 
 
-@jit
-def _curvatures(samples: Array, distances: Array) -> Array:
-    """Return the curvature of the last sample before each arc length; 0 before the start."""
-    found, last = np.zeros(distances.size), samples.shape[0] - 1
+@stage
+def _nearest(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
+    """Return the path point nearest to (x, y) [m], around the arc length `near` within `low` to `high` [m]."""
+    k, inside = _search(samples, x, y, near, low, high, WINDOW_M)
+    a = _sample_at(samples, k)
+    limit = STEP_M if inside else WINDOW_M
+    ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
+    angle = atan2(a.curvature * ahead, 1 - a.curvature * left)
+    distance = min(max(angle / a.curvature if abs(a.curvature) > 1e-9 else ahead, -limit), limit)
+    return _along(a, -distance if a.direction < 0 else distance, _offset(a, x, y), k == 0)
+
+
+@stage
+def _ahead(samples: Matrix, s: float) -> PathPoint:
+    """Return the path point at arc length `s` [m]."""
+    k = max(int(np.searchsorted(samples[:, S], s + 1e-12, "right")) - 1, 0)
+    a = _sample_at(samples, k)
+    return _along(a, s - a.s, 0.0, k == 0)
+
+
+@stage
+def _curvatures(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
+    """Return the curvature of the last sample before each arc length, 0 before the start, and the longest of them."""
+    found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
     for i in range(distances.size):
+        most = max(most, distances[i])
         if distances[i] >= 0.0:
             low, high = 0, last  # the sample is between these
             while low < high:
@@ -112,7 +142,24 @@ def _curvatures(samples: Array, distances: Array) -> Array:
                 else:
                     high = middle - 1
             found[i] = samples[low, CURVATURE]
-    return found
+    return found, most
+
+
+@jit
+def _sample_at(samples: Matrix, k: int) -> Sample:
+    """Return sample number `k`."""
+    a = samples[k]
+    return Sample(a[T], a[X], a[Y], a[YAW], a[CURVATURE], a[SPEED], a[S], a[TURNED], a[DIRECTION])
+
+
+@jit
+def _along(a: Sample, ds: float, offset: float, first: bool) -> PathPoint:
+    """Return the path point `ds` [m] from a sample; `first` marks the first sample of the path."""
+    curvature = 0.0 if a.s + ds < 0.0 and first else a.curvature  # straight before the start
+    direction = -1.0 if a.direction < 0 else 1.0
+    pose = on_arc(Pose(a.x, a.y, a.yaw), curvature, direction * ds)
+    t = a.t + (ds / abs(a.speed) if abs(a.speed) > 1e-6 else 0.0)
+    return PathPoint(a.s + ds, t, pose.x, pose.y, wrap(pose.yaw), curvature, a.speed, offset, direction)
 
 
 class SampledRoute:
@@ -121,7 +168,7 @@ class SampledRoute:
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
         self._samples = self._buffer = np.array([_sample(0.0, reference_at(path, 0.0))])
-        self._until = 0.0
+        self._until = self._end = 0.0
         self._search = bound(_search, self._samples, *(0.0,) * 6)
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
         self._lap: float | None = None
@@ -132,14 +179,18 @@ class SampledRoute:
 
     def leg(self, t: float) -> tuple[float, float]:
         """Return the arc lengths of the start and end of the leg on which the reference is at time `t` [s], in [m]."""
-        self._grow(until=t + CHUNK_S)
+        if self._until < t + CHUNK_S:
+            self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
-        ends = (*self._leg_starts[1:], np.inf)
-        return self._leg_starts[k], float(ends[k])
+        return self._leg_starts[k], self._leg_starts[k + 1] if k + 1 < len(self._leg_starts) else inf
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
         """Return the path point nearest to (x, y) [m], around arc length `near` [m] on the leg of time `t` [s]."""
-        return self._nearest_from(*self.search(x, y, near, t), x, y)
+        low, high = self.leg(t)
+        near = min(max(near, low), high)
+        if self._end < near + WINDOW_M:
+            self._grow(beyond=near + WINDOW_M)
+        return _nearest(self._samples, x, y, near, low, high)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
         """Return the number of the sample nearest to (x, y) [m], and whether it is inside the searched range."""
@@ -179,32 +230,26 @@ class SampledRoute:
     def ahead(self, s: float) -> PathPoint:
         """Return the path point at arc length `s` [m], extrapolating straight beyond the ends."""
         self._grow(beyond=s + STEP_M)
-        k = max(int(np.searchsorted(self.distances, s + 1e-12, "right")) - 1, 0)
-        sample = self.sample(k)
-        return _along(sample, s - sample.s, 0.0, k == 0)
+        return _ahead(self._samples, s)
 
-    def curvatures(self, distances: Sequence[float]) -> Array:
+    def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
         """Return the curvatures at the arc lengths `distances` [m], positive left, shape (n,) [1/m]; 0 before 0."""
-        self._grow(beyond=max(distances) + STEP_M)
-        return _curvatures(self._samples, np.array(distances))
+        distances = np.asarray(distances, dtype=float)
+        found, most = _curvatures(self._samples, distances)
+        if self._end < most + STEP_M and self._grow(beyond=most + STEP_M):
+            found, _ = _curvatures(self._samples, distances)
+        return found
 
-    def _nearest_from(self, k: int, inside: bool, x: float, y: float) -> PathPoint:
-        """Return the path point nearest to (x, y), at most STEP_M from sample `k` if `inside` the window."""
-        sample = self.sample(k)
-        curvature, limit = sample.curvature, STEP_M if inside else WINDOW_M
-        ahead, left = to_heading(sample.yaw, x - sample.x, y - sample.y)
-        angle = atan2(curvature * ahead, 1 - curvature * left)
-        distance = min(max(angle / curvature if abs(curvature) > 1e-9 else ahead, -limit), limit)
-        return _along(sample, -distance if sample.direction < 0 else distance, sample.offset(x, y), k == 0)
-
-    def _grow(self, until: float = CHUNK_S, beyond: float = -np.inf) -> None:
-        """Sample the path at least until the time `until` [s] and beyond the arc length `beyond` [m]."""
+    def _grow(self, until: float = CHUNK_S, beyond: float = -inf) -> bool:
+        """Sample the path at least until `until` [s] and beyond the arc length `beyond` [m]; return whether it grew."""
+        before = self._until
         # the duration is last, because it is slow to compute for many laps and rarely needed
-        while self._until < until or (self._samples[-1, S] < beyond and self._until < self.path.duration_s + BEYOND_S):
+        while self._until < until or (self._end < beyond and self._until < self.path.duration_s + BEYOND_S):
             count = max(int(CHUNK_S * self.path.speed_m_s / STEP_M), 4)
             times = self._until + CHUNK_S * np.arange(1, count + 1) / count
             self._until = float(times[-1])
             self._append(np.array([_sample(t, reference_at(self.path, t)) for t in times.tolist()]))
+        return self._until > before
 
     def _append(self, new: Array) -> None:
         known = self._samples[-1:]
@@ -237,6 +282,7 @@ class SampledRoute:
             self._buffer[:count] = self._samples
         self._buffer[count:end] = new
         self._samples = self._buffer[:end]
+        self._end = float(new[-1, S])
 
 
 def lap_length(s: Array, yaw: Array) -> float:
@@ -265,15 +311,3 @@ def lap_length(s: Array, yaw: Array) -> float:
 
 def _sample(t: float, r: Reference) -> Sample:
     return Sample(t, r.x, r.y, r.yaw, r.curvature, cos(r.yaw) * r.vx + sin(r.yaw) * r.vy)
-
-
-def _along(sample: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """Return the path point `ds` [m] from a sample; `first` marks the first sample of the path."""
-    t, x, y, yaw, curvature, speed, s, _, direction = sample
-    if s + ds < 0.0 and first:
-        curvature = 0.0  # straight before the start
-    pose = advance(Pose(x, y, yaw), curvature, -ds if direction < 0 else ds)
-    t += ds / abs(speed) if abs(speed) > 1e-6 else 0.0
-    return PathPoint(
-        s + ds, t, pose.x, pose.y, wrap(pose.yaw), curvature, speed, offset, -1.0 if direction < 0 else 1.0
-    )

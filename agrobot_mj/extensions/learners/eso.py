@@ -58,20 +58,16 @@ class Eso(Following):
         """Return the initial state, with zero disturbances."""
         return EsoState(self.inner.memory())
 
-    def slip_length(self, situation: Situation) -> float:
-        """Return the slip length of the inner law [m]."""
-        return self.inner.slip_length(situation)
-
-    def effective_wheelbase(self, situation: Situation) -> float:
-        """Return the effective wheelbase of the inner law [m]."""
-        return self.inner.effective_wheelbase(situation)
+    def rolling(self, situation: Situation) -> tuple[float, float]:
+        """Return slip length and effective wheelbase of the inner law [m]."""
+        return self.inner.rolling(situation)
 
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
         """Return the new state, and the angle of the inner law plus the curvature compensation [rad]."""
         memory = self.observed(memory, beside, situation, dt)
-        against = -atan(self.effective_wheelbase(situation) * memory.curvature)
+        against = -atan(self.rolling(situation)[1] * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
         seen = situation._replace(steer=situation.steer - against)
         inner, wanted = self.inner.steering(memory.inner, course, seen, dt)
@@ -83,7 +79,7 @@ class Eso(Following):
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)
         (z_y, z), u, omega = memory.seen, beside.speed, self.bandwidth_per_s
-        a, L = self.slip_length(situation), self.effective_wheelbase(situation)
+        a, L = self.rolling(situation)
         w = u * ((tan(situation.steer - beside.bias) - tan(beside.steer_here)) / L + memory.curvature)
         r_y, r = now[0] - z_y, now[1] - z
         z_y += dt * (u * (now[1] + memory.crab) + a * w + 2 * omega * r_y)

@@ -20,7 +20,7 @@ from agrobot_mj.control.base import Route, Situation
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.core.geometry import from_heading, wrap
 from agrobot_mj.core.learned import Learned
-from agrobot_mj.core.signals import Array, Column, Command, PathPoint, Reference
+from agrobot_mj.core.signals import Column, Command, PathPoint, Reference, Vector
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.extensions.learners.ilc import Ilc
 from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
@@ -62,9 +62,12 @@ class Moved(NamedTuple):
         """Return the point of the shifted line at arc length `s` of the path [m]."""
         return self._moved(self.route.ahead(s))
 
-    def curvatures(self, ways: Sequence[float]) -> Array:
-        """Return the curvature of the shifted line at each path arc length in `ways` [1/m]."""
-        return self.route.curvatures(ways) + [self._shape(s)[2] for s in ways]
+    def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
+        """Return the curvature of the shifted line at each path arc length in `distances` [1/m]."""
+        found = self.route.curvatures(distances)
+        for k, s in enumerate(distances):
+            found[k] += self._shape(float(s))[2]
+        return found
 
     def leg(self, t: float) -> tuple[float, float]:
         """Return the leg of the original path at time `t` [s]."""
