@@ -7,11 +7,12 @@ wheels turn, indicates a stuck sensor. The course of the antenna rotates with th
 
 from cmath import exp as turn
 from cmath import phase
-from math import atan, copysign, exp, hypot, isfinite, nan
+from math import atan, copysign, exp, isfinite, isnan, nan, sqrt
 from typing import NamedTuple
 
 from agrobot_mj.core.geometry import to_body
-from agrobot_mj.core.signals import Fix, Measurement, Quality
+from agrobot_mj.core.kernels import kernel_method, shared
+from agrobot_mj.core.signals import NO_FIX, Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
@@ -35,17 +36,48 @@ HELD_S = 5.0
 """Maximum time without a course before the gyro comparison restarts [s]. Assumed value: a typical bias adds 1.5 deg."""
 
 
+RTK_FIXED = Quality.FIX
+"""Quality of an RTK-fixed position, as a number for kernels."""
+
+
+class Sensed(NamedTuple):
+    """Measurements of a tick except the fix, as in `Measurement`; a missing measurement is NaN."""
+
+    t: float
+    """Time since the start [s]."""
+    steer: float
+    """Steering angle [rad]."""
+    pedal: float
+    """Pedal position [-]."""
+    gyro: float
+    """Yaw rate [rad/s]."""
+    roll: float
+    """Roll [rad]."""
+    pitch: float
+    """Pitch [rad]."""
+    wheel_speed: float
+    """Wheel speed [m/s]."""
+    specific_force: tuple[float, float, float]
+    """Specific force from the inertial unit, forward, left and up [m/s2]."""
+
+
+def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
+    """Return the measurements of a tick, the fix, NaN without one, and its quality."""
+    unit = m.readings.get("imu")
+    force = (nan, nan, nan) if unit is None else tuple(getattr(unit, f"force_{axis}", nan) for axis in "xyz")
+    sensed = Sensed(m.t, m.steer, m.pedal, m.gyro, m.roll, m.pitch, m.wheel_speed, force)  # type: ignore[arg-type]
+    return sensed, m.fix or NO_FIX, m.quality
+
+
 class Evidence(NamedTuple):
     """Consistency of consecutive fixes."""
 
-    fix: Fix | None = None
-    """Last fix; None before the first fix."""
+    fix: Fix = NO_FIX
+    """Last fix; NaN before the first fix."""
     t: float = 0.0
     """Time of the last fix [s]."""
-    quality: int = Quality.NONE
-    """Quality of the last fix."""
-    since: tuple[float, float] | None = None
-    """East and north position predicted from the last RTK fix by integrating velocities [m]; None after a gap."""
+    since: tuple[float, float] = (nan, nan)
+    """East and north position predicted from the last RTK fix by integrating velocities [m]; NaN after a gap."""
     east: float = 0.0
     """Accumulated east difference between RTK positions and integrated velocities [m]."""
     north: float = 0.0
@@ -59,44 +91,28 @@ class Evidence(NamedTuple):
     repeated_s: float = 0.0
     """Time for which the measured position has been constant while the tractor was moving [s]."""
 
-    @property
-    def drift(self) -> float:
-        """Distance between the measured position and the integral of the measured velocities [m]."""
-        return hypot(self.east, self.north)
-
-    def after(self, measured: Measurement) -> "Evidence":
+    def after(self, m: Sensed, fix: Fix, quality: int) -> "Evidence":
         """Return the evidence after a tick; unchanged without a new fix."""
-        fix, last = measured.fix, self.fix
-        if fix is None:
+        last, t, fixed = self.fix, fix.t if isfinite(fix.t) else m.t, quality == RTK_FIXED
+        time, speed = t - self.t, sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
+        if isnan(fix.x) or (not isnan(last.x) and time <= 0.0):
             return self
-        t = fix.t if isfinite(fix.t) else measured.t
-        time, speed = t - self.t, hypot(fix.vx, fix.vy)
-        if last is None or time > GAP_S:
-            since = (fix.x, fix.y) if measured.quality == Quality.FIX else None
-            return self._with_fix(measured, fix, t, speed > MOVING_M_S, 0.0)._replace(since=since)
-        if time <= 0.0:
-            return self
-        repeated = self.moving and (fix.x, fix.y) == (last.x, last.y)
-        moving = repeated or speed > MOVING_M_S
-        found = self._with_fix(measured, fix, t, moving, self.repeated_s + time if repeated else 0.0)
-        return found._travelled(fix, last, time)
-
-    def _with_fix(self, measured: Measurement, fix: Fix, t: float, moving: bool, repeated_s: float) -> "Evidence":
-        return self._replace(fix=fix, t=t, quality=measured.quality, moving=moving, repeated_s=repeated_s)
-
-    def _travelled(self, fix: Fix, last: Fix, time: float) -> "Evidence":
-        """Return the evidence with the accumulated differences updated for the `time` [s] between two fixes."""
-        fixed = self.quality == Quality.FIX
-        if self.since is None:
-            return self._replace(since=(fix.x, fix.y) if fixed else None)
+        here = (fix.x, fix.y) if fixed else (nan, nan)
+        if isnan(last.x) or time > GAP_S:
+            moving = speed > MOVING_M_S
+            return Evidence(fix, t, here, self.east, self.north, self.change, self.variance, moving, 0.0)
+        repeated = self.moving and fix.x == last.x and fix.y == last.y
+        moving, repeated_s = repeated or speed > MOVING_M_S, self.repeated_s + time if repeated else 0.0
+        if isnan(self.since[0]):
+            return Evidence(fix, t, here, self.east, self.north, self.change, self.variance, moving, repeated_s)
         x, y = self.since[0] + 0.5 * time * (fix.vx + last.vx), self.since[1] + 0.5 * time * (fix.vy + last.vy)
         keep, change = exp(-time / DRIFT_TIME_S), (fix.vx - last.vx, fix.vy - last.vy)
-        bend = hypot(change[0] - self.change[0], change[1] - self.change[1])
-        found = self._replace(change=change, variance=keep * keep * self.variance + (BEND_ERROR * time * bend) ** 2)
-        east, north = keep * self.east, keep * self.north
+        bend_x, bend_y = change[0] - self.change[0], change[1] - self.change[1]
+        bent = BEND_ERROR * time * sqrt(bend_x * bend_x + bend_y * bend_y)
+        variance, east, north = keep * keep * self.variance + bent * bent, keep * self.east, keep * self.north
         if not fixed:
-            return found._replace(since=(x, y), east=east, north=north)
-        return found._replace(since=(fix.x, fix.y), east=east + fix.x - x, north=north + fix.y - y)
+            return Evidence(fix, t, (x, y), east, north, change, variance, moving, repeated_s)
+        return Evidence(fix, t, here, east + fix.x - x, north + fix.y - y, change, variance, moving, repeated_s)
 
 
 class GyroEvidence(NamedTuple):
@@ -109,11 +125,9 @@ class GyroEvidence(NamedTuple):
     steer: float = nan
     """Measured steering angle at the first of the equal measurements [rad]."""
 
-    def after(self, measured: Measurement) -> "GyroEvidence":
+    def after(self, m: Sensed) -> "GyroEvidence":
         """Return the evidence after a tick; unchanged if the gyro repeats its yaw rate."""
-        if measured.gyro == self.reading:
-            return self
-        return GyroEvidence(measured.gyro, measured.t, measured.steer)
+        return self if m.gyro == self.reading else GyroEvidence(m.gyro, m.t, m.steer)
 
 
 class AttitudeEvidence(NamedTuple):
@@ -134,44 +148,32 @@ class AttitudeEvidence(NamedTuple):
     Averaging forces instead of tilt angles suppresses vibration.
     """
 
-    @property
-    def repeated_s(self) -> float:
-        """Maximum time for which the roll or pitch angle has been constant [s]."""
-        return max(self.repeats)
-
-    @property
-    def tilt(self) -> float:
-        """Maximum difference between measured roll or pitch and the tilt derived from the specific force [rad]."""
-        return atan(max(map(abs, self.residual)))
-
-    def after(self, measured: Measurement, moving: bool, dt: float) -> "AttitudeEvidence":
+    def after(self, m: Sensed, moving: bool, dt: float) -> "AttitudeEvidence":
         """Return the evidence after a tick of `dt` [s]."""
-        angles = measured.roll, measured.pitch
-        if not all(map(isfinite, angles)):
-            known = isfinite(self.angles[0])
-            return self._replace(silent_s=self.silent_s + dt if known else 0.0)
-        alike = [now == last for now, last in zip(angles, self.angles, strict=True)]
         first = not isfinite(self.angles[0])
-        changed = [c or not (same or first) for c, same in zip(self.changed, alike, strict=True)]
-        repeats = [
-            (t + dt if moving else t) if c and same else 0.0
-            for t, c, same in zip(self.repeats, changed, alike, strict=True)
-        ]
-        weight = dt / TILT_TIME_S
-        ahead, left = (
-            mean + weight * (now - mean) for mean, now in zip(self.residual, _force_residual(measured), strict=True)
+        if not isfinite(m.roll + m.pitch):
+            silent_s = 0.0 if first else self.silent_s + dt
+            return AttitudeEvidence(self.angles, self.changed, self.repeats, silent_s, self.residual)
+        same = m.roll == self.angles[0], m.pitch == self.angles[1]
+        changed = self.changed[0] or not (same[0] or first), self.changed[1] or not (same[1] or first)
+        step, weight, now = dt if moving else 0.0, dt / TILT_TIME_S, _force_residual(m)
+        repeats = (
+            self.repeats[0] + step if changed[0] and same[0] else 0.0,
+            self.repeats[1] + step if changed[1] and same[1] else 0.0,
         )
-        return AttitudeEvidence(angles, (changed[0], changed[1]), (repeats[0], repeats[1]), 0.0, (ahead, left))
+        ahead = self.residual[0] + weight * (now[0] - self.residual[0])
+        left = self.residual[1] + weight * (now[1] - self.residual[1])
+        return AttitudeEvidence((m.roll, m.pitch), changed, repeats, 0.0, (ahead, left))
 
 
-def _force_residual(measured: Measurement) -> tuple[float, float]:
+@shared
+def _force_residual(m: Sensed) -> tuple[float, float]:
     """Return forward and left specific force without gravity and centripetal part, divided by g; 0 if unknown [-]."""
-    unit = measured.readings.get("imu")
-    x, y = getattr(unit, "force_x", nan), getattr(unit, "force_y", nan)
+    x, y, _ = m.specific_force
     if not isfinite(x + y):
         return 0.0, 0.0
-    bend = measured.wheel_speed * measured.gyro
-    ahead, left, _ = to_body(measured.roll, measured.pitch, (0.0, 0.0, 1.0))
+    bend = m.wheel_speed * m.gyro
+    ahead, left, _ = to_body(m.roll, m.pitch, (0.0, 0.0, 1.0))
     return x / GRAVITY - ahead, (y - (bend if isfinite(bend) else 0.0)) / GRAVITY - left
 
 
@@ -193,25 +195,42 @@ class TurnEvidence(NamedTuple):
     long: complex = 0j
     """Mean over TURN_TIME_S of the velocity rotated back by the gyro angle [m/s]."""
 
-    @property
-    def difference(self) -> float:
-        """Absolute angle between the short-term and long-term mean velocities [rad]."""
-        return abs(phase(self.late * self.long.conjugate()))
-
-    def after(self, measured: Measurement, dt: float) -> "TurnEvidence":
+    def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
         """Return the evidence after a tick of `dt` [s]; restart without a gyro or HELD_S after the last valid fix."""
-        fix, turned, time = measured.fix, self.turned + measured.gyro * dt, measured.t - self.t
-        if turned != turned or (time > HELD_S and self.known_s > 0.0):
-            return TurnEvidence(measured.t)
-        if fix is None or measured.quality != Quality.FIX or hypot(fix.vx, fix.vy) <= COURSE_M_S:
-            return self._replace(turned=turned)
-        latency = measured.t - fix.t if isfinite(fix.t) else 0.0
-        ahead = copysign(1.0, measured.wheel_speed if isfinite(measured.wheel_speed) else measured.pedal)
-        velocity = ahead * complex(fix.vx, fix.vy) * turn(-1j * (turned - latency * measured.gyro))
-        if not self.late:
-            return TurnEvidence(measured.t, turned, 0.0, velocity, velocity)
+        turned, time = self.turned + m.gyro * dt, m.t - self.t
+        if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
+            return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)
+        speed = sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
+        if isnan(speed) or quality != RTK_FIXED or speed <= COURSE_M_S:
+            return TurnEvidence(self.t, turned, self.known_s, self.late, self.long)
+        latency = m.t - fix.t if isfinite(fix.t) else 0.0
+        ahead = copysign(1.0, m.wheel_speed if isfinite(m.wheel_speed) else m.pedal)
+        velocity = ahead * complex(fix.vx, fix.vy) * turn(-1j * (turned - latency * m.gyro))
+        if self.late == 0j:
+            return TurnEvidence(m.t, turned, 0.0, velocity, velocity)
         step = min(time, GAP_S)
         known = self.known_s + step
         late = self.late + (velocity - self.late) * step / min(known, SWAY_S)
         long = self.long + (velocity - self.long) * step / min(known, TURN_TIME_S)
-        return TurnEvidence(measured.t, turned, known, late, long)
+        return TurnEvidence(m.t, turned, known, late, long)
+
+
+kernel_method("after")
+
+
+@shared
+def drift_of(evidence: Evidence) -> float:
+    """Return the distance between the measured position and the integral of the measured velocities [m]."""
+    return sqrt(evidence.east * evidence.east + evidence.north * evidence.north)
+
+
+@shared
+def tilt_error(attitude: AttitudeEvidence) -> float:
+    """Return the maximum difference between roll or pitch and the tilt derived from the specific force [rad]."""
+    return atan(max(abs(attitude.residual[0]), abs(attitude.residual[1])))
+
+
+@shared
+def course_error(turn: TurnEvidence) -> float:
+    """Return the absolute angle between the short-term and long-term mean velocities [rad]."""
+    return abs(phase(turn.late * turn.long.conjugate()))

@@ -8,10 +8,9 @@ overrules the estimate. Pedal and wheels faster than the ground are not monitore
 sensor fault.
 """
 
-from math import atan, copysign, degrees, hypot, inf, nan, sqrt, tan
+from math import atan, copysign, degrees, inf, isnan, nan, sqrt, tan
 from typing import NamedTuple
 
-from agrobot_mj.control.base import Situation
 from agrobot_mj.control.evidence import (
     COURSE_M_S,
     GAP_S,
@@ -19,12 +18,17 @@ from agrobot_mj.control.evidence import (
     AttitudeEvidence,
     Evidence,
     GyroEvidence,
+    Sensed,
     TurnEvidence,
+    course_error,
+    drift_of,
+    tilt_error,
 )
-from agrobot_mj.control.reckoning import Reckoning
+from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.reporting import Reporting
-from agrobot_mj.core.signals import Measurement
+from agrobot_mj.core.signals import Fix
 from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.tractor import TractorParameters
 
 OVERSPEED_M_S = 0.15
 """Tolerated absolute overspeed [m/s]. Assumed value: four times the measurement noise."""
@@ -44,25 +48,32 @@ MAX_RATIO = 3.0
 """Maximum ratio of signal to limit used as weight of the time above the limit [-]. Assumed value."""
 
 
-class Monitor(NamedTuple):
-    """One monitored signal with its limit."""
-
-    signal: float
-    """Monitored signal; NaN if unknown in this tick."""
-    limit: float
-    """Limit of the signal, in the unit of the signal."""
-    lasting_s: float
-    """Maximum time above the limit before a stop [s]; half of this time at twice the limit."""
-    reason: str
-    """Format string of the reason for a stop, with a placeholder for the signal."""
-    cut: bool = False
-    """Whether to cut the power of the pedal valve, because the pedal may be faulty."""
-
-    def over(self, time: float, dt: float) -> float:
-        """Return the time above the limit [s] after `dt` [s], weighted by the excess; unchanged for a NaN signal."""
-        if self.signal != self.signal:
-            return time
-        return time + min(self.signal / self.limit, MAX_RATIO) * dt if self.signal > self.limit else 0.0
+REASONS = (
+    "no GNSS fix for {:.1f} s",
+    "position uncertain by {:.2f} m",
+    "fixes contradict the estimate (NIS {:.0f})",
+    "{:.2f} m off the path",
+    "not closer to the path after {:.0f} s",
+    "heading unknown after {:.0f} s",
+    "wheels {:.0f} deg off the steering command",
+    "speed of {:.1f} m/s, faster than commanded",
+    "estimate {:.1f} m/s slower than wheels and fixes",
+    "pedal {:.2f} off its command",
+    "pedal measurement jumps at {:.1f} 1/s",
+    "fixes repeat one position for {:.1f} s",
+    "fixes {:.2f} m off the path of their velocity",
+    "fixes {:.2f} m off dead reckoning by wheels and gyro",
+    "wheels {:.1f} m/s slower than the fixes",
+    "tractor turns as with wheels {:.0f} deg off the measured angle",
+    "gyro repeats one value in a turn of {:.1f} deg/s",
+    "course of the fixes {:.0f} deg off the gyro",
+    "inertial unit repeats one angle for {:.1f} s",
+    "roll or pitch {:.0f} deg off the tilt of the specific force",
+    "no roll and pitch for {:.1f} s",
+)
+"""Format strings of the reasons for a stop, one for each monitor, with a placeholder for the signal."""
+CUTTING = (7, 9, 10)
+"""Numbers of the monitors that cut the power of the pedal valve, because the pedal may be faulty."""
 
 
 class MonitorSignals(NamedTuple):
@@ -90,8 +101,6 @@ class MonitorSignals(NamedTuple):
     """Rotation of the fixes' course relative to the gyro."""
     attitude: AttitudeEvidence = AttitudeEvidence()
     """Consistency of the angles of the inertial unit."""
-    reckoning: Reckoning = Reckoning()
-    """Dead reckoning by wheels and gyro."""
     pedal_mismatch: float = 0.0
     """Pedal reference minus measured pedal [-]; 0 while the pedal follows."""
     pedal_rate: float = 0.0
@@ -102,6 +111,10 @@ class MonitorSignals(NamedTuple):
     """Whether the heading has been known at least once."""
     aligning_s: float = 0.0
     """Time since the heading was last known [s]."""
+    readings: tuple[float, float] = (nan, nan)
+    """Last measured steering angle [rad] and pedal [-]; NaN before the first tick."""
+    rate: float = 0.0
+    """Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]."""
 
 
 class SupervisorLimits(Reporting):
@@ -176,121 +189,177 @@ class SupervisorLimits(Reporting):
     max_attitude_age_s: Positive = 2.0
     """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), as the slope changes in a turn."""
 
-    def monitors(self, watched: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        """Return all monitors in order of priority: the first one above its limit gives the reason for a stop."""
-        return (
-            *self._of_estimate(watched, situation),
-            *self._of_motion(watched, situation, measured),
-            *self._of_fixes(watched, measured),
-            *self._of_turns(watched, situation, measured),
-            *self._of_attitude(watched.attitude),
-        )
-
-    def _of_estimate(self, w: MonitorSignals, situation: Situation) -> tuple[Monitor, ...]:
-        e, off = situation.estimate, w.offset if w.tracked else 0.0
-        aligning = self.max_realigning_s if w.tracked else self.max_aligning_s
-        acquired = w.closest <= self.max_cross_track_m
-        turning = TURNED_AWAY * situation.machine.tightest_radius
-        farthest = self.max_cross_track_m if acquired else w.closest + CLOSER_M + STRAYING_M + turning
-        waiting = 0.0 if acquired else w.closing_s
-        return (
-            Monitor(w.fix_age, self.max_fix_age_s, 0.0, "no GNSS fix for {:.1f} s"),
-            Monitor(e.position_sigma, self.max_sigma_m, 0.0, "position standard deviation of {:.2f} m"),
-            Monitor(e.nis_mean, self.max_nis, 0.0, "fixes contradict the estimate (NIS {:.0f})"),
-            Monitor(off, farthest, 0.0, "{:.2f} m off the path"),
-            Monitor(waiting, self.max_acquiring_s, 0.0, "no closer to the path after {:.0f} s"),
-            Monitor(w.aligning_s, aligning, 0.0, "heading unknown after {:.0f} s"),
-        )
-
-    def _of_motion(self, w: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        u, agreed = abs(situation.estimate.speed), _agreed_speed(w.evidence, measured)
-        top, lag = self.max_overspeed * w.allowed + OVERSPEED_M_S, self._wheel_lag(agreed)
-        steer, pedal = degrees(abs(w.mismatch)), abs(w.pedal_mismatch)
-        return (
-            Monitor(
-                *(steer, self.max_steer_mismatch_deg, self.steer_mismatch_s),
-                "wheel angle {:.0f} deg off the steering command",
-            ),
-            Monitor(
-                *(max(u, agreed), top, self.overspeed_s),
-                *("speed of {:.1f} m/s above the command", True),
-            ),
-            Monitor(agreed - u, lag, self.outvoted_s, "estimated speed {:.1f} m/s below wheels and fixes"),
-            Monitor(
-                *(pedal, self.max_pedal_mismatch, self.pedal_mismatch_s),
-                *("pedal position {:.2f} off the command", True),
-            ),
-            Monitor(
-                abs(w.pedal_rate), self.max_pedal_rate_per_s, 0.0, "pedal measurement changes by {:.1f} 1/s", cut=True
-            ),
-        )
-
-    def _of_fixes(self, w: MonitorSignals, measured: Measurement) -> tuple[Monitor, ...]:
-        fix, proof, reckoning = measured.fix, w.evidence, w.reckoning
-        speed = nan if fix is None else hypot(fix.vx, fix.vy)
-        wheels = copysign(1.0, measured.pedal) * measured.wheel_speed
-        drift = self.max_fix_drift_m + DRIFT_SIGMAS * sqrt(proof.variance)
-        farthest = self.max_reckoning_sigma * reckoning.sigma
-        return (
-            Monitor(proof.repeated_s, self.max_repeat_s, 0.0, "fixes repeat one position for {:.1f} s"),
-            Monitor(proof.drift, drift, 0.0, "fixes {:.2f} m off the track integrated from their velocity"),
-            Monitor(
-                reckoning.distance, farthest, self.reckoning_s, "fixes {:.2f} m off dead reckoning from wheels and gyro"
-            ),
-            Monitor(
-                *(speed - wheels, self._wheel_lag(speed), self.wheel_lag_s),
-                "wheel speed {:.1f} m/s below the speed of the fixes",
-            ),
-        )
-
-    def _of_turns(self, w: MonitorSignals, situation: Situation, measured: Measurement) -> tuple[Monitor, ...]:
-        steer, turning = degrees(situation.steer), _required_angle(situation, measured.gyro)
-        angle = self.max_angle_mismatch_deg + self.max_angle_mismatch_share * max(abs(steer), abs(turning))
-        speed = max(abs(situation.estimate.speed), COURSE_M_S)
-        course = self.max_course_mismatch_deg * max(1.0, SWAYING_M_S / speed)
-        return (
-            Monitor(
-                *(abs(turning - steer), angle, self.angle_mismatch_s),
-                "turn rate implies a wheel angle {:.0f} deg off the measured one",
-            ),
-            Monitor(
-                *(self._unseen_turn(situation, measured, w.gyro), self.max_unseen_turn_deg_s, 0.0),
-                "gyro repeats one value in a turn of {:.1f} deg/s",
-            ),
-            Monitor(degrees(w.turn.difference), course, 0.0, "course of the fixes {:.0f} deg off the gyro heading"),
-        )
-
-    def _of_attitude(self, attitude: AttitudeEvidence) -> tuple[Monitor, ...]:
-        return (
-            Monitor(attitude.repeated_s, self.max_repeat_s, 0.0, "inertial unit repeats one angle for {:.1f} s"),
-            Monitor(
-                *(degrees(attitude.tilt), self.max_tilt_mismatch_deg, 0.0),
-                "roll or pitch {:.0f} deg off the tilt from the specific force",
-            ),
-            Monitor(attitude.silent_s, self.max_attitude_age_s, 0.0, "no roll or pitch measurement for {:.1f} s"),
-        )
-
-    def _wheel_lag(self, speed: float) -> float:
-        """Return the tolerated difference between `speed` and another measured speed [m/s]."""
-        return self.max_wheel_lag_m_s + self.max_wheel_lag_share * speed
-
-    def _unseen_turn(self, situation: Situation, measured: Measurement, gyro: GyroEvidence) -> float:
-        """Return the yaw-rate change since the gyro value last changed, computed from the steering angle [deg/s]."""
-        if measured.t - gyro.t < self.max_repeat_s:
-            return 0.0
-        turned = tan(measured.steer) - tan(gyro.steer)
-        return degrees(abs(situation.estimate.speed * turned / situation.machine.wheelbase_m))
+    def limits(self, machine: TractorParameters) -> "Limits":
+        """Return the limits as numbers, for a tractor."""
+        keys = (getattr(self, key) for key in SupervisorLimits.model_fields)
+        return Limits._make((*keys, machine.tightest_radius, machine.wheelbase_m))
 
 
-def _required_angle(situation: Situation, gyro: float) -> float:
-    """Return the steering angle that corresponds to the measured (or estimated) yaw rate; NaN at low speed [deg]."""
-    u, rate = situation.estimate.speed, situation.estimate.yaw_rate if gyro != gyro else gyro
-    return degrees(atan(situation.machine.wheelbase_m * rate / u)) if abs(u) > MOVING_M_S else nan
+class Limits(NamedTuple):
+    """Keys of `SupervisorLimits`, minimum turning radius and wheelbase [m]."""
+
+    max_fix_age_s: float
+    max_sigma_m: float
+    max_cross_track_m: float
+    max_acquiring_s: float
+    max_nis: float
+    max_steer_mismatch_deg: float
+    steer_mismatch_s: float
+    max_aligning_s: float
+    max_realigning_s: float
+    max_overspeed: float
+    overspeed_s: float
+    max_pedal_mismatch: float
+    pedal_mismatch_s: float
+    max_pedal_rate_per_s: float
+    max_wheel_lag_m_s: float
+    max_wheel_lag_share: float
+    wheel_lag_s: float
+    outvoted_s: float
+    max_angle_mismatch_deg: float
+    max_angle_mismatch_share: float
+    angle_mismatch_s: float
+    max_unseen_turn_deg_s: float
+    max_repeat_s: float
+    max_course_mismatch_deg: float
+    max_fix_drift_m: float
+    max_reckoning_sigma: float
+    reckoning_s: float
+    max_tilt_mismatch_deg: float
+    max_attitude_age_s: float
+    radius: float
+    wheelbase: float
 
 
-def _agreed_speed(proof: Evidence, measured: Measurement) -> float:
-    """Return the speed on which wheels and newest fix agree [m/s]; 0 if they disagree or a measurement is missing."""
-    if proof.fix is None or measured.t - proof.t > GAP_S:
+class Judged(NamedTuple):
+    """Numbers of the `Estimate`."""
+
+    x: float
+    """East coordinate of the CG [m]."""
+    y: float
+    """North coordinate of the CG [m]."""
+    speed: float
+    """Velocity of R along the course [m/s]."""
+    yaw_rate: float
+    """Yaw rate [rad/s]."""
+    aligned: bool
+    """Whether the yaw has been determined."""
+    fix_age: float
+    """Age of the newest accepted fix [s]."""
+    sigma: float
+    """Standard deviation of the position [m]."""
+    nis: float
+    """Smoothed NIS of the position [-]."""
+
+
+Checks = tuple[tuple[float, float, float], ...]
+"""Signal, limit, and maximum duration above the limit [s] of some monitors; an unknown signal is NaN."""
+
+
+@jit
+def checks(
+    most: Limits, w: MonitorSignals, e: Judged, m: Sensed, fix: Fix, steer: float, reckoned: tuple[float, float]
+) -> Checks:
+    """Return all monitors in order of priority: the first one above its limit gives the reason for a stop.
+
+    `reckoned` is the distance of a fix from dead reckoning and its standard deviation [m].
+    """
+    attitude = w.attitude
+    return (
+        *_of_estimate(most, w, e),
+        *_of_motion(most, w, e, m),
+        *_of_fixes(most, w.evidence, m, fix, reckoned),
+        *_of_turns(most, w, e, m, steer),
+        (max(attitude.repeats[0], attitude.repeats[1]), most.max_repeat_s, 0.0),
+        (degrees(tilt_error(attitude)), most.max_tilt_mismatch_deg, 0.0),
+        (attitude.silent_s, most.max_attitude_age_s, 0.0),
+    )
+
+
+@jit
+def over(check: tuple[float, float, float], time: float, dt: float) -> float:
+    """Return the time above the limit [s] after `dt` [s], weighted by the excess; unchanged for a NaN signal."""
+    signal, limit, _ = check
+    if isnan(signal):
+        return time
+    return time + min(signal / limit, MAX_RATIO) * dt if signal > limit else 0.0
+
+
+@jit
+def _of_estimate(most: Limits, w: MonitorSignals, e: Judged) -> Checks:
+    acquired = w.closest <= most.max_cross_track_m
+    aligning = most.max_realigning_s if w.tracked else most.max_aligning_s
+    farthest = most.max_cross_track_m if acquired else w.closest + CLOSER_M + STRAYING_M + TURNED_AWAY * most.radius
+    return (
+        (w.fix_age, most.max_fix_age_s, 0.0),
+        (e.sigma, most.max_sigma_m, 0.0),
+        (e.nis, most.max_nis, 0.0),
+        (w.offset if w.tracked else 0.0, farthest, 0.0),
+        (0.0 if acquired else w.closing_s, most.max_acquiring_s, 0.0),
+        (w.aligning_s, aligning, 0.0),
+    )
+
+
+@jit
+def _of_motion(most: Limits, w: MonitorSignals, e: Judged, m: Sensed) -> Checks:
+    u, agreed = abs(e.speed), _agreed_speed(w.evidence, m)
+    return (
+        (degrees(abs(w.mismatch)), most.max_steer_mismatch_deg, most.steer_mismatch_s),
+        (max(u, agreed), most.max_overspeed * w.allowed + OVERSPEED_M_S, most.overspeed_s),
+        (agreed - u, _wheel_lag(most, agreed), most.outvoted_s),
+        (abs(w.pedal_mismatch), most.max_pedal_mismatch, most.pedal_mismatch_s),
+        (abs(w.pedal_rate), most.max_pedal_rate_per_s, 0.0),
+    )
+
+
+@jit
+def _of_fixes(most: Limits, proof: Evidence, m: Sensed, fix: Fix, reckoned: tuple[float, float]) -> Checks:
+    speed, wheels = sqrt(fix.vx * fix.vx + fix.vy * fix.vy), copysign(1.0, m.pedal) * m.wheel_speed
+    return (
+        (proof.repeated_s, most.max_repeat_s, 0.0),
+        (drift_of(proof), most.max_fix_drift_m + DRIFT_SIGMAS * sqrt(proof.variance), 0.0),
+        (reckoned[0], most.max_reckoning_sigma * reckoned[1], most.reckoning_s),
+        (speed - wheels, _wheel_lag(most, speed), most.wheel_lag_s),
+    )
+
+
+@jit
+def _of_turns(most: Limits, w: MonitorSignals, e: Judged, m: Sensed, steer: float) -> Checks:
+    angle, turning = degrees(steer), _required_angle(most, e, m.gyro)
+    tolerated = most.max_angle_mismatch_deg + most.max_angle_mismatch_share * max(abs(angle), abs(turning))
+    course = most.max_course_mismatch_deg * max(1.0, SWAYING_M_S / max(abs(e.speed), COURSE_M_S))
+    return (
+        (abs(turning - angle), tolerated, most.angle_mismatch_s),
+        (_unseen_turn(most, e, m, w.gyro), most.max_unseen_turn_deg_s, 0.0),
+        (degrees(course_error(w.turn)), course, 0.0),
+    )
+
+
+@jit
+def _wheel_lag(most: Limits, speed: float) -> float:
+    """Return the tolerated difference between `speed` and another measured speed [m/s]."""
+    return most.max_wheel_lag_m_s + most.max_wheel_lag_share * speed
+
+
+@jit
+def _unseen_turn(most: Limits, e: Judged, m: Sensed, gyro: GyroEvidence) -> float:
+    """Return the yaw-rate change since the gyro value last changed, computed from the steering angle [deg/s]."""
+    if m.t - gyro.t < most.max_repeat_s:
         return 0.0
-    fixes, wheels = hypot(proof.fix.vx, proof.fix.vy), abs(measured.wheel_speed)
+    return degrees(abs(e.speed * (tan(m.steer) - tan(gyro.steer)) / most.wheelbase))
+
+
+@jit
+def _required_angle(most: Limits, e: Judged, gyro: float) -> float:
+    """Return the steering angle that corresponds to the measured (or estimated) yaw rate; NaN at low speed [deg]."""
+    rate = e.yaw_rate if isnan(gyro) else gyro
+    return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan
+
+
+@jit
+def _agreed_speed(proof: Evidence, m: Sensed) -> float:
+    """Return the speed on which wheels and newest fix agree [m/s]; 0 if they disagree or a measurement is missing."""
+    fixes, wheels = sqrt(proof.fix.vx * proof.fix.vx + proof.fix.vy * proof.fix.vy), abs(m.wheel_speed)
+    if m.t - proof.t > GAP_S:
+        return 0.0
     return min(fixes, wheels) if abs(fixes - wheels) < OVERSPEED_M_S + AGREEING * wheels else 0.0

@@ -8,13 +8,28 @@ faulty or the tractor does not come to rest, the power of the pedal valve is cut
 
 from collections.abc import Sequence
 from enum import IntEnum
-from math import copysign, hypot, isfinite, radians
+from math import copysign, isfinite, isnan, nan, radians, sqrt
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.monitors import CLOSER_M, MonitorSignals, SupervisorLimits
+from agrobot_mj.control.evidence import Sensed, seen
+from agrobot_mj.control.monitors import (
+    CLOSER_M,
+    CUTTING,
+    REASONS,
+    Judged,
+    Limits,
+    MonitorSignals,
+    SupervisorLimits,
+    checks,
+    over,
+)
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.signals import Column, Command, Measurement
+from agrobot_mj.control.reckoning import Reckoning
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.signals import Column, Command, Estimate, Fix, Measurement, PathPoint, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 
 MIN_STEERING_RATE = radians(4.0)
@@ -49,12 +64,8 @@ class SupervisorState(NamedTuple):
     mode: Mode = Mode.IDLE
     watched: MonitorSignals = MonitorSignals()
     """Signals computed for the monitors."""
-    over_s: tuple[float, ...] = ()
+    over_s: Vector = np.zeros(len(REASONS))
     """Weighted time for which the signal of each monitor has exceeded its limit [s]."""
-    readings: tuple[float, float] | None = None
-    """Last measured steering angle [rad] and pedal [-]; None before the first tick."""
-    rate: float = 0.0
-    """Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]."""
     pedal: float = 0.0
     """Pedal reference while coasting and stopping [-]."""
     steer: float = 0.0
@@ -67,6 +78,10 @@ class SupervisorState(NamedTuple):
     """Whether the power of the pedal valve has been cut."""
     reason: str = ""
     """Reason for the stop."""
+    limits: Limits | None = None
+    """Limits of the monitors; None before the first tick."""
+    reckoning: Reckoning = Reckoning()
+    """Dead reckoning by wheels and gyro."""
 
 
 class Supervisor(SupervisorLimits):
@@ -104,74 +119,34 @@ class Supervisor(SupervisorLimits):
         """
         if not self.enabled:
             return state, command
-        state = self._observe(state, situation, measured, abs(command.speed), pedal_ref, dt)
-        monitors = self.monitors(state.watched, situation, measured)
-        before = state.over_s or (0.0,) * len(monitors)
-        state = state._replace(over_s=tuple(m.over(time, dt) for m, time in zip(monitors, before, strict=True)))
-        tripped = [m for m, time in zip(monitors, state.over_s, strict=True) if time > m.lasting_s]
-        if state.mode is not Mode.STOPPING:
-            mode = Mode.STOPPING if tripped else self._mode(state, situation)
-            holding = mode is Mode.COASTING and state.mode is Mode.COASTING
-            reason = tripped[0].reason.format(tripped[0].signal) if tripped else ""
-            state = state._replace(mode=mode, reason=reason, pedal=state.pedal if holding else measured.pedal)
-        if any(monitor.cut for monitor in tripped):
-            state = state._replace(released=True)
-        return self._commanded(state, situation, measured, command, dt)
+        e, (m, fix, quality), machine = situation.estimate, seen(measured), situation.machine
+        limits = state.limits or self.limits(machine)
+        nearest = situation.route.nearest(e.x, e.y, state.watched.place, situation.t)
+        reckoning = state.reckoning.after(m, fix, quality, machine, self.gyro_axes == "body", dt, situation.towed)
+        judged = Judged(e.x, e.y, e.speed, e.yaw_rate, e.aligned, e.fix_age, e.position_sigma, e.nis_mean)
+        wanted = Wanted(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
+        reckoned = reckoning.distance, reckoning.sigma
+        watched, over_s, first, signal, cut = _watched(
+            limits, state.watched, state.over_s, nearest, judged, m, fix, quality, situation.steer, wanted, reckoned, dt
+        )
+        mode, reason, pedal, steer = state.mode, state.reason, state.pedal, state.steer
+        if mode is not Mode.STOPPING:
+            mode = Mode.STOPPING if first >= 0 else self._mode(e, watched.fix_age)
+            reason = REASONS[first].format(signal) if first >= 0 else ""
+            pedal = pedal if mode is state.mode is Mode.COASTING else measured.pedal
+        rest = state.neutral_s, state.still_s, state.released or cut, reason, limits, reckoning
+        return self._commanded(
+            SupervisorState(mode, watched, over_s, pedal, steer, *rest), situation, measured, command, dt
+        )
 
     def stopped(self, state: SupervisorState) -> bool:
         """Whether the controlled stop is complete."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
-    def _observe(
-        self,
-        state: SupervisorState,
-        situation: Situation,
-        measured: Measurement,
-        commanded: float,
-        pedal_ref: float,
-        dt: float,
-    ) -> SupervisorState:
-        """Return the state with the signals of the monitors, for a commanded speed [m/s] and pedal reference [-]."""
-        estimate, watched = situation.estimate, state.watched
-        nearest = situation.route.nearest(estimate.x, estimate.y, watched.place, situation.t)
-        mismatch, readings = state.steer - situation.steer, (situation.steer, measured.pedal)
-        a, b = (now - last for now, last in zip(readings, state.readings or readings, strict=True))
-        pressing = pedal_ref - measured.pedal
-        rate = state.rate + (a - state.rate * dt) / STEERING_RATE_S
-        # no mismatch while the wheels still move towards the command
-        coming = copysign(1.0, mismatch) * rate > MIN_STEERING_RATE
-        following = coming or abs(mismatch) < radians(self.max_steer_mismatch_deg)
-        commanded = commanded if estimate.aligned else max(commanded, self.aligning_speed_m_s)
-        behind = watched.allowed - commanded
-        offset, evidence = hypot(nearest.x - estimate.x, nearest.y - estimate.y), watched.evidence.after(measured)
-        closer = offset < watched.closest - min(CLOSER_M, self.max_cross_track_m / 2)
-        watched = MonitorSignals(
-            fix_age=estimate.fix_age if isfinite(estimate.fix_age) else 0.0,
-            place=nearest.s,
-            curvature=nearest.curvature,
-            offset=offset,
-            closest=offset if closer and estimate.aligned else watched.closest,
-            closing_s=0.0 if closer or not estimate.aligned else watched.closing_s + dt,
-            mismatch=0.0 if following else mismatch,
-            evidence=evidence,
-            gyro=watched.gyro.after(measured),
-            turn=watched.turn.after(measured, dt),
-            attitude=watched.attitude.after(measured, evidence.moving, dt),
-            reckoning=watched.reckoning.after(
-                measured, situation.machine, self.gyro_axes == "body", dt, situation.towed
-            ),
-            pedal_mismatch=0.0 if copysign(1.0, pressing) * b > MIN_PEDAL_RATE * dt else pressing,
-            pedal_rate=b / dt,
-            allowed=max(commanded, watched.allowed - min(SLOWING_M_S2, behind / SPEED_LAG_S) * dt),
-            tracked=watched.tracked or estimate.aligned,
-            aligning_s=0.0 if estimate.aligned else watched.aligning_s + dt,
-        )
-        return state._replace(watched=watched, readings=readings, rate=rate)
-
-    def _mode(self, state: SupervisorState, situation: Situation) -> Mode:
-        if not situation.estimate.aligned:
+    def _mode(self, e: Estimate, fix_age: float) -> Mode:
+        if not e.aligned:
             return Mode.ALIGNING
-        return Mode.COASTING if state.watched.fix_age > self.coasting_after_s else Mode.TRACKING
+        return Mode.COASTING if fix_age > self.coasting_after_s else Mode.TRACKING
 
     def _commanded(
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float
@@ -214,3 +189,79 @@ class Supervisor(SupervisorLimits):
     def report(self, state: SupervisorState) -> Sequence[float]:
         """Return the values of `columns` for a state."""
         return (float(state.mode), state.watched.fix_age) if self.enabled else ()
+
+
+class Wanted(NamedTuple):
+    """Commands to compare with the measurements."""
+
+    steer: float
+    """Last steering command [rad]."""
+    speed: float
+    """Absolute commanded speed [m/s]."""
+    pedal: float
+    """Last pedal reference of the speed loop [-]."""
+    aligning: float
+    """Speed until the heading is known [m/s]."""
+
+
+@stage
+def _watched(
+    most: Limits, w: MonitorSignals, over_s: Vector, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix, quality: int,
+    steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
+) -> tuple[MonitorSignals, Vector, int, float, bool]:  # fmt: skip
+    """Return the signals after a tick and the weighted times above the limits [s].
+
+    The other results are the number of the first monitor that requires a stop, or -1, its signal, and whether a monitor
+    cuts the power of the pedal valve.
+    """
+    w = _observed(most, w, nearest, e, m, fix, quality, steer, wanted, dt)
+    found = checks(most, w, e, m, fix, steer, reckoned)
+    after, first, signal, cut = np.zeros(len(found)), -1, nan, False
+    for k in range(len(found)):
+        check = found[k]
+        after[k] = over(check, over_s[k], dt)
+        if after[k] > check[2]:
+            cut = cut or k in CUTTING
+            if first < 0:
+                first, signal = k, check[0]
+    return w, after, first, signal, cut
+
+
+@jit
+def _observed(
+    most: Limits, w: MonitorSignals, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix, quality: int, steer: float,
+    wanted: Wanted, dt: float,
+) -> MonitorSignals:  # fmt: skip
+    """Return the signals of the monitors after a tick."""
+    evidence, first = w.evidence.after(m, fix, quality), isnan(w.readings[0])
+    mismatch, pressing = wanted.steer - steer, wanted.pedal - m.pedal
+    a, b = (0.0, 0.0) if first else (steer - w.readings[0], m.pedal - w.readings[1])
+    rate = w.rate + (a - w.rate * dt) / STEERING_RATE_S
+    # no mismatch while the wheels still move towards the command
+    coming = copysign(1.0, mismatch) * rate > MIN_STEERING_RATE
+    following = coming or abs(mismatch) < radians(most.max_steer_mismatch_deg)
+    pressed = copysign(1.0, pressing) * b > MIN_PEDAL_RATE * dt
+    commanded = wanted.speed if e.aligned else max(wanted.speed, wanted.aligning)
+    behind, east, north = w.allowed - commanded, nearest.x - e.x, nearest.y - e.y
+    offset = sqrt(east * east + north * north)
+    closer = offset < w.closest - min(CLOSER_M, most.max_cross_track_m / 2)
+    return MonitorSignals(
+        e.fix_age if isfinite(e.fix_age) else 0.0,
+        nearest.s,
+        nearest.curvature,
+        offset,
+        offset if closer and e.aligned else w.closest,
+        0.0 if closer or not e.aligned else w.closing_s + dt,
+        0.0 if following else mismatch,
+        evidence,
+        w.gyro.after(m),
+        w.turn.after(m, fix, quality, dt),
+        w.attitude.after(m, evidence.moving, dt),
+        0.0 if pressed else pressing,
+        b / dt,
+        max(commanded, w.allowed - min(SLOWING_M_S2, behind / SPEED_LAG_S) * dt),
+        w.tracked or e.aligned,
+        0.0 if e.aligned else w.aligning_s + dt,
+        (steer, m.pedal),
+        rate,
+    )

@@ -130,13 +130,13 @@ def declared(hint: Any) -> types.Type:
     return types.BaseTuple.from_types([declared(part) for part in get_type_hints(hint).values()], hint)
 
 
-NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean}
+NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean, complex: types.complex128}
 """Types of numbers in kernels."""
 
 
 @cache
 def kernel_method(name: str) -> None:
-    """Allow kernels to call the method `name` of any named tuple: `record.name(...)`.
+    """Allow kernels to call the method `name` of any named tuple, none with a field of this name: `record.name(...)`.
 
     The method stays a plain Python function. A kernel with a record argument is compiled for the class of the record,
     so that the call is direct and the compiled code is cached on disk.

@@ -117,6 +117,10 @@ class Fix(NamedTuple):
     """Heading from two antennas, from east, counter-clockwise; NaN if not measured or ambiguous [rad]."""
 
 
+NO_FIX = Fix(nan, nan, nan, nan)
+"""Missing fix in compiled stages."""
+
+
 class Quality:
     """Quality of a GNSS solution, as logged in `gnss_quality`. DGPS, a corrected code solution, is worse than FLOAT."""
 

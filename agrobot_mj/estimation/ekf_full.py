@@ -14,10 +14,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.levelling import SmoothedTilt
-from agrobot_mj.core.signals import TICK_S, Column, Estimate, Measurement, Quality
+from agrobot_mj.core.signals import NO_FIX, TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator
-from agrobot_mj.estimation.full_core import NO_FIX, Core, Gates
+from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, B_G, MOUNT, C, D, FixNoise, FullLevels, K, N, S
 from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Horizon, Readings, Settings, estimated

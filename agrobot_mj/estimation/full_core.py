@@ -3,16 +3,13 @@
 from math import nan, sin, sqrt
 from typing import NamedTuple
 
-from agrobot_mj.core.kernels import jit, kernel_method, shared
+from agrobot_mj.core.kernels import jit, shared
 from agrobot_mj.core.signals import Fix, Matrix, Quality, Vector
 from agrobot_mj.estimation.full_model import G_E, G_N, PSI, FixNoise, X, Y
 from agrobot_mj.estimation.lever_arm import UNKNOWN, Lever
 from agrobot_mj.estimation.sideslip_noise import SidewaysNoise
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
-
-NO_FIX = Fix(nan, nan, nan, nan)
-"""Missing fix."""
 
 
 class Inputs(NamedTuple):
@@ -33,12 +30,11 @@ class Inputs(NamedTuple):
     lean: tuple[float, float] = (0.0, 0.0)
     """Measured roll and pitch [rad]."""
 
-    def side(self) -> float:
-        """Return the gravity component of the specific side force [m/s2]."""
-        return GRAVITY * sin(self.roll)
 
-
-kernel_method("side")
+@shared
+def side_of(inputs: Inputs) -> float:
+    """Return the gravity component of the specific side force [m/s2]."""
+    return GRAVITY * sin(inputs.roll)
 
 
 class Gates(NamedTuple):

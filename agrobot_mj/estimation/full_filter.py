@@ -33,6 +33,7 @@ from agrobot_mj.estimation.full_core import (
     accepted,
     at_fix,
     forget_correlated,
+    side_of,
     turned,
 )
 from agrobot_mj.estimation.full_model import (
@@ -66,6 +67,7 @@ from agrobot_mj.estimation.full_rows import (
 )
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
 from agrobot_mj.estimation.mounting import implausible, with_crab, with_mounting
+from agrobot_mj.estimation.sideslip_noise import density
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import GRAVITY
 
@@ -122,7 +124,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
     if seen:
         core = _received(f, core, fix, quality)
     noise, unsteady = f.noises[core.seen.quality], SWAY * (_crab(core, inputs) - core.smooth.steady)
-    sway = core.sway.density() + SWAY_S * (unsteady * unsteady)
+    sway = density(core.sway) + SWAY_S * (unsteady * unsteady)
     core = _predicted(f, core, inputs, noise, sway, dt)
     smooth, wheel, rows, used = core.smooth, inputs.wheel, no_fix(core.mean.size), (False, False, False)
     slip = core.slip.unseen()
@@ -158,7 +160,7 @@ def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway:
     """Return the core without this tick's measurements; the course varies with the density `sway` [rad2 s]."""
     old, L, walk = core.smooth, f.levels.wheelbase, f.levels.turn_offset_walk
     decay, Q = process_noise(f.levels, dt, noise.correlation_time, core.mean.size)
-    side, pull, per_pull = inputs.side(), GRAVITY * sin(inputs.pitch), f.levels.lean_slip_walk
+    side, pull, per_pull = side_of(inputs), GRAVITY * sin(inputs.pitch), f.levels.lean_slip_walk
     Q[K, K] += dt * (core.slip.change + per_pull * per_pull * (side * side + pull * pull))
     # a pull that changes the slip also resists turning
     Q[D, D] += dt * (abs(core.mean[V]) * (walk * walk) + L * L * core.slip.change)
@@ -178,7 +180,7 @@ def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway:
 @jit
 def _crab(core: Core, inputs: Inputs) -> float:
     """Return the modelled sideslip, positive to the right [rad]."""
-    return modelled_crab(core.mean, core.mean[V], SideLoad(inputs.side(), core.smooth.bend))
+    return modelled_crab(core.mean, core.mean[V], SideLoad(side_of(inputs), core.smooth.bend))
 
 
 @jit
@@ -204,7 +206,7 @@ def _with_fix(
 ) -> tuple[Core, float, FixRows, Used]:
     """Return the core after the gates, the wheel speed or NaN, the rows of a rear-axle fix, and which are used."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
-    noise, side, t = f.noises[core.seen.quality], SideLoad(inputs.side(), core.smooth.bend), core.seen.t
+    noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
     crab = with_crab(core, fix, side, gap)
     seen, wheel = _checked_wheels(f, core, inputs, fix, side)

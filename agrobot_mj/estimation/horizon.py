@@ -14,10 +14,10 @@ import numpy as np
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import jit, stage
 from agrobot_mj.core.levelling import SmoothedTilt
-from agrobot_mj.core.signals import Estimate, Fix, Matrix
+from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix
 from agrobot_mj.estimation.base import Health, largest_sigma
 from agrobot_mj.estimation.equations import times
-from agrobot_mj.estimation.full_core import NO_FIX, Core, Inputs
+from agrobot_mj.estimation.full_core import Core, Inputs, side_of
 from agrobot_mj.estimation.full_filter import FullFilter, step
 from agrobot_mj.estimation.full_model import (
     B_G,
@@ -182,14 +182,14 @@ def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: f
         inputs = _inputs(waiting, k)
         v += gain_v * (inputs.wheel / wheel_scale(mean, inputs.pitch) - v) if isfinite(inputs.wheel) else 0.0
         omega += gain_omega * (inputs.gyro - mean[B_G] - omega) if isfinite(inputs.gyro) else 0.0
-        chi = psi + sideslip(mean, v, SideLoad(inputs.side(), bend)) + 0.5 * omega * dt
+        chi = psi + sideslip(mean, v, SideLoad(side_of(inputs), bend)) + 0.5 * omega * dt
         if not core.search.active:
             x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
         psi += omega * dt
     P = _of_pose(core.covariance)
     if ticks:
         P = _extrapolated(core, levels, (x - mean[X], y - mean[Y]), _inputs(waiting, ticks - 1), ticks * dt)
-    return Present(x, y, psi, sideslip(mean, v, SideLoad(last.side(), bend)), v, omega, P)
+    return Present(x, y, psi, sideslip(mean, v, SideLoad(side_of(last), bend)), v, omega, P)
 
 
 @jit
@@ -206,7 +206,7 @@ def _of_pose(covariance: Matrix) -> Matrix:
 def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Matrix:
     """Return the covariance of x, y and heading after dead reckoning over `moved` [m] in `time` [s], shape (3, 3)."""
     east, north = moved
-    slopes = course_slopes(core.mean, SideLoad(last.side(), core.smooth.bend))
+    slopes = course_slopes(core.mean, SideLoad(side_of(last), core.smooth.bend))
     G = np.zeros((3, slopes.size))
     for state in range(slopes.size):
         G[0, state], G[1, state] = -north * slopes[state], east * slopes[state]

@@ -8,7 +8,7 @@ value, above that of white noise. Its density is 2 `LOW_PASS_S` (mean(m^2) - whi
 from math import exp
 from typing import NamedTuple
 
-from agrobot_mj.core.kernels import kernel_method
+from agrobot_mj.core.kernels import kernel_method, shared
 
 LOW_PASS_S = 4.0
 """Time constant of the low-pass filter [s]. Assumed value; bumps move R sideways and back within 2 s, whereas a lasting
@@ -34,10 +34,11 @@ class SidewaysNoise(NamedTuple):
         excess = low * low - variance * 0.5 * dt / LOW_PASS_S
         return SidewaysNoise(low, self.excess + (excess - self.excess) * dt / time, time)
 
-    def density(self) -> float:
-        """Return the density of the course variation as white noise [rad2 s]."""
-        return 2.0 * LOW_PASS_S * max(0.0, self.excess)
+
+kernel_method("after")
 
 
-for _method in ("after", "density"):
-    kernel_method(_method)
+@shared
+def density(sway: SidewaysNoise) -> float:
+    """Return the density of the course variation as white noise [rad2 s]."""
+    return 2.0 * LOW_PASS_S * max(0.0, sway.excess)

@@ -8,7 +8,7 @@ import pytest
 from test_supervisor import ROUTE, TICK
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.evidence import AttitudeEvidence, Evidence
+from agrobot_mj.control.evidence import AttitudeEvidence, Evidence, drift_of, seen, tilt_error
 from agrobot_mj.control.supervisor import Mode, Supervisor
 from agrobot_mj.core.signals import Command, Estimate, Fix, Measurement, Quality, Reference
 from agrobot_mj.machine.tractor import TractorParameters
@@ -23,7 +23,7 @@ def attitude(angles, forces=None, moving=True):
             side, ahead = (radians(angle) for angle in forces[k])
             readings["imu"] = SimpleNamespace(force_x=-9.81 * sin(ahead), force_y=9.81 * sin(side), force_z=9.6)
         measured = Measurement(k * TICK, None, 0, 0.0, 0.2, 0.0, radians(roll), radians(pitch), 0.9, readings=readings)
-        evidence = evidence.after(measured, moving, TICK)
+        evidence = evidence.after(seen(measured)[0], moving, TICK)
     return evidence
 
 
@@ -31,10 +31,10 @@ def test_stuck_angle_sensor_is_distinguished_from_constant_angle():
     noise = np.random.default_rng(2).normal(0.0, 0.1, (60, 2))
     stuck = noise.copy()
     stuck[40:, 0] = stuck[40, 0]
-    assert attitude(noise.tolist()).repeated_s == 0.0
-    assert attitude(stuck.tolist()).repeated_s == pytest.approx(19 * TICK)
-    assert attitude(stuck.tolist(), moving=False).repeated_s == 0.0
-    assert attitude([[0.0, 0.0]] * 60).repeated_s == 0.0
+    assert max(attitude(noise.tolist()).repeats) == 0.0
+    assert max(attitude(stuck.tolist()).repeats) == pytest.approx(19 * TICK)
+    assert max(attitude(stuck.tolist(), moving=False).repeats) == 0.0
+    assert max(attitude([[0.0, 0.0]] * 60).repeats) == 0.0
 
 
 def test_missing_angle_is_a_fault_only_after_the_first_measurement():
@@ -47,9 +47,9 @@ def test_missing_angle_is_a_fault_only_after_the_first_measurement():
 def test_angle_that_drifts_from_accelerometer_data_is_detected(axis):
     creep = [[0.4 * k * TICK * (a == axis) for a in (0, 1)] for k in range(600)]
     level = [[0.0, 0.0]] * 600
-    assert np.degrees(attitude(creep, level).tilt) > 9.0
-    assert np.degrees(attitude(creep, creep).tilt) < 0.5
-    assert attitude(creep).tilt == 0.0
+    assert np.degrees(tilt_error(attitude(creep, level))) > 9.0
+    assert np.degrees(tilt_error(attitude(creep, creep))) < 0.5
+    assert tilt_error(attitude(creep)) == 0.0
 
 
 def test_vertical_vibration_causes_no_tilt():
@@ -59,12 +59,11 @@ def test_vertical_vibration_causes_no_tilt():
     for now in t.tolist():
         x, z = 4.0 * sin(20.1 * now), 9.81 - 9.0 * sin(20.1 * now)
         readings = {"imu": SimpleNamespace(force_x=-x, force_y=0.0, force_z=z)}
-        evidence = evidence.after(
-            Measurement(now, None, 0, 0.0, 0.2, 0.0, 0.0, 0.0, 2.5, readings=readings), True, TICK
-        )
+        measured = Measurement(now, None, 0, 0.0, 0.2, 0.0, 0.0, 0.0, 2.5, readings=readings)
+        evidence = evidence.after(seen(measured)[0], True, TICK)
         tilts.append(np.degrees(np.arctan2(x, z)))
     assert abs(np.mean(tilts)) > 8.0
-    assert np.degrees(evidence.tilt) < 3.0
+    assert np.degrees(tilt_error(evidence)) < 3.0
 
 
 def situations(speeds, offsets):
@@ -121,8 +120,8 @@ def drift(every, quality=lambda k: Quality.FIX, rate=0.0, gap=lambda k: False):
             continue
         t = k * TICK
         fix = Fix(1.1 * t + east, rate * t + north + (0.4 if quality(k) != Quality.FIX else 0.0), 1.1 + ve, vn, t)
-        evidence = evidence.after(Measurement(t, fix, quality(k), 0.0, 0.2, nan))
-        maximum = max(maximum, evidence.drift)
+        evidence = evidence.after(*seen(Measurement(t, fix, quality(k), 0.0, 0.2, nan)))
+        maximum = max(maximum, drift_of(evidence))
     return maximum
 
 

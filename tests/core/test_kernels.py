@@ -6,6 +6,7 @@ import sys
 from collections import namedtuple
 from contextlib import contextmanager
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,8 +18,8 @@ from agrobot_mj import load_scenario
 from agrobot_mj.core import interrupts
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernel_cache import CACHE
-from agrobot_mj.core.kernels import bound, jit
-from agrobot_mj.core.signals import NOMINAL, Drive
+from agrobot_mj.core.kernels import bound, jit, stage
+from agrobot_mj.core.signals import NOMINAL, Drive, Vector
 from agrobot_mj.core.spec import every
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.implement import Motion
@@ -110,6 +111,26 @@ def test_kernel_with_bound_signature_gives_the_same_result():
     for x, y in np.random.default_rng(0).uniform(-6.0, 6.0, (20, 2)):
         assert height(ground, x, y) == height_and_gradient(ground, x, y)
     assert height(ground, 1, 2) == height_and_gradient(ground, 1.0, 2.0)
+
+
+class Half(NamedTuple):
+    """Record of a stage."""
+
+    value: float
+    parts: tuple[int, bool]
+
+
+def halves(half: Half, more: Vector) -> tuple[Half, float]:
+    """Return the record with half of its value, and the sum of the values."""
+    return Half(0.5 * half.value, half.parts), half.value + more[0]
+
+
+def test_stage_is_compiled_for_its_annotations_and_not_for_its_first_call():
+    halved, more = stage(halves), np.array([0.25])
+    assert halved(Half(1, (2, True)), more) == (Half(0.5, (2, True)), 1.25)
+    found, total = halved(Half(1.5, (3, False)), more)
+    assert (found, total) == (Half(0.75, (3, False)), 1.75)
+    assert type(found) is Half
 
 
 class StoppedError(Exception):

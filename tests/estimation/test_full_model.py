@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from agrobot_mj.core.signals import Fix, Quality
-from agrobot_mj.estimation.full_core import FOUND, NO_FIX, Core, Gates, Inputs, Smooth
+from agrobot_mj.core.signals import NO_FIX, Fix, Quality
+from agrobot_mj.estimation.full_core import FOUND, Core, Gates, Inputs, Smooth
 from agrobot_mj.estimation.full_filter import FullFilter, step
 from agrobot_mj.estimation.full_model import (
     AHEAD,

@@ -1,0 +1,224 @@
+"""Sums over wheel speed, yaw rate and tilt, from which `reckoning` computes paths between fixes. SI units, radians."""
+
+from cmath import exp as turn
+from math import atan, copysign, cos, isfinite, isnan, nan, radians, sin, sqrt, tan
+from typing import NamedTuple
+
+from agrobot_mj.control.evidence import Sensed
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.kernels import jit, kernel_method, shared, stage
+from agrobot_mj.core.levelling import SmoothedTilt
+from agrobot_mj.core.signals import Fix
+from agrobot_mj.machine.implements import TowedImplement
+from agrobot_mj.machine.tractor import GRAVITY
+
+COMPLIANCE = radians(0.8)
+"""Modelled compliance C of the tyres [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
+CLIMB_SLIP = 0.01
+"""Modelled wheel slip per longitudinal gravity [s2/m]. Assumed value for firm ground; higher on soil."""
+COMPASS_S = 5.0
+"""Time constant for comparing the antenna heading with the gyro [s]. Assumed value, fast compared with gyro drift."""
+BRIDGED_SIGMA = radians(0.15)
+"""Standard deviation added to theta at the loss of the gyro [rad]. Assumed value, the smoothed `HEADING_SIGMA`."""
+SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
+"""Random walks of kappa and k: per time [rad/sqrt(s), 1/sqrt(s)] and per rotation [rad/sqrt(rad), 1/sqrt(rad)]. Assumed
+values for six machines on level, rough, sloping and soft ground."""
+SLIDING, UNKNOWN_FORCE = 2.4, 3.5
+"""Specific force that doubles the random walks of kappa and k (fourth-power law), and specific force assumed without an
+inertial unit [m/s2]. Assumed values: tyres begin to slide on slopes of 15 deg; unmeasured slopes of up to 15 deg."""
+DRAUGHT = 3.0
+"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of one sixth of the tractor's
+weight (0.1-0.3), divided by the mass on the rear axle."""
+HOPPING = 0.3
+"""Variation of the vertical specific force, divided by g, that doubles the random walks of kappa and k [-]. Assumed
+value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
+ROCKING_S = 2.0
+"""Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value."""
+SPEEDS_S = 1.0
+"""Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value."""
+SLIPPING = 0.97
+"""Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value."""
+SPINNING = 0.9
+"""Ratio of fix to wheel speed below which the random walk of k increases [-]. Assumed value; smoothed speeds lag."""
+STANDING_M_S = 0.05
+"""Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value."""
+STEERED_WALK = radians(1.5)
+"""Random walk of theta if the steering angle gives the yaw rate [rad/sqrt(s)]. Assumed value for a bias of 2 deg."""
+
+
+class Compass(NamedTuple):
+    """Two-antenna heading minus phi, smoothed while a gyro is available."""
+
+    angle: float = nan
+    """Smoothed difference between heading and phi; NaN before the first heading [rad]."""
+    rate: float = 0.0
+    """Rate of the difference, the negative gyro error [rad/s]."""
+
+    def after(self, shown: float, dt: float) -> "Compass":
+        """Return the state after `dt` [s] for the measured difference `shown` [rad]; NaN without a heading."""
+        if not isfinite(self.angle):
+            return Compass(shown, 0.0)
+        angle = self.angle + self.rate * dt
+        if not isfinite(shown):
+            return Compass(angle, self.rate)
+        error, weight = wrap(shown - angle), dt / COMPASS_S
+        return Compass(angle + 2.0 * weight * error, self.rate + weight * weight / dt * error)
+
+
+kernel_method("after")
+
+
+class Sums(NamedTuple):
+    """Sums over all ticks up to time `t`."""
+
+    t: float = 0.0
+    """Time of the last tick [s]."""
+    phi: float = 0.0
+    """Integral phi of the yaw rate [rad]."""
+    path: complex = 0j
+    """Path q of the rear axle in the frame of the sums [m]."""
+    bent: complex = 0j
+    """Derivative h of the path with respect to the tyre compliance [m2/s2]."""
+    sideslip: float = 0.0
+    """Accumulated variance of the random walk of the sideslip kappa [rad2]."""
+    slip: float = 0.0
+    """Accumulated variance of the random walk of the wheel scale k [-]."""
+    lever: complex = 0j
+    """Antenna position relative to the rear axle in the frame of the path [m]."""
+    behind: complex = 0j
+    """Position of the implement's antenna relative to the rear axle in the path frame; 0 for one on the tractor [m]."""
+    rest: complex = 0j
+    """Mean of `lever` over `ROCKING_S` [m]."""
+    rocking: float = 0.0
+    """Mean distance of `lever` from its mean [m]."""
+    swing: float = 0.0
+    """Angle gamma between towed implement and tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
+    hopping: float = 0.0
+    """Mean variation of the vertical specific force, divided by g; 0 if the force is not measured [-]."""
+    wheels: float = 0.0
+    """Smoothed wheel speed at the times of the fixes [m/s]."""
+    fixes: float = 0.0
+    """Smoothed speed of the fixes [m/s]."""
+    fix_t: float = 0.0
+    """Time of the last fix [s]."""
+    tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
+    """Smoothed roll and pitch."""
+    compass: Compass = Compass()
+    """Antenna heading relative to phi, which replaces the gyro after a failure."""
+    gyro_s: float = 0.0
+    """Accumulated time with gyro measurements, during which the gyro bias rotates theta [s]."""
+    turning: float = 0.0
+    """Variance of theta accumulated without a gyro [rad2]."""
+    blind: bool = False
+    """Whether the gyro measurement was missing in the last tick."""
+
+
+class Vehicle(NamedTuple):
+    """Numbers of the tractor and its gyro."""
+
+    wheelbase: float
+    """Wheelbase [m]."""
+    antenna: float
+    """Height of the antenna [m]."""
+    body: bool
+    """Whether the gyro axis is fixed to the tractor; otherwise it is vertical."""
+
+
+@stage
+def summed(s: Sums, m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Sums:
+    """Return the sums after a tick of `dt` [s]."""
+    wheels, fixes, fix_t = _speeds(s, m, fix)
+    has_tilt = isfinite(m.roll + m.pitch)
+    tilt = s.tilt.after(m.roll, m.pitch, dt) if has_tilt else s.tilt
+    side, climb = (GRAVITY * sin(m.roll), GRAVITY * sin(m.pitch)) if has_tilt else (0.0, 0.0)
+    w = _speed(s, m) * (cos(m.pitch) * (1.0 + CLIMB_SLIP * climb) if has_tilt else 1.0)
+    heading, blind = heading_of(m, fix), not isfinite(m.gyro)
+    rate, turning = _turn(
+        s, m, heading, tilt.heading_rate(m.gyro, vehicle.body) if has_tilt else m.gyro, w, vehicle, dt
+    )
+    phi = s.phi + rate * dt
+    swing = s.swing - (rate + abs(w) * sin(s.swing) / towed.length) * dt if towed.length else 0.0
+    force = w * rate + side + (DRAUGHT * sin(swing) if towed.working else 0.0)
+    step = w * dt * turn(1j * (s.phi + 0.5 * rate * dt - COMPLIANCE * force))
+    lever = vehicle.antenna * complex(sin(m.pitch), -sin(m.roll)) * turn(1j * phi) if has_tilt else s.lever
+    rest = s.rest + (lever - s.rest) * dt / ROCKING_S
+    rocking = lever - rest
+    distance = sqrt(rocking.real * rocking.real + rocking.imag * rocking.imag)
+    pull = (force * force + climb * climb if has_tilt else UNKNOWN_FORCE * UNKNOWN_FORCE) / (SLIDING * SLIDING)
+    hop = s.hopping * s.hopping / (HOPPING * HOPPING)
+    growth = 1.0 + pull * pull + hop * hop
+    growth *= growth
+    varied, spin = abs(m.specific_force[2] / GRAVITY - 1.0) if isfinite(m.specific_force[2]) else 0.0, _spinning(s)
+    return Sums(
+        m.t,
+        phi,
+        s.path + step,
+        s.bent + 1j * force * step,
+        s.sideslip + growth * _walk_variance(SIDESLIP_WALK, rate, dt),
+        s.slip + growth * _walk_variance(SLIP_WALK, rate, dt) + spin * spin * dt,
+        lever,
+        -towed.antenna * turn(1j * (phi + swing)),
+        rest,
+        s.rocking + (distance - s.rocking) * dt / ROCKING_S,
+        swing,
+        s.hopping + (varied - s.hopping) * dt / ROCKING_S,
+        wheels,
+        fixes,
+        fix_t,
+        tilt,
+        s.compass if blind else s.compass.after(heading - phi, dt),
+        s.gyro_s if blind else s.gyro_s + dt,
+        s.turning + turning,
+        blind,
+    )
+
+
+@jit
+def _turn(
+    s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
+) -> tuple[float, float]:
+    """Return the yaw rate at speed `w` [m/s] and the added variance of theta: gyro, antennas or steering angle."""
+    standing = abs(w) < STANDING_M_S
+    if isfinite(m.gyro):
+        return (0.0 if standing else gyro), 0.0
+    lost = 0.0 if s.blind else BRIDGED_SIGMA * BRIDGED_SIGMA
+    if isfinite(heading + s.compass.angle):
+        return wrap(heading - s.compass.angle - s.phi) / dt, lost
+    rate = 0.0 if standing else w * tan(m.steer) / vehicle.wheelbase
+    return rate, STEERED_WALK * STEERED_WALK * dt + lost
+
+
+@jit
+def _speed(s: Sums, m: Sensed) -> float:
+    """Return the speed of R: that of the wheels, reduced while they spin, or else that of the last fixes [m/s]."""
+    if not isfinite(m.wheel_speed):
+        return copysign(s.fixes, m.pedal)
+    return m.wheel_speed * s.fixes / (SLIPPING * s.wheels) if s.fixes < SLIPPING * s.wheels else m.wheel_speed
+
+
+@jit
+def _spinning(s: Sums) -> float:
+    """Return the wheel slip above the tolerance `SPINNING` [-]."""
+    return max(1.0 - s.fixes / (SPINNING * s.wheels), 0.0) if s.wheels > STANDING_M_S else 0.0
+
+
+@jit
+def _speeds(s: Sums, m: Sensed, fix: Fix) -> tuple[float, float, float]:
+    """Return the smoothed speeds of wheels and fixes [m/s], and the time of the last fix [s]."""
+    speed = sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
+    if isnan(speed):
+        return s.wheels, s.fixes, s.fix_t
+    weight = min((m.t - s.fix_t) / SPEEDS_S, 1.0)
+    fixes = s.fixes + weight * (speed - s.fixes)
+    return s.wheels + weight * (abs(m.wheel_speed) - s.wheels) if isfinite(m.wheel_speed) else fixes, fixes, m.t
+
+
+@shared
+def heading_of(m: Sensed, fix: Fix) -> float:
+    """Return the two-antenna heading, corrected for the tilt of the tractor; NaN without such a heading [rad]."""
+    return fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if isfinite(m.roll + m.pitch) else 0.0)
+
+
+@jit
+def _walk_variance(walk: tuple[float, float], rate: float, dt: float) -> float:
+    return (walk[0] * walk[0] + walk[1] * walk[1] * abs(rate)) * dt
