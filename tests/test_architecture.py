@@ -26,7 +26,7 @@ STAGES = ["sensors", "estimation", "paths", "control", "faults"]
 EXTENSIONS = sorted(path.name for path in (PACKAGE / "extensions").iterdir() if (path / "__init__.py").is_file())
 OWNERS = {
     "mujoco": {"plants", "extensions"},
-    "llvmlite": {"plants"},
+    "llvmlite": {"core", "plants"},
     "filterpy": {"estimation"},
     "rerun": {"recording"},
     "PIL": {"terrain", "recording"},

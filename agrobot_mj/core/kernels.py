@@ -17,10 +17,10 @@ from numba import config, njit, typeof, types
 from numba.core import pythonapi, serialize
 from numba.core.boxing import box_tuple
 from numba.core.codegen import JITCodeLibrary
-from numba.core.types import containers
 from numba.extending import overload_method, register_jitable
 
 from agrobot_mj.core import geometry
+from agrobot_mj.core.boxing import box_in_c
 from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 

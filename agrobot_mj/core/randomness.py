@@ -4,6 +4,7 @@ A stream depends only on the seed and its name: adding, removing or reordering s
 seed gives the same numbers in every process, unlike Python's salted `hash`.
 """
 
+import ctypes
 import io
 import pickle
 from functools import lru_cache
@@ -11,7 +12,26 @@ from hashlib import blake2b
 from math import exp, sqrt
 from typing import Any, NamedTuple, cast
 
-from numpy.random import Generator, SeedSequence, default_rng
+import llvmlite.binding as llvm
+from numba import config, types
+from numpy.random import Generator, SeedSequence, _generator, default_rng
+
+from agrobot_mj.core.kernels import shared
+
+LIBRARY = str(_generator.__file__)
+"""Compiled module of numpy that exports the functions of its random distributions."""
+if config.DISABLE_JIT:
+    normal: Any = ctypes.CDLL(LIBRARY).random_standard_normal
+    normal.restype, normal.argtypes = ctypes.c_double, [ctypes.c_void_p]
+else:
+    llvm.load_library_permanently(LIBRARY)
+    normal = types.ExternalFunction("random_standard_normal", types.float64(types.intp))
+"""Return a standard normal sample of the generator at an `address`, for compiled functions; advances the generator."""
+
+
+def address(generator: Generator) -> int:
+    """Return the address of a generator, valid as long as the generator exists."""
+    return int(ctypes.cast(generator.bit_generator.ctypes.bit_generator, ctypes.c_void_p).value or 0)
 
 
 def stream(seed: int, name: str) -> Generator:
@@ -66,25 +86,40 @@ class GaussMarkov(NamedTuple):
     """State of a first-order Gauss-Markov process of unit variance, with one or more axes."""
 
     generator: Generator
-    value: tuple[float, ...]
-    """Value in each axis, divided by its standard deviation [-]."""
+    """Random stream, advanced in place."""
+    value: Any
+    """Tuple of the values in each axis, divided by its standard deviation [-]."""
 
     @classmethod
     def stationary(cls, generator: Generator, axes: int = 1) -> "GaussMarkov":
         """Return a process sampled from its stationary distribution."""
         return cls(generator, tuple(generator.standard_normal(axes).tolist()))
 
-    def after(self, dt: float, *correlation: float) -> "GaussMarkov":
-        """Return the process `dt` later; `correlation`, one value or one per axis, has the unit of `dt`."""
-        white = self.generator.standard_normal(len(self.value)).tolist()
-        shares = _shares(dt, correlation, len(self.value))
-        return GaussMarkov(
-            self.generator, tuple([k * v + new * w for (k, new), v, w in zip(shares, self.value, white, strict=True)])
-        )
+    def after(self, dt: float, correlation: float) -> "GaussMarkov":
+        """Return the process `dt` later; `correlation` has the unit of `dt`."""
+        white, (kept, new) = self.generator.standard_normal(len(self.value)).tolist(), shares(dt, correlation)
+        return GaussMarkov(self.generator, tuple([kept * v + new * w for v, w in zip(self.value, white, strict=True)]))
+
+
+Shares = tuple[float, float]
+"""Weights of the last value and of the white noise in the next value of a Gauss-Markov process [-]."""
 
 
 @lru_cache(maxsize=256)
-def _shares(dt: float, correlation: tuple[float, ...], axes: int) -> tuple[tuple[float, float], ...]:
-    """Return the weights of the last value and of the white noise in the next value, per axis [-]."""
-    times = correlation if len(correlation) > 1 else correlation * axes
-    return tuple((gauss_markov(1.0, 0.0, dt, T), gauss_markov(0.0, 1.0, dt, T)) for T in times)
+def shares(dt: float, correlation: float) -> Shares:
+    """Return the weights for a step of `dt` and a correlation time in the same unit."""
+    return gauss_markov(1.0, 0.0, dt, correlation), gauss_markov(0.0, 1.0, dt, correlation)
+
+
+@shared
+def wandered(value: float, weights: Shares, generator: int) -> float:
+    """Return the next value of a Gauss-Markov process, with white noise of the generator at this address."""
+    white: float = normal(generator)
+    return weights[0] * value + weights[1] * white
+
+
+@shared
+def wandered_plane(value: tuple[float, float], weights: Shares, generator: int) -> tuple[float, float]:
+    """Return the next values of a Gauss-Markov process with two axes."""
+    first = wandered(value[0], weights, generator)
+    return first, wandered(value[1], weights, generator)

@@ -9,7 +9,7 @@ from agrobot_mj.sensors.implement_gnss import ImplementGnss
 from agrobot_mj.sensors.imu import Imu
 from agrobot_mj.sensors.potentiometer import PedalPotentiometer, Potentiometer, SteeringPotentiometer
 from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
-from agrobot_mj.sensors.suite import Sensors, SensorState
+from agrobot_mj.sensors.suite import Sensors, SensorState, Suite
 
 __all__ = [
     "Canopy",
@@ -25,5 +25,6 @@ __all__ = [
     "SensorState",
     "Sensors",
     "SteeringPotentiometer",
+    "Suite",
     "WheelSpeed",
 ]

@@ -14,19 +14,46 @@ from typing import Annotated, ClassVar, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import SOUND, Distortion, Quality, Truth
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.randomness import Shares, normal, shares, wandered
+from agrobot_mj.core.signals import Quality
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
+from agrobot_mj.sensors.base import SensedMotion
+
+FIX, DGPS = Quality.FIX, Quality.DGPS
 
 
-class DualAntennaState(NamedTuple):
-    """State of the antenna pair between two ticks."""
+class DualAntennaLaw(NamedTuple):
+    """Parameters of the antenna pair."""
 
-    wander: GaussMarkov
-    """Slow error; its random stream also provides the white noise."""
-    line: SignalLine = SignalLine()
-    """Line that transmits the heading."""
+    enabled: bool
+    baseline: float
+    """Distance between the antennas [m]."""
+    sigma: float
+    """White noise of the relative position [m]."""
+    slow: float
+    """Standard deviation of the slow relative position error [m]."""
+    kept: Shares
+    """Weights of the slow error."""
+    mounting: float
+    """Constant mounting error [rad]."""
+
+
+@jit
+def antenna_heading(
+    p: DualAntennaLaw, slow: float, generator: int, motion: SensedMotion, quality: int
+) -> tuple[float, float]:
+    """Return the slow error and the wrapped heading [rad].
+
+    The heading is NaN without the second antenna or without fixed ambiguities.
+    """
+    if not p.enabled:
+        return slow, nan
+    slow = wandered(slow, p.kept, generator)
+    aside = p.slow * slow + p.sigma * normal(generator)
+    error = atan(aside / p.baseline) + p.mounting
+    leaning = -atan(sin(motion.pitch) * tan(motion.roll))
+    return slow, wrap(motion.yaw + leaning + error) if quality in (FIX, DGPS) else nan
 
 
 class DualAntenna(Spec):
@@ -47,20 +74,13 @@ class DualAntenna(Spec):
     mounting_deg: float = 0.0
     """Constant mounting error of the heading, left positive [deg]. Assumed value (up to 1 before calibration)."""
 
-    def init(self, seed: int) -> DualAntennaState:
-        """Return the state with a slow error sampled from its stationary distribution."""
-        return DualAntennaState(GaussMarkov.stationary(stream(seed, "gnss.dual_antenna")))
-
-    def measure(
-        self, state: DualAntennaState, truth: Truth, quality: int, dt: float, distortion: Distortion = SOUND
-    ) -> tuple[DualAntennaState, float]:
-        """Return the wrapped heading [rad]; NaN without the second antenna or without fixed ambiguities."""
-        if not self.enabled:
-            return state, nan
-        wander = state.wander.after(dt, self.wander_time_s)
-        aside = self.wander_sigma_m * wander.value[0] + self.sigma_m * wander.generator.standard_normal()
-        error = atan(aside / self.baseline_m) + radians(self.mounting_deg)
-        leaning = -atan(sin(truth.pitch) * tan(truth.roll))
-        heading = wrap(truth.yaw + leaning + error) if quality in (Quality.FIX, Quality.DGPS) else nan
-        line, heading = state.line.carried(heading, distortion, dt)
-        return DualAntennaState(wander, line), wrap(heading)
+    def parameters(self, dt: float) -> DualAntennaLaw:
+        """Return the parameters of `antenna_heading` for ticks of length `dt` [s]."""
+        return DualAntennaLaw(
+            enabled=self.enabled,
+            baseline=self.baseline_m,
+            sigma=self.sigma_m,
+            slow=self.wander_sigma_m,
+            kept=shares(dt, self.wander_time_s),
+            mounting=radians(self.mounting_deg),
+        )

@@ -12,12 +12,18 @@ from typing import Annotated, NamedTuple
 
 from pydantic import AfterValidator, Field
 
-from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.lines import SignalLine
+from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered, wandered_plane
+from agrobot_mj.core.signals import NOMINAL, TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
-from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.core.vectors import Vector
+from agrobot_mj.sensors.base import Noise, SensedMotion, Sensor, motion_of
 from agrobot_mj.sensors.canopy import Canopy, CanopyState
-from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaState
+from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaLaw, antenna_heading
+
+FLOAT = Quality.FLOAT
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
@@ -38,31 +44,146 @@ class GnssReading(NamedTuple):
 
 
 class FixErrors(NamedTuple):
-    """Correlated position errors, divided by their standard deviations."""
+    """Correlated errors, divided by their standard deviations."""
 
-    fixed: GaussMarkov
-    """Error of a fixed solution, east and north; its random stream also provides the white noise."""
-    floating: GaussMarkov
-    """Error of a float solution, east and north."""
-    height: GaussMarkov
-    """Height errors of a fixed and a float solution; the random stream also provides the white noise."""
-    multipath: GaussMarkov
+    fixed: tuple[float, float]
+    """Position error of a fixed solution, east and north."""
+    floating: tuple[float, float]
+    """Position error of a float solution, east and north."""
+    height: tuple[float, float]
+    """Height errors of a fixed and a float solution."""
+    multipath: Vector
     """Additional multipath error of a fixed solution, east, north and up."""
-    drift: GaussMarkov
+    drift: Vector
     """Additional slower error of a fixed solution, east, north and up."""
+    aside: float
+    """Relative position error of the second antenna."""
+
+
+class Streams(NamedTuple):
+    """Addresses of the random streams of `FixErrors`; `fixed` and `height` also provide the white noise."""
+
+    fixed: int
+    floating: int
+    height: int
+    multipath: int
+    drift: int
+    aside: int
+
+
+class ErrorPart(NamedTuple):
+    """Errors of a fixed or a float solution."""
+
+    slow: float
+    fast: float
+    """Standard deviations of the correlated and of the white position error per axis [m]."""
+    kept: Shares
+    """Weights of the correlated error."""
+
+
+class FurtherPart(NamedTuple):
+    """Additional errors of a fixed solution."""
+
+    sigma: float
+    """Standard deviation per axis; 0 without the error [m]."""
+    kept: Shares
+    """Weights of the error."""
+
+
+class GnssLaw(NamedTuple):
+    """Parameters of the receiver."""
+
+    fixed: ErrorPart
+    floating: ErrorPart
+    multipath: FurtherPart
+    drift: FurtherPart
+    height_ratio: float
+    """Height error divided by horizontal error per axis [-]."""
+    velocity_sigma: float
+    """White noise of the velocity, per axis [m/s]."""
+    dual: DualAntennaLaw
+    """Second antenna."""
+
+
+class Sky(NamedTuple):
+    """Conditions of a solution."""
+
+    quality: int = Quality.FIX
+    """Quality, a constant of `Quality`."""
+    offset: tuple[float, float] = (0.0, 0.0)
+    """Offset of the position, east and north [m]."""
+    velocity_offset: tuple[float, float] = (0.0, 0.0)
+    """Offset of the velocity, east and north [m/s]."""
+
+
+CLEAR = Sky()
+Solved = tuple[float, float, float, float, float, float]
+"""Fields of a `Fix` without the heading."""
+
+
+@jit
+def solution(
+    p: GnssLaw, s: FixErrors, streams: Streams, motion: SensedMotion, sky: Sky
+) -> tuple[FixErrors, tuple[Solved, float]]:
+    """Return the errors after a tick, the solution of the antenna, and the heading from two antennas [rad]."""
+    aside, heading = antenna_heading(p.dual, s.aside, streams.aside, motion, sky.quality)
+    fixed = wandered_plane(s.fixed, p.fixed.kept, streams.fixed)
+    floating = wandered_plane(s.floating, p.floating.kept, streams.floating)
+    up_fixed = wandered(s.height[0], p.fixed.kept, streams.height)
+    up_floating = wandered(s.height[1], p.floating.kept, streams.height)
+    multipath = _further(p.multipath, s.multipath, streams.multipath)
+    drift = _further(p.drift, s.drift, streams.drift)
+    white_x, white_y = normal(streams.fixed), normal(streams.fixed)
+    white_vx, white_vy = normal(streams.fixed), normal(streams.fixed)
+    white_z = normal(streams.height)
+    a, b = p.multipath.sigma, p.drift.sigma
+    if sky.quality == FLOAT:
+        part, (east, north), height, (more_x, more_y, more_z) = p.floating, floating, up_floating, (0.0, 0.0, 0.0)
+    else:
+        part, (east, north), height = p.fixed, fixed, up_fixed
+        more_x, more_y = a * multipath[0] + b * drift[0], a * multipath[1] + b * drift[1]
+        more_z = a * multipath[2] + b * drift[2]
+    (x, y, z), (vx, vy, _) = motion.antenna, motion.antenna_velocity
+    (dx, dy), (dvx, dvy) = sky.offset, sky.velocity_offset
+    solved = (
+        x + dx + part.slow * east + part.fast * white_x + more_x,
+        y + dy + part.slow * north + part.fast * white_y + more_y,
+        vx + dvx + p.velocity_sigma * white_vx,
+        vy + dvy + p.velocity_sigma * white_vy,
+        motion.t,
+        z + p.height_ratio * (part.slow * height + part.fast * white_z + more_z),
+    )
+    return FixErrors(fixed, floating, (up_fixed, up_floating), multipath, drift, aside), (solved, heading)
+
+
+@jit
+def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
+    """Return an additional error after a tick, east, north and up."""
+    if p.sigma == 0.0:
+        return error
+    east, north = wandered_plane((error[0], error[1]), p.kept, generator)
+    return east, north, wandered(error[2], p.kept, generator)
+
+
+class Delivery(NamedTuple):
+    """State of the receiver between two ticks, without its errors."""
+
+    canopies: tuple[CanopyState, ...]
+    """State of each canopy."""
+    heading: SignalLine = SignalLine()
+    """Line that transmits the heading from two antennas."""
+    pending: tuple[GnssReading, ...] = ()
+    """Solutions in transit, one per tick, oldest first."""
+    last: Fix | None = None
+    """Last computed solution, which a frozen receiver repeats; None before the first one."""
 
 
 class GnssState(NamedTuple):
     """State of the receiver between two ticks."""
 
-    errors: FixErrors
-    dual: DualAntennaState
-    canopies: tuple[CanopyState, ...]
-    """State of each canopy."""
-    pending: tuple[GnssReading, ...] = ()
-    """Solutions in transit, one per tick, oldest first."""
-    last: Fix | None = None
-    """Last computed solution, which a frozen receiver repeats; None before the first one."""
+    noise: Noise
+    """Errors as `FixErrors`, from the random streams in `Streams`."""
+    delivery: Delivery
 
 
 class Gnss(Sensor):
@@ -111,97 +232,76 @@ class Gnss(Sensor):
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
 
+    def parameters(self, dt: float) -> GnssLaw:
+        """Return the parameters of `solution` for ticks of length `dt` [s]."""
+        fixed, floating = self.correlated_fraction, self.float_correlated_fraction
+        return GnssLaw(
+            fixed=_part(self.sigma_m, fixed, shares(dt, self.correlation_time_s)),
+            floating=_part(self.float_sigma_m, floating, shares(dt, self.float_correlation_time_s)),
+            multipath=FurtherPart(self.multipath_sigma_m, shares(dt, self.multipath_time_s)),
+            drift=FurtherPart(self.drift_sigma_m, shares(dt, self.drift_time_s)),
+            height_ratio=self.height_ratio,
+            velocity_sigma=self.velocity_sigma_m_s,
+            dual=self.dual_antenna.parameters(dt),
+        )
+
     def init(self, seed: int) -> GnssState:
         """Return the state with errors sampled from their stationary distributions, without solutions in transit."""
-        return GnssState(
-            errors=FixErrors(
-                fixed=GaussMarkov.stationary(stream(seed, "gnss"), 2),
-                floating=GaussMarkov.stationary(stream(seed, "gnss.float"), 2),
-                height=GaussMarkov.stationary(stream(seed, "gnss.height"), 2),
-                multipath=GaussMarkov.stationary(stream(seed, "gnss.multipath"), 3),
-                drift=GaussMarkov.stationary(stream(seed, "gnss.drift"), 3),
-            ),
-            dual=self.dual_antenna.init(seed),
-            canopies=tuple(canopy.init(seed, k) for k, canopy in enumerate(self.canopy)),
-        )
+        axes = {"gnss": 2, "gnss.float": 2, "gnss.height": 2, "gnss.multipath": 3, "gnss.drift": 3}
+        parts = [GaussMarkov.stationary(stream(seed, name), n) for name, n in axes.items()]
+        aside = GaussMarkov.stationary(stream(seed, "gnss.dual_antenna"))
+        errors = FixErrors(*(part.value for part in parts), *aside.value)
+        canopies = tuple(canopy.init(seed, k) for k, canopy in enumerate(self.canopy))
+        return GnssState(Noise(tuple(part.generator for part in (*parts, aside)), errors), Delivery(canopies))
 
     def measure(
         self, state: GnssState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GnssState, GnssReading]:
-        """Return the solution delivered in this tick.
+        """Return the solution delivered in this tick."""
+        noise, delivery = state
+        delivery, sky = self.sky(delivery, truth, conditions, dt)
+        streams = Streams(*noise.addresses)
+        errors, found = solution(self.parameters(dt), noise.values, streams, motion_of(truth), sky)
+        delivery, reading = self.deliver(delivery, *found, sky.quality, conditions, dt)
+        return GnssState(noise._replace(values=errors), delivery), reading
+
+    def sky(self, state: Delivery, truth: Truth, conditions: Conditions, dt: float) -> tuple[Delivery, Sky]:
+        """Return the state with the canopies after a tick, and the conditions of the solution below them."""
+        quality = conditions.gnss_quality
+        if self.canopy:
+            found = []
+            for canopy, before in zip(self.canopy, state.canopies, strict=True):
+                after, best = canopy.look(before, truth.antenna[0], truth.antenna[1], dt)
+                quality = worse(quality, best)
+                found.append(after)
+            state = state._replace(canopies=tuple(found))
+        elif conditions is NOMINAL:
+            return state, CLEAR
+        return state, Sky(quality, conditions.gnss_offset, conditions.gnss_velocity_offset)
+
+    def deliver(
+        self, state: Delivery, solved: Solved, heading: float, quality: int, conditions: Conditions, dt: float
+    ) -> tuple[Delivery, GnssReading]:
+        """Return the solution delivered in the tick in which `solved` and `heading` were computed.
 
         Quality and offset in `conditions` apply to the solution computed in this tick, the latency to the delivered
         one. While the latency increases nothing arrives; when it decreases, overtaken solutions are lost.
         """
-        canopies, quality = self._below(state.canopies, truth, conditions.gnss_quality, dt)
-        dual, heading = self.dual_antenna.measure(state.dual, truth, quality, dt, conditions.heading)
-        fixed, floating, height, multipath, drift = state.errors
-        errors = FixErrors(
-            fixed.after(dt, self.correlation_time_s),
-            floating.after(dt, self.float_correlation_time_s),
-            height.after(dt, self.correlation_time_s, self.float_correlation_time_s),
-            multipath.after(dt, self.multipath_time_s) if self.multipath_sigma_m else multipath,
-            drift.after(dt, self.drift_time_s) if self.drift_sigma_m else drift,
-        )
-        white = (*fixed.generator.standard_normal(4).tolist(), height.generator.standard_normal())
+        canopies, line, pending, last = state
+        if self.dual_antenna.enabled:
+            line, heading = line.carried(heading, conditions.heading, dt)
         found = None
-        if quality != Quality.NONE:
-            found = self._fix(errors, truth, conditions, quality, white, heading)
-            if conditions.gnss_frozen and state.last is not None:
-                found = _frozen(found, state.last, conditions.gnss_frozen)
-        due = round(truth.t / dt) % round(1.0 / (self.rate_hz * dt)) == 0
-        pending = (*state.pending, GnssReading(found if due else None, quality))
-        at = len(pending) - 1 - round((self.latency_s + conditions.gnss_latency_s) / dt)
-        reading = pending[at] if at >= 0 else GnssReading(None, Quality.NONE)
-        left = pending[at + 1 :] if at >= 0 else pending
-        return GnssState(errors, dual, canopies, left, (found if due else None) or state.last), reading
-
-    def _below(
-        self, states: tuple[CanopyState, ...], truth: Truth, quality: int, dt: float
-    ) -> tuple[tuple[CanopyState, ...], int]:
-        """Return the canopies after a tick, and the best quality of a solution below them."""
-        found = []
-        for canopy, state in zip(self.canopy, states, strict=True):
-            after, best = canopy.look(state, truth.antenna[0], truth.antenna[1], dt)
-            quality = worse(quality, best)
-            found.append(after)
-        return tuple(found), quality
-
-    def _fix(
-        self,
-        errors: FixErrors,
-        truth: Truth,
-        conditions: Conditions,
-        quality: int,
-        white: tuple[float, ...],
-        heading: float,
-    ) -> Fix:
-        """Return the solution of the antenna; `white` contains the errors east, north, of both velocities, and up."""
-        fixed = quality != Quality.FLOAT
-        sigma = self.sigma_m if fixed else self.float_sigma_m
-        share = self.correlated_fraction if fixed else self.float_correlated_fraction
-        east, north = (errors.fixed if fixed else errors.floating).value
-        slow, fast = sigma * sqrt(share), sigma * sqrt(1.0 - share)
-        x, y, z = truth.antenna
-        vx, vy, _ = truth.antenna_velocity
-        (dx, dy), (dvx, dvy) = conditions.gnss_offset, conditions.gnss_velocity_offset
-        more_x, more_y, more_z = self._further(errors) if fixed else (0.0, 0.0, 0.0)
-        up = slow * errors.height.value[0 if fixed else 1] + fast * white[4] + more_z
-        return Fix(
-            x=x + dx + slow * east + fast * white[0] + more_x,
-            y=y + dy + slow * north + fast * white[1] + more_y,
-            vx=vx + dvx + self.velocity_sigma_m_s * white[2],
-            vy=vy + dvy + self.velocity_sigma_m_s * white[3],
-            t=truth.t,
-            z=z + self.height_ratio * up,
-            heading=heading,
-        )
-
-    def _further(self, errors: FixErrors) -> tuple[float, float, float]:
-        """Return the additional errors of a fixed solution, east, north, and up before `height_ratio` [m]."""
-        a, b = self.multipath_sigma_m, self.drift_sigma_m
-        (m_x, m_y, m_z), (d_x, d_y, d_z) = errors.multipath.value, errors.drift.value
-        return a * m_x + b * d_x, a * m_y + b * d_y, a * m_z + b * d_z
+        if quality != Quality.NONE and round(solved[4] / dt) % round(1.0 / (self.rate_hz * dt)) == 0:
+            fix = Fix(*solved, wrap(heading) if self.dual_antenna.enabled else nan)
+            found = last = _frozen(fix, last, conditions.gnss_frozen) if last else fix
+        reading = GnssReading(found, quality)
+        late = round((self.latency_s + conditions.gnss_latency_s) / dt)
+        if late or pending:
+            pending = (*pending, reading)
+            at = len(pending) - 1 - late
+            reading = pending[at] if at >= 0 else GnssReading(None, Quality.NONE)
+            pending = pending[max(at + 1, 0) :]
+        return Delivery(canopies, line, pending, last), reading
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
         """Return the height, and with two antennas the heading; NaN without a solution."""
@@ -209,9 +309,16 @@ class Gnss(Sensor):
         return (z, heading) if self.dual_antenna.enabled else (z,)
 
 
+def _part(sigma: float, share: float, kept: Shares) -> ErrorPart:
+    """Return the errors with a correlated fraction `share` of the variance."""
+    return ErrorPart(sigma * sqrt(share), sigma * sqrt(1.0 - share), kept)
+
+
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the solution of a frozen receiver: the last position with the current time."""
+    """Return the solution of a receiver, which repeats the last position with the current time if it is frozen."""
     match keep:
+        case "":
+            return fix
         case "live_velocity":
             return fix._replace(x=last.x, y=last.y, z=last.z)
         case "velocity":

@@ -5,32 +5,50 @@ chassis measures about the chassis axis: on a slope its output differs from the 
 contains parts of the roll and pitch rates.
 """
 
-from math import nan, radians, sqrt
+from math import radians, sqrt
 from typing import Literal, NamedTuple
 
-from numpy.random import Generator
-
-from agrobot_mj.core.randomness import stream
-from agrobot_mj.core.signals import Column, Conditions, Truth
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.randomness import normal, stream
+from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative
-from agrobot_mj.sensors.base import OptionalSensor
+from agrobot_mj.sensors.base import Noise, OptionalSensor, SensedMotion
 
 
-class GyroState(NamedTuple):
-    """State of the gyro between two ticks."""
+class GyroLaw(NamedTuple):
+    """Parameters of the gyro."""
 
-    generator: Generator
-    """Random stream of the white noise, advanced in place."""
-    walk_generator: Generator
-    """Random stream of the random walk, advanced in place."""
-    walk_deg_s: float = 0.0
+    body: bool
+    """Whether the gyro tilts with the chassis."""
+    sigma: float
+    """White noise [deg/s]."""
+    bias: float
+    """Constant bias [deg/s]."""
+    step: float
+    """Standard deviation of a step of the random walk [deg/s]."""
+
+
+class GyroValues(NamedTuple):
+    """Numbers of the gyro between two ticks."""
+
+    walk: float = 0.0
     """Random-walk part of the bias [deg/s]."""
+
+
+@jit
+def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: SensedMotion) -> tuple[GyroValues, float]:
+    """Return the yaw rate, or the rate about the vertical axis of the chassis [rad/s]."""
+    walk = s.walk + p.step * normal(streams[1])
+    error = p.bias + walk + p.sigma * normal(streams[0])
+    rate = motion.body_rates[2] if p.body else motion.yaw_rate
+    return GyroValues(walk), rate + radians(error)
 
 
 class Gyro(OptionalSensor):
     """Yaw rate gyro; `[sensors.gyro]`."""
 
     column = Column("gyro", "rad/s", "yaw rate from the gyro")
+    law = gyro_rate
 
     axes: Literal["vertical", "body"] = "vertical"
     """Measured axis: `vertical` for a levelled gyro, `body` for a gyro that tilts with the chassis."""
@@ -41,16 +59,10 @@ class Gyro(OptionalSensor):
     bias_walk_deg_s_rt_s: NonNegative = 0.002
     """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01: MEMS during warm-up)."""
 
-    def init(self, seed: int) -> GyroState:
-        """Return the state before the first tick, with a random walk of zero."""
-        return GyroState(stream(seed, "gyro"), stream(seed, "gyro.bias"))
+    def parameters(self, dt: float) -> GyroLaw:
+        """Return the parameters of the law for ticks of length `dt` [s]."""
+        return GyroLaw(self.axes == "body", self.sigma_deg_s, self.bias_deg_s, self.bias_walk_deg_s_rt_s * sqrt(dt))
 
-    def measure(self, state: GyroState, truth: Truth, conditions: Conditions, dt: float) -> tuple[GyroState, float]:
-        """Return the yaw rate, or the rate about the vertical axis of the chassis [rad/s]."""
-        if not self.enabled:
-            return state, nan
-        generator, walk_generator, walk = state
-        walk += self.bias_walk_deg_s_rt_s * sqrt(dt) * walk_generator.standard_normal()
-        error = self.bias_deg_s + walk + self.sigma_deg_s * generator.standard_normal()
-        rate = truth.yaw_rate if self.axes == "vertical" else truth.body_rates[2]
-        return GyroState(generator, walk_generator, walk), rate + radians(error)
+    def init(self, seed: int) -> Noise:
+        """Return the state before the first tick, with a random walk of zero."""
+        return Noise((stream(seed, "gyro"), stream(seed, "gyro.bias")), GyroValues())

@@ -7,10 +7,11 @@ antenna height. Noise is white plus correlated as for the tractor's receiver, wi
 from math import nan, sqrt
 from typing import NamedTuple
 
-from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import Column, Conditions, Truth
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered_plane
+from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 
 
 class ImplementFix(NamedTuple):
@@ -22,8 +23,41 @@ class ImplementFix(NamedTuple):
     """North coordinate; NaN without a receiver [m]."""
 
 
-class ImplementGnss(Sensor):
+class ImplementGnssLaw(NamedTuple):
+    """Parameters of the receiver on the implement."""
+
+    sigma: float
+    """Standard deviation per axis [m]."""
+    slow: float
+    fast: float
+    """Fractions of the correlated and of the white error [-]."""
+    kept: Shares
+    """Weights of the correlated error."""
+
+
+class ImplementGnssValues(NamedTuple):
+    """Numbers of the receiver on the implement between two ticks."""
+
+    error: tuple[float, float]
+    """Correlated error, east and north, divided by its standard deviation [-]."""
+
+
+@jit
+def implement_fix(
+    p: ImplementGnssLaw, s: ImplementGnssValues, streams: tuple[int], motion: SensedMotion
+) -> tuple[ImplementGnssValues, ImplementFix]:
+    """Return the measured position of the implement."""
+    error = wandered_plane(s.error, p.kept, streams[0])
+    x = motion.implement[0] + p.sigma * (p.slow * error[0] + p.fast * normal(streams[0]))
+    y = motion.implement[1] + p.sigma * (p.slow * error[1] + p.fast * normal(streams[0]))
+    return ImplementGnssValues(error), ImplementFix(x, y)
+
+
+class ImplementGnss(CompiledSensor):
     """RTK-GNSS receiver on the implement; `[sensors.implement_gnss]`."""
+
+    law = implement_fix
+    absent = ImplementFix()
 
     enabled: bool = False
     """Whether the receiver is present."""
@@ -34,23 +68,15 @@ class ImplementGnss(Sensor):
     correlation_time_s: Positive = 60.0
     """Correlation time of the error [s]. Assumed value (30-300)."""
 
-    def init(self, seed: int) -> GaussMarkov:
-        """Return the correlated error sampled from its stationary distribution."""
-        return GaussMarkov.stationary(stream(seed, "implement_gnss"), 2)
+    def parameters(self, dt: float) -> ImplementGnssLaw:
+        """Return the parameters of the law for ticks of length `dt` [s]."""
+        share = self.correlated_fraction
+        return ImplementGnssLaw(self.sigma_m, sqrt(share), sqrt(1.0 - share), shares(dt, self.correlation_time_s))
 
-    def measure(
-        self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float
-    ) -> tuple[GaussMarkov, ImplementFix]:
-        """Return the measured position of the implement."""
-        if not self.enabled:
-            return state, ImplementFix()
-        state, white = state.after(dt, self.correlation_time_s), state.generator.standard_normal(2).tolist()
-        slow, fast = sqrt(self.correlated_fraction), sqrt(1.0 - self.correlated_fraction)
-        x, y = (
-            true + self.sigma_m * (slow * s + fast * w)
-            for true, s, w in zip(truth.implement, state.value, white, strict=True)
-        )
-        return state, ImplementFix(x, y)
+    def init(self, seed: int) -> Noise:
+        """Return the correlated error sampled from its stationary distribution."""
+        error = GaussMarkov.stationary(stream(seed, "implement_gnss"), 2)
+        return Noise((error.generator,), ImplementGnssValues(error.value))
 
     @property
     def columns(self) -> tuple[Column, ...]:

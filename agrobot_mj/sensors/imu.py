@@ -17,12 +17,13 @@ from math import atan2, exp, hypot, nan, radians
 from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.core.geometry import from_heading, to_body, to_heading, to_level, wrap
-from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import Column, Conditions, Truth
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered_plane
+from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.core.vectors import Vector, cross
 from agrobot_mj.machine.tractor import GRAVITY
-from agrobot_mj.sensors.base import Sensor
+from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 
 
 class Attitude(NamedTuple):
@@ -51,21 +52,112 @@ class UnitMotion(NamedTuple):
     """Heading [rad]."""
 
 
-class ImuState(NamedTuple):
-    """State of the inertial unit between two ticks."""
+class ImuLaw(NamedTuple):
+    """Parameters of the inertial unit."""
 
-    wander: GaussMarkov
-    """Slow error of roll and pitch; its random stream also provides the white noise."""
+    dt: float
+    """Length of a tick [s]."""
+    aided: bool
+    """Whether the unit subtracts accelerations of the machine."""
+    inclined: bool
+    """Whether the unit is an inclinometer, without levelling by gyros."""
+    keep: float
+    """Fraction of the tilt error that remains after a tick [-]."""
+    shown: float
+    """Tilt error that an acceleration causes in a tick [rad s2/m]."""
+    place: Vector
+    """Position of the unit ahead, to the left and above the ground below the rear axle [m]."""
+    sigma: float
+    """White noise of each axis [deg]."""
+    slow: float
+    """Standard deviation of the slow error of each axis [deg]."""
+    kept: Shares
+    """Weights of the slow error."""
+    bias: tuple[float, float]
+    """Constant errors of roll and pitch [deg]."""
+
+
+class ImuValues(NamedTuple):
+    """Numbers of the inertial unit between two ticks."""
+
+    error: tuple[float, float]
+    """Slow error of roll and pitch, divided by its standard deviation [-]."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """Error of roll and pitch from accelerations interpreted as tilt [rad]."""
-    last: UnitMotion | None = None
-    """Motion at the end of the last tick; None before the first tick."""
+    last: UnitMotion = UnitMotion((nan, nan, nan), nan, nan)
+    """Motion at the end of the last tick; NaN before the first tick."""
 
 
-class Imu(Sensor):
+@jit
+def attitude(p: ImuLaw, s: ImuValues, streams: tuple[int], motion: SensedMotion) -> tuple[ImuValues, Attitude]:
+    """Return the measured roll and pitch [rad], and the specific force [m/s2]."""
+    error = wandered_plane(s.error, p.kept, streams[0])
+    e_r = p.bias[0] + p.slow * error[0] + p.sigma * normal(streams[0])
+    e_p = p.bias[1] + p.slow * error[1] + p.sigma * normal(streams[0])
+    now = _unit_motion(p, motion)
+    last = now if s.last.yaw != s.last.yaw else s.last
+    turned = wrap(now.yaw - last.yaw)
+    pull = _acceleration(last, now, turned, p.dt)
+    known = _known(p, last, now, turned)
+    roll, pitch = _levelled(p, s.tilt, (pull[0] - known[0], pull[1] - known[1], pull[2]), turned, motion)
+    force = _force(pull, motion)
+    reading = Attitude(
+        motion.roll + roll + radians(e_r), motion.pitch + pitch + radians(e_p), force[0], force[1], force[2]
+    )
+    return ImuValues(error, (roll, pitch), now), reading
+
+
+@jit
+def _unit_motion(p: ImuLaw, motion: SensedMotion) -> UnitMotion:
+    """Return the motion of the inertial unit at its mounting position."""
+    swing = cross(motion.body_rates, p.place)
+    forward, left, up = to_level(motion.roll, motion.pitch, swing)
+    east, north = from_heading(motion.yaw, forward, left)
+    v = motion.rear_velocity
+    return UnitMotion((v[0] + east, v[1] + north, v[2] + up), motion.speed, motion.yaw)
+
+
+@jit
+def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> Vector:
+    """Return the mean acceleration of the unit in a tick, forward, left and up in the level frame [m/s2]."""
+    east, north = now.velocity[0] - last.velocity[0], now.velocity[1] - last.velocity[1]
+    forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)
+    return forward, left, (now.velocity[2] - last.velocity[2]) / dt
+
+
+@jit
+def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
+    """Return the acceleration forward and to the left that the aiding input gives [m/s2]."""
+    if not p.aided:
+        return 0.0, 0.0
+    return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
+
+
+@jit
+def _levelled(
+    p: ImuLaw, tilt: tuple[float, float], pull: Vector, turned: float, motion: SensedMotion
+) -> tuple[float, float]:
+    """Return the error of roll and pitch after a tick with the uncompensated acceleration `pull` [rad]."""
+    if p.inclined:
+        f_x, f_y, f_z = _force(pull, motion)
+        return atan2(f_y, f_z) - motion.roll, atan2(-f_x, hypot(f_y, f_z)) - motion.pitch
+    # ideal gyros keep the error fixed in space: it rotates in the tractor frame
+    roll, pitch = to_heading(turned, tilt[0], tilt[1])
+    return p.keep * roll + p.shown * pull[1], p.keep * pitch - p.shown * pull[0]
+
+
+@jit
+def _force(pull: Vector, motion: SensedMotion) -> Vector:
+    """Return the specific force in chassis axes for an acceleration in the level frame [m/s2]."""
+    return to_body(motion.roll, motion.pitch, (pull[0], pull[1], pull[2] + GRAVITY))
+
+
+class Imu(CompiledSensor):
     """Inertial unit on the chassis, which the paper's tractor does not have; `[sensors.imu]`."""
 
     sized: ClassVar = {"up_m": {"length": 1}}
+    law = attitude
+    absent = Attitude(nan, nan)
 
     enabled: bool = False
     """Whether the unit is present; otherwise roll and pitch are NaN."""
@@ -103,68 +195,27 @@ class Imu(Sensor):
         )
         return found if self.enabled else ()
 
-    def init(self, seed: int) -> ImuState:
-        """Return the state with a slow error sampled from its stationary distribution."""
-        return ImuState(GaussMarkov.stationary(stream(seed, "imu"), 2))
-
-    def measure(self, state: ImuState, truth: Truth, conditions: Conditions, dt: float) -> tuple[ImuState, Attitude]:
-        """Return the measured roll and pitch [rad], and the specific force [m/s2]."""
-        if not self.enabled:
-            return state, Attitude(nan, nan)
-        wander = state.wander.after(dt, self.wander_time_s)
-        (b_r, b_p), (w_r, w_p) = wander.value, wander.generator.standard_normal(2).tolist()
-        e_r = self.roll_bias_deg + self.wander_sigma_deg * b_r + self.sigma_deg * w_r
-        e_p = self.pitch_bias_deg + self.wander_sigma_deg * b_p + self.sigma_deg * w_p
-        now = self._motion(truth)
-        last = state.last or now
-        turned = wrap(now.yaw - last.yaw)
-        pull = _acceleration(last, now, turned, dt)
-        known = self._known(last, now, turned, dt)
-        roll, pitch = tilt = self._levelled(
-            state.tilt, (pull[0] - known[0], pull[1] - known[1], pull[2]), turned, truth, dt
+    def parameters(self, dt: float) -> ImuLaw:
+        """Return the parameters of the law for ticks of length `dt` [s]."""
+        keep = exp(-dt / self.time_constant_s) if self.time_constant_s else 0.0
+        return ImuLaw(
+            dt=dt,
+            aided=self.aiding == "speed",
+            inclined=self.time_constant_s == 0.0,
+            keep=keep,
+            shown=(1.0 - keep) / GRAVITY,
+            place=(self.ahead_m, self.left_m, self.up_m),
+            sigma=self.sigma_deg,
+            slow=self.wander_sigma_deg,
+            kept=shares(dt, self.wander_time_s),
+            bias=(self.roll_bias_deg, self.pitch_bias_deg),
         )
-        force = _force(pull, truth)
-        reading = Attitude(truth.roll + roll + radians(e_r), truth.pitch + pitch + radians(e_p), *force)
-        return ImuState(wander, tilt, now), reading
 
-    def _motion(self, truth: Truth) -> UnitMotion:
-        """Return the motion of the inertial unit at its mounting position."""
-        swing = cross(truth.body_rates, (self.ahead_m, self.left_m, self.up_m))
-        forward, left, up = to_level(truth.roll, truth.pitch, swing)
-        east, north = from_heading(truth.yaw, forward, left)
-        v = truth.rear_velocity
-        return UnitMotion((v[0] + east, v[1] + north, v[2] + up), truth.speed, truth.yaw)
-
-    def _known(self, last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> tuple[float, float]:
-        """Return the acceleration forward and to the left that the aiding input gives [m/s2]."""
-        if self.aiding == "none":
-            return 0.0, 0.0
-        return (now.speed - last.speed) / dt, (now.speed + last.speed) / 2 * turned / dt
-
-    def _levelled(
-        self, tilt: tuple[float, float], pull: Vector, turned: float, truth: Truth, dt: float
-    ) -> tuple[float, float]:
-        """Return the error of roll and pitch after a tick with the uncompensated acceleration `pull` [rad]."""
-        if self.time_constant_s == 0.0:
-            f_x, f_y, f_z = _force(pull, truth)
-            return atan2(f_y, f_z) - truth.roll, atan2(-f_x, hypot(f_y, f_z)) - truth.pitch
-        keep = exp(-dt / self.time_constant_s)
-        held = to_heading(turned, *tilt)  # ideal gyros keep the error fixed in space: it rotates in the tractor frame
-        shown = (1.0 - keep) / GRAVITY
-        return keep * held[0] + shown * pull[1], keep * held[1] - shown * pull[0]
+    def init(self, seed: int) -> Noise:
+        """Return the state with a slow error sampled from its stationary distribution."""
+        error = GaussMarkov.stationary(stream(seed, "imu"), 2)
+        return Noise((error.generator,), ImuValues(error.value))
 
     def report(self, reading: Attitude) -> tuple[float, ...]:
         """Return both angles and the specific force, if the unit is present."""
         return reading if self.enabled else ()
-
-
-def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> Vector:
-    """Return the mean acceleration of the unit in a tick, forward, left and up in the level frame [m/s2]."""
-    east, north, up = (v - v_last for v, v_last in zip(now.velocity, last.velocity, strict=True))
-    forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)
-    return forward, left, up / dt
-
-
-def _force(pull: Vector, truth: Truth) -> Vector:
-    """Return the specific force in chassis axes for an acceleration in the level frame [m/s2]."""
-    return to_body(truth.roll, truth.pitch, (pull[0], pull[1], pull[2] + GRAVITY))

@@ -7,20 +7,46 @@ or pedal positions, samples in degrees. A tick may have any number of physics st
 
 from functools import lru_cache
 from math import pi
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.randomness import stream
+from agrobot_mj.core.randomness import address, normal, stream
 from agrobot_mj.core.signals import Array, Conditions, Index, Truth
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
 FULL_LOCK = pi / 4
 """Angle at which the errors of a characteristic are specified [rad]."""
+
+
+class PotentiometerLaw(NamedTuple):
+    """Parameters of a potentiometer."""
+
+    before: Index
+    """Index of the physics step before each sample, shape (samples,)."""
+    shares: Array
+    """Weights of this physics step and the next one in each sample, shape (samples, 2)."""
+    weights: Array
+    """Weight of each sample in the reading, shape (samples,)."""
+    counts: float
+    """Counts per unit of the measured signal."""
+    sigma: float
+    """White noise of each sample [counts]."""
+
+
+@jit
+def rounded_mean(p: PotentiometerLaw, generator: int, history: Array) -> float:
+    """Return the weighted mean of the noisy samples, each rounded to a count, in the unit of `history` (n,)."""
+    total, last = 0.0, history.size - 1
+    for i in range(p.weights.size):
+        left = p.before[i]
+        sample = p.shares[i, 0] * history[left] + p.shares[i, 1] * history[min(left + 1, last)]
+        total += p.weights[i] * np.rint(sample * p.counts + p.sigma * normal(generator))
+    return total / p.counts
 
 
 class Potentiometer(Sensor):
@@ -64,12 +90,22 @@ class Potentiometer(Sensor):
         """Return the random stream of the sensor, advanced in place."""
         return stream(seed, self.place)
 
-    def read(self, history: Array, generator: Generator) -> float:
-        """Return the reading of a tick; `history` (n >= 1,) is the signal after each physics step, in the same unit."""
+    def parameters(self, steps: int) -> PotentiometerLaw:
+        """Return the parameters of `rounded_mean` for ticks of this number of physics steps."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
-        before, shares = _resampling(len(history), self.samples)
-        noise = generator.standard_normal(self.samples)
-        return _rounded_mean(history, before, shares, noise, self.weights, counts, sigma)
+        return PotentiometerLaw(*_resampling(steps, self.samples), self.weights, counts, sigma)
+
+    def seen(self, truth: Truth) -> Array:
+        """Return the measured signal after each physics step, shape (n >= 1,), in the unit of the reading."""
+        raise NotImplementedError
+
+    def read(self, history: Array, generator: Generator) -> float:
+        """Return the reading of a tick with the signal `history` (n,) after each physics step."""
+        return rounded_mean(self.parameters(len(history)), address(generator), history)
+
+    def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
+        """Return the random stream and the reading."""
+        return state, self.read(self.seen(truth), state)
 
 
 class SteeringPotentiometer(Potentiometer):
@@ -97,15 +133,10 @@ class SteeringPotentiometer(Potentiometer):
         return delta + error
 
     def seen(self, truth: Truth) -> Array:
-        """Return the true angles of the measured wheel after each physics step, shape (n,) [rad]."""
+        """Return the readings without noise for the angles of the measured wheel, left positive, shape (n,) [rad]."""
         if self.at == "virtual" or truth.knuckle_samples is None:
-            return truth.steer_samples
-        knuckle: Array = truth.knuckle_samples[0 if self.at == "left" else 1]
-        return knuckle
-
-    def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the measured steering angle, left positive [rad]."""
-        return state, self.read(self.characteristic(self.seen(truth)), state)
+            return self.characteristic(truth.steer_samples)
+        return self.characteristic(truth.knuckle_samples[0 if self.at == "left" else 1])
 
 
 class PedalPotentiometer(Potentiometer):
@@ -121,22 +152,9 @@ class PedalPotentiometer(Potentiometer):
         """Potentiometer angle per unit of the measured signal, full pedal [deg]."""
         return self.travel_deg
 
-    def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the measured pedal position, -1 to 1 [-]."""
-        return state, self.read(truth.pedal_samples, state)
-
-
-@jit
-def _rounded_mean(
-    history: Array, before: Index, shares: Array, noise: Array, weights: Array, counts: float, sigma: float
-) -> float:
-    """Return the weighted mean of the noisy samples, each rounded to a count, in the unit of `history` (n,)."""
-    total = 0.0
-    for i in range(noise.size):
-        left = before[i]
-        sample = shares[i, 0] * history[left] + shares[i, 1] * history[min(left + 1, history.size - 1)]
-        total += weights[i] * np.rint(sample * counts + sigma * noise[i])
-    return total / counts
+    def seen(self, truth: Truth) -> Array:
+        """Return the pedal position after each physics step, -1 to 1, shape (n,) [-]."""
+        return truth.pedal_samples
 
 
 @lru_cache(maxsize=16)

@@ -14,26 +14,74 @@ first-order Gauss-Markov [Brown2012]. Below a minimum speed both readings are ze
 vibration masks the Doppler shift.
 """
 
-from math import cos, nan
+from math import cos
+from typing import NamedTuple
 
-from agrobot_mj.core.randomness import GaussMarkov, stream
-from agrobot_mj.core.signals import Column, Conditions, Truth
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered
+from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.sensors.base import OptionalSensor
+from agrobot_mj.sensors.base import Noise, OptionalSensor, SensedMotion
+
+
+class SpeedLaw(NamedTuple):
+    """Parameters of a speed sensor."""
+
+    sigma: float
+    """White noise [m/s]."""
+    scale: float
+    """One plus the constant relative error [-]."""
+    slow: float
+    """Standard deviation of the slow relative error [-]."""
+    kept: Shares
+    """Weights of the slow error."""
+    least: float
+    """Minimum speed, below which the reading is zero [m/s]."""
+
+
+class SpeedValues(NamedTuple):
+    """Numbers of a speed sensor between two ticks."""
+
+    slow: float
+    """Slow error, divided by its standard deviation [-]."""
+
+
+@jit
+def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tuple[SpeedValues, float]:
+    """Return the reading for a true speed [m/s]."""
+    slow = wandered(s.slow, p.kept, streams[0])
+    white = normal(streams[0])
+    found = (p.scale + p.slow * slow) * speed + p.sigma * white
+    return SpeedValues(slow), found if abs(speed) >= p.least else 0.0
+
+
+@jit
+def wheel_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
+    """Return the measured speed of the driven axle [m/s]."""
+    return _speed(p, s, streams, motion.wheel_speed)
+
+
+@jit
+def radar_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
+    """Return the measured speed over ground, not negative [m/s]."""
+    s, found = _speed(p, s, streams, abs(motion.speed) / cos(motion.pitch))
+    return s, max(found, 0.0)
 
 
 class SpeedSensor(OptionalSensor):
-    """Base class of speed sensors; the state is the slow error, whose random stream also provides the white noise."""
+    """Base class of speed sensors."""
 
-    def init(self, seed: int) -> GaussMarkov:
+    def init(self, seed: int) -> Noise:
         """Return the slow error sampled from its stationary distribution."""
-        return GaussMarkov.stationary(stream(seed, self.column.name))
+        error = GaussMarkov.stationary(stream(seed, self.column.name))
+        return Noise((error.generator,), SpeedValues(*error.value))
 
 
 class WheelSpeed(SpeedSensor):
     """Wheel-speed sensor of the driven axle; `[sensors.wheel_speed]`."""
 
     column = Column("wheel_speed", "m/s", "speed of the driven wheels from their sensor")
+    law = wheel_speed
 
     sigma_m_s: NonNegative = 0.02
     """White noise [m/s]. Assumed value (0.01-0.03: pulses within a tick)."""
@@ -46,21 +94,17 @@ class WheelSpeed(SpeedSensor):
     least_speed_m_s: NonNegative = 0.03
     """Minimum speed, below which the reading is zero [m/s]. Assumed value: several pulses per second."""
 
-    def measure(self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float) -> tuple[GaussMarkov, float]:
-        """Return the measured speed of the driven axle [m/s]."""
-        if not self.enabled:
-            return state, nan
-        state, speed = state.after(dt, self.slip_time_s), truth.wheel_speed
-        slip, white = state.value[0], state.generator.standard_normal()
-        if not abs(speed) >= self.least_speed_m_s:
-            return state, 0.0
-        return state, (1.0 + self.scale_error + self.slip_sigma * slip) * speed + self.sigma_m_s * white
+    def parameters(self, dt: float) -> SpeedLaw:
+        """Return the parameters of the law for ticks of length `dt` [s]."""
+        kept = shares(dt, self.slip_time_s)
+        return SpeedLaw(self.sigma_m_s, 1.0 + self.scale_error, self.slip_sigma, kept, self.least_speed_m_s)
 
 
 class RadarSpeed(SpeedSensor):
     """Doppler radar for the speed over ground; `[sensors.radar_speed]`."""
 
     column = Column("radar_speed", "m/s", "ground speed from the radar, never negative")
+    law = radar_speed
 
     sigma_m_s: NonNegative = 0.03
     """White noise [m/s]. Assumed value (0.02-0.05: width of the Doppler spectrum in a tick)."""
@@ -73,12 +117,7 @@ class RadarSpeed(SpeedSensor):
     least_speed_m_s: NonNegative = 0.2
     """Minimum speed, below which the reading is zero [m/s]. Assumed value (0.1-0.5)."""
 
-    def measure(self, state: GaussMarkov, truth: Truth, conditions: Conditions, dt: float) -> tuple[GaussMarkov, float]:
-        """Return the measured speed over ground, not negative [m/s]."""
-        if not self.enabled:
-            return state, nan
-        state, speed = state.after(dt, self.ground_time_s), abs(truth.speed) / cos(truth.pitch)
-        ground, white = state.value[0], state.generator.standard_normal()
-        if not speed >= self.least_speed_m_s:
-            return state, 0.0
-        return state, max((1.0 + self.scale_error + self.ground_sigma * ground) * speed + self.sigma_m_s * white, 0.0)
+    def parameters(self, dt: float) -> SpeedLaw:
+        """Return the parameters of the law for ticks of length `dt` [s]."""
+        kept = shares(dt, self.ground_time_s)
+        return SpeedLaw(self.sigma_m_s, 1.0 + self.scale_error, self.ground_sigma, kept, self.least_speed_m_s)

@@ -1,22 +1,41 @@
 """Sensor suite of the tractor: a new sensor needs a module and a field in `Sensors`.
 
-The suite calls each of its sensors once per tick. Every reading is in `Measurement.readings` under the name of the
-field; readings of the paper's sensors also have separate fields.
+The suite evaluates its sensors once per tick: those of the package in one compiled call, and others by `measure`. Every
+reading is in `Measurement.readings` under the name of the field; readings of the paper's sensors also have separate
+fields.
 """
 
-from typing import Any, NamedTuple
+from functools import lru_cache
+from math import nan
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.random import Generator
 
 from agrobot_mj.core.contracts import check_pair
+from agrobot_mj.core.kernels import bound, jit
 from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.signals import NOMINAL, SOUND, Column, Conditions, Measurement, Truth
+from agrobot_mj.core.randomness import address
+from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Array, Column, Conditions, Measurement, Truth
 from agrobot_mj.core.spec import Spec
-from agrobot_mj.sensors.base import Sensor
-from agrobot_mj.sensors.gnss import Gnss
-from agrobot_mj.sensors.gyro import Gyro
-from agrobot_mj.sensors.implement_gnss import ImplementGnss
-from agrobot_mj.sensors.imu import Imu
-from agrobot_mj.sensors.potentiometer import PedalPotentiometer, SteeringPotentiometer
-from agrobot_mj.sensors.speed import RadarSpeed, WheelSpeed
+from agrobot_mj.sensors.base import CompiledSensor, SensedMotion, Sensor, motion_of
+from agrobot_mj.sensors.gnss import CLEAR, Delivery, FixErrors, Gnss, GnssLaw, Sky, Solved, Streams, solution
+from agrobot_mj.sensors.gyro import Gyro, GyroLaw, GyroValues, gyro_rate
+from agrobot_mj.sensors.implement_gnss import (
+    ImplementFix,
+    ImplementGnss,
+    ImplementGnssLaw,
+    ImplementGnssValues,
+    implement_fix,
+)
+from agrobot_mj.sensors.imu import Attitude, Imu, ImuLaw, ImuValues, attitude
+from agrobot_mj.sensors.potentiometer import (
+    PedalPotentiometer,
+    PotentiometerLaw,
+    SteeringPotentiometer,
+    rounded_mean,
+)
+from agrobot_mj.sensors.speed import RadarSpeed, SpeedLaw, SpeedValues, WheelSpeed, radar_speed, wheel_speed
 
 LINES = {
     "steering_pot": ("steering_pot", ""),
@@ -29,14 +48,111 @@ LINES = {
 """Sensor and field of the reading for each line that `Conditions` may distort; "" for scalar readings."""
 
 
+class Laws(NamedTuple):
+    """Parameters of the compiled sensors; those with a state of the same name follow `present`."""
+
+    steering_pot: PotentiometerLaw
+    pedal_pot: PotentiometerLaw
+    present: tuple[bool, bool, bool, bool, bool]
+    """Whether gyro, inertial unit, wheel speed, radar and receiver on the implement are present."""
+    gnss: GnssLaw
+    gyro: GyroLaw
+    imu: ImuLaw
+    wheel_speed: SpeedLaw
+    radar_speed: SpeedLaw
+    implement_gnss: ImplementGnssLaw
+
+
+class Values(NamedTuple):
+    """Numbers of the compiled sensors between two ticks."""
+
+    gnss: FixErrors
+    gyro: GyroValues
+    imu: ImuValues
+    wheel_speed: SpeedValues
+    radar_speed: SpeedValues
+    implement_gnss: ImplementGnssValues
+
+
+class Generators(NamedTuple):
+    """Random streams of the compiled sensors, or their addresses."""
+
+    steering_pot: Any
+    pedal_pot: Any
+    gnss: Any
+    gyro: Any
+    imu: Any
+    wheel_speed: Any
+    radar_speed: Any
+    implement_gnss: Any
+
+
+class Readings(NamedTuple):
+    """Readings of the compiled sensors; NaN without a sensor."""
+
+    gnss: tuple[Solved, float]
+    """Solution and heading computed in this tick."""
+    steering_pot: float
+    pedal_pot: float
+    gyro: float
+    imu: Attitude
+    wheel_speed: float
+    radar_speed: float
+    implement_gnss: ImplementFix
+
+
+_NOWHERE = (nan, nan, nan)
+AT_REST = SensedMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _NOWHERE, _NOWHERE, 0.0, _NOWHERE, _NOWHERE, (nan, nan))
+"""Motion with the types of all others."""
+NO_ATTITUDE, NO_PLACE = Imu.absent, ImplementGnss.absent
+
+
+@jit
+def sense(
+    p: Laws,
+    s: Values,
+    streams: Generators,
+    motion: SensedMotion,
+    sky: Sky,
+    steer: Array,
+    pedal: Array,
+) -> tuple[Values, Readings]:
+    """Return the numbers after a tick and the readings; `steer` and `pedal` (n,) are seen by the potentiometers."""
+    steer_angle = rounded_mean(p.steering_pot, streams.steering_pot, steer)
+    pedal_place = rounded_mean(p.pedal_pot, streams.pedal_pot, pedal)
+    gnss, solved = solution(p.gnss, s.gnss, streams.gnss, motion, sky)
+    has_gyro, has_imu, has_wheel_speed, has_radar, has_implement = p.present
+    gyro, rate = s.gyro, nan
+    if has_gyro:
+        gyro, rate = gyro_rate(p.gyro, gyro, streams.gyro, motion)
+    imu, angles = s.imu, NO_ATTITUDE
+    if has_imu:
+        imu, angles = attitude(p.imu, imu, streams.imu, motion)
+    wheels, rolled = s.wheel_speed, nan
+    if has_wheel_speed:
+        wheels, rolled = wheel_speed(p.wheel_speed, wheels, streams.wheel_speed, motion)
+    radar, moved = s.radar_speed, nan
+    if has_radar:
+        radar, moved = radar_speed(p.radar_speed, radar, streams.radar_speed, motion)
+    implement, tool = s.implement_gnss, NO_PLACE
+    if has_implement:
+        implement, tool = implement_fix(p.implement_gnss, implement, streams.implement_gnss, motion)
+    return Values(gnss, gyro, imu, wheels, radar, implement), Readings(
+        solved, steer_angle, pedal_place, rate, angles, rolled, moved, tool
+    )
+
+
 class SensorState(NamedTuple):
     """State of all sensors between two ticks."""
 
+    generators: Generators
+    values: Values
+    delivery: Delivery
+    """State of the GNSS receiver without its errors."""
     states: dict[str, Any]
+    """States of the sensors that are not compiled."""
     readings: dict[str, Any]
     """Last reading of each sensor; empty before the first tick."""
-    present: tuple[str, ...] = ()
-    """Names of the sensors to evaluate; empty before the first tick, in which all are evaluated."""
     lines: tuple[tuple[str, SignalLine], ...] = ()
     """Lines distorted in the last tick, by name; for other lines the last reading is the last value."""
 
@@ -73,41 +189,159 @@ class Sensors(Spec):
 
     def init(self, seed: int) -> SensorState:
         """Return the state before the first tick, with noise from the random streams of `seed`."""
-        return SensorState({name: sensor.init(seed) for name, sensor in self.all.items()}, {})
+        compiled, others = _split(self)
+        states: dict[str, Any] = {name: sensor.init(seed) for name, sensor in compiled.items()}
+        gnss, steering_pot, pedal_pot = states["gnss"], states["steering_pot"], states["pedal_pot"]
+        noises = {"gnss": gnss.noise, **{name: states[name] for name in NOISY}}
+        generators = {name: noise.generators for name, noise in noises.items()}
+        return SensorState(
+            Generators(steering_pot, pedal_pot, **generators),
+            Values(**{name: noise.values for name, noise in noises.items()}),
+            gnss.delivery,
+            {name: sensor.init(seed) for name, sensor in others.items()},
+            {},
+        )
 
     def measure(
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
         """Return the measurement available to the controllers in the tick of length `dt` [s] that ends at `truth.t`."""
-        states, readings = state.states.copy(), state.readings.copy()
-        for name in state.present or states:
-            found = getattr(self, name).measure(states[name], truth, conditions, dt)
-            states[name], readings[name] = check_pair(found, "its state and measurement", "the sensor", name, "measure")
-        lines = () if conditions is NOMINAL else _distort(readings, state, conditions, dt)
-        gnss, imu = readings["gnss"], readings["imu"]
-        measurement = Measurement(
-            t=truth.t,
-            fix=gnss.fix,
-            quality=gnss.quality,
-            steer=readings["steering_pot"],
-            pedal=readings["pedal_pot"],
-            gyro=readings["gyro"],
-            roll=imu.roll,
-            pitch=imu.pitch,
-            wheel_speed=readings["wheel_speed"],
-            readings=readings,
-        )
-        return SensorState(states, readings, state.present or self._present(), lines), measurement
-
-    def _present(self) -> tuple[str, ...]:
-        """Return the names of sensors that measure or report; other readings keep their value of the first tick."""
-        return tuple(
-            name for name, sensor in self.all.items() if getattr(sensor, "enabled", True) or len(sensor.columns)
-        )
+        return _suite(self, dt).measure(state, truth, conditions)
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Return the values of `columns` after a tick."""
-        return tuple([v for name in state.present for v in getattr(self, name).report(state.readings[name])])
+        return _suite(self, TICK_S).report(state)
+
+
+NOISY = Values._fields[1:]
+"""Compiled sensors that may be absent."""
+KINDS = {name: type(sensor) for name, sensor in Sensors().all.items()}
+"""Classes of the compiled sensors."""
+
+
+def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
+    """Return the sensors to evaluate in the compiled call, and those to evaluate by their own `measure`.
+
+    A sensor whose class replaces `measure` leaves an absent one in the compiled call.
+    """
+    every = sensors.all
+    compiled = {k: every[k] if type(every[k]).measure is kind.measure else kind() for k, kind in KINDS.items()}
+    return compiled, {name: sensor for name, sensor in every.items() if compiled.get(name) is not sensor}
+
+
+class Suite:
+    """Sensors of a run, with their parameters as numbers."""
+
+    def __init__(self, sensors: Sensors, dt: float) -> None:
+        """Prepare the sensors for ticks of length `dt` [s]."""
+        self.sensors, self.dt = sensors, dt
+        compiled, self.others = _split(sensors)
+        self.compiled: dict[str, Any] = compiled
+        self.gnss, self.steering_pot, self.pedal_pot = compiled["gnss"], compiled["steering_pot"], compiled["pedal_pot"]
+        self._prepared: tuple[int, Any, Any] = 0, None, None
+        self._streams: tuple[Any, Any] = None, None
+        """Random streams, and their addresses."""
+        self.absent = {name: self.compiled[name].absent for name in NOISY if not self.compiled[name].enabled}
+        self.present = {
+            name: sensor
+            for name, sensor in self.others.items()
+            if getattr(sensor, "enabled", True) or len(sensor.columns)
+        }
+        """Other sensors to evaluate; the readings of absent ones keep their value of the first tick."""
+        self._reporting = [(name, sensor.report) for name, sensor in sensors.all.items() if len(sensor.columns)]
+
+    def measure(self, state: SensorState, truth: Truth, conditions: Conditions) -> tuple[SensorState, Measurement]:
+        """Return the new state and the measurement at the end of a tick."""
+        delivery, sky = self.gnss.sky(state.delivery, truth, conditions, self.dt)
+        run, laws = self._law(len(truth.steer_samples), state)
+        steer, pedal = self.steering_pot.seen(truth), self.pedal_pot.seen(truth)
+        streams = self._addresses(state.generators)
+        values, found = run(laws, state.values, streams, motion_of(truth), sky, steer, pedal)
+        (solved, heading), steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
+        delivery, gnss = self.gnss.deliver(delivery, solved, heading, sky.quality, conditions, self.dt)
+        readings = {
+            "gnss": gnss,
+            "steering_pot": steer_angle,
+            "pedal_pot": pedal_place,
+            "gyro": gyro,
+            "imu": imu,
+            "wheel_speed": wheels,
+            "radar_speed": radar,
+            "implement_gnss": implement,
+            **self.absent,
+        }
+        states = self._measure_others(state, readings, truth, conditions) if self.others else state.states
+        lines = () if conditions is NOMINAL else _distort(readings, state, conditions, self.dt)
+        gnss, imu = readings["gnss"], readings["imu"]
+        measurement = Measurement(
+            truth.t,
+            gnss.fix,
+            gnss.quality,
+            readings["steering_pot"],
+            readings["pedal_pot"],
+            readings["gyro"],
+            imu.roll,
+            imu.pitch,
+            readings["wheel_speed"],
+            readings,
+        )
+        return SensorState(state.generators, values, delivery, states, readings, lines), measurement
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """Columns that the sensors add to the log."""
+        return self.sensors.columns
+
+    def report(self, state: SensorState) -> tuple[float, ...]:
+        """Return the values of `columns` after a tick."""
+        readings = state.readings
+        values: list[float] = []
+        for name, report in self._reporting:
+            values += report(readings[name])
+        return tuple(values)
+
+    def _law(self, steps: int, state: SensorState) -> tuple[Any, Laws]:
+        """Return `sense`, compiled for its arguments, and its parameters for ticks of this number of physics steps."""
+        if steps != self._prepared[0]:
+            noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
+            present: Any = tuple(sensor.enabled for sensor in noisy.values())
+            pots = self.steering_pot.parameters(steps), self.pedal_pot.parameters(steps)
+            laws = {name: sensor.parameters(self.dt) for name, sensor in noisy.items()}
+            law = Laws(*pots, present, self.gnss.parameters(self.dt), **laws)
+            streams, samples = self._addresses(state.generators), np.zeros(steps)
+            run = bound(sense, law, state.values, streams, AT_REST, CLEAR, samples, samples)
+            self._prepared = steps, run, law
+        return self._prepared[1:]
+
+    def _addresses(self, generators: Generators) -> Generators:
+        """Return the addresses of the random streams."""
+        known = self._streams
+        if known[0] is not generators:
+            found = Generators(*(_addresses(part) for part in generators))
+            self._streams = known = generators, found._replace(gnss=Streams(*found.gnss))
+        return cast(Generators, known[1])
+
+    def _measure_others(
+        self, state: SensorState, readings: dict[str, Any], truth: Truth, conditions: Conditions
+    ) -> dict[str, Any]:
+        """Write the readings of the sensors that are not compiled into `readings`; return their states."""
+        states = state.states.copy()
+        if state.readings:
+            readings |= {name: state.readings[name] for name in self.others}
+        for name, sensor in (self.present if state.readings else self.others).items():
+            found = sensor.measure(states[name], truth, conditions, self.dt)
+            states[name], readings[name] = check_pair(found, "its state and a reading", "the sensor", name, "measure")
+        return states
+
+
+def _addresses(part: Any) -> Any:
+    """Return the address of a generator, or the addresses of several."""
+    return address(part) if isinstance(part, Generator) else tuple(map(address, part))
+
+
+@lru_cache(maxsize=8)
+def _suite(sensors: Sensors, dt: float) -> Suite:
+    return Suite(sensors, dt)
 
 
 def _distort(

@@ -27,7 +27,7 @@ from agrobot_mj.core.signals import (
     Truth,
 )
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.sensors import SensorState
+from agrobot_mj.sensors import SensorState, Suite
 
 ABSURD_STEER = radians(90.0)
 """Steering angle above which a command is implausible [rad]: wheels across the tractor."""
@@ -151,7 +151,7 @@ class Reception(NamedTuple):
     rejected: tuple[tuple[str, int], ...] = ()
     """Number of rejections for each field."""
 
-    def after(self, s: Scenario, truth: Truth, conditions: Conditions, dt: float) -> "tuple[Reception, Measurement]":
+    def after(self, s: Scenario, suite: Suite, truth: Truth, conditions: Conditions) -> "tuple[Reception, Measurement]":
         """Return the new state and the measurement.
 
         An invalid fix becomes missing, an invalid angle is replaced by its last valid value. Raises `NotFiniteError` if
@@ -160,7 +160,7 @@ class Reception(NamedTuple):
         STATE.check(truth, plant := f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
             CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
-        sensors, measured = s.sensors.measure(self.sensors, truth, conditions, dt)
+        sensors, measured = suite.measure(self.sensors, truth, conditions)
         optional = measured.gyro, measured.roll, measured.pitch, measured.wheel_speed
         sound = measured.fix is None or _possible(measured.fix)
         if sound and isfinite(measured.steer + measured.pedal) and inf not in map(abs, optional):

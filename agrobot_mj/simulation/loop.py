@@ -38,6 +38,7 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.plants import Bicycle, BicyclePlant, Clock, MujocoPlant, RunningPlant
 from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.sensors import Suite
 from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.feasibility import naming
@@ -117,6 +118,7 @@ class Loop:
         self.route, self.guidance = SampledRoute(s.path), s.guidance.using(s.controller)
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script, self.towed = Script(s.fault, s.seed), s.implement.towed(s.tractor)
+        self.suite = Suite(s.sensors, TICK_S)
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
@@ -137,7 +139,7 @@ class Loop:
             wiring=Wiring(),
         )
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
-        parts |= {"sensors.sensors": s.sensors, "steering": s.steering.loop}
+        parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
         """Parts that report columns, each with a function that returns its state from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", self.stages, Drive, method="drive")
@@ -164,7 +166,7 @@ class Loop:
     def sense(self) -> tuple[Measurement, Situation]:
         """Read the sensors; return the measurement and the inputs of the guidance law."""
         s, state, truth = self.scenario, self.stages, self.truth
-        state.sensors, measured = state.sensors.after(s, truth, state.conditions, TICK_S)
+        state.sensors, measured = state.sensors.after(s, self.suite, truth, state.conditions)
         fixed = state.receiver.reduced(measured)
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)

@@ -17,6 +17,7 @@ from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
 from agrobot_mj.scenario.overrides import flat
+from agrobot_mj.sensors import Suite
 from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 
@@ -121,7 +122,7 @@ def injected(chance: random.Random) -> str:
     stage, owner, method = chance.choice(
         [
             ("plant", BicyclePlant if kind == "bicycle" else MujocoPlant, "advance"),
-            ("sensors", type(s.sensors), "measure"),
+            ("sensors", Suite, "measure"),
             ("estimator", type(s.estimator), "update"),
             ("guidance", type(s.guidance.using(s.controller)), "update"),
         ]

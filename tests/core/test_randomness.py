@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from agrobot_mj.core.randomness import gauss_markov, stream
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.randomness import address, gauss_markov, normal, stream
 
 NAMES = ["gnss", "steering_pot", "pedal_pot", "gyro", "terrain"]
 
@@ -30,6 +31,19 @@ def test_streams_of_different_names_and_seeds_are_uncorrelated():
     draws = np.array([stream(seed, name).standard_normal(n) for seed in (0, 1) for name in NAMES])
     correlation = np.corrcoef(draws) - np.eye(len(draws))
     assert np.abs(correlation).max() < 5 / np.sqrt(n)
+
+
+@jit
+def drawn(generator, found):
+    for k in range(found.size):
+        found[k] = normal(generator)
+
+
+def test_compiled_functions_draw_the_numbers_of_the_generator():
+    ours, theirs, found = stream(5, "gyro"), stream(5, "gyro"), np.empty(5000)
+    drawn(address(ours), found)
+    assert np.array_equal(found, theirs.standard_normal(5000))
+    assert ours.bit_generator.state == theirs.bit_generator.state
 
 
 def test_negative_seed_is_rejected():

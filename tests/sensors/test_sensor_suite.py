@@ -130,6 +130,21 @@ def test_enabling_a_sensor_does_not_change_the_noise_of_others(name):
                 assert np.array_equal(np.ravel(same), np.ravel(here), equal_nan=True)
 
 
+class ExactGyro(Gyro):
+    """Gyro without errors."""
+
+    def measure(self, state, truth, conditions, dt):
+        return state, truth.yaw_rate
+
+
+def test_sensor_of_the_suite_can_be_replaced_by_a_subclass():
+    """Its `measure` is called, and the noise of the other sensors stays the same."""
+    (_, exact), (_, noisy) = (drive(Sensors(gyro=kind(enabled=True)))[-1] for kind in (ExactGyro, Gyro))
+    assert exact.gyro == exact.readings["gyro"] == 0.1 != noisy.gyro
+    assert exact.fix == noisy.fix
+    assert exact[3:5] == noisy[3:5]
+
+
 def test_sensor_columns_have_distinct_names_and_descriptions():
     columns = ALL_ON.columns
     assert len({column.name for column in columns}) == len(columns) > 0

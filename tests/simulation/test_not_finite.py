@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import Array, Drive
 from agrobot_mj.estimation import Ekf
 from agrobot_mj.paths import FigureEight
 from agrobot_mj.plants import BicyclePlant
-from agrobot_mj.sensors import Sensors
+from agrobot_mj.sensors import Suite
 from agrobot_mj.simulation.checks import Numbers
 from agrobot_mj.simulation.run import run as run_without_hints
 from agrobot_mj.simulation.storage import write_log
@@ -203,7 +203,7 @@ def test_non_finite_measurement_is_treated_as_missing(monkeypatch, field, value,
         state, measured = found
         return state, measured._replace(**{field: measured.fix._replace(**value) if field == "fix" else value})
 
-    spoiled(monkeypatch, Sensors, "measure", bad)
+    spoiled(monkeypatch, Suite, "measure", bad)
     log = run(scenario)
     assert log.outcome == "completed"
     assert log.metrics["rejected_readings"] == {field: 1}
@@ -219,7 +219,7 @@ def test_non_finite_optional_measurements_are_ignored_and_counted(monkeypatch):
     units = {f"sensors.{name}.enabled": True for name in ("gyro", "imu")}
     keys = {"estimator.yaw_rate_source": "gyro", "estimator.terrain_compensation": True}
     scenario = load_scenario("figure_eight", SHORT | units | keys)
-    spoiled(monkeypatch, Sensors, "measure", second(gyro=inf, roll=inf, pitch=nan))
+    spoiled(monkeypatch, Suite, "measure", second(gyro=inf, roll=inf, pitch=nan))
     log = run(scenario)
     assert log.outcome == "completed"
     assert log.metrics["rejected_readings"] == {"gyro": 1, "roll": 1}
