@@ -10,14 +10,16 @@ valve, stops the tractor and holds it until a speed is commanded. A path-followi
 holds the tractor, because estimation noise would turn the wheels and thereby move the tractor by millimetres.
 """
 
-from math import inf, isfinite, radians
+from math import inf, isfinite, isinf, isnan, nan, radians
 from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import AngleLoop
+from agrobot_mj.core.kernels import jit, shared
 from agrobot_mj.core.signals import NEUTRAL_V, Command, Reference
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
+@shared
 def clip(x: float, low: float, high: float) -> float:
     """Return x limited to [low, high]."""
     return min(max(x, low), high)
@@ -26,17 +28,23 @@ def clip(x: float, low: float, high: float) -> float:
 class FilteredRate(NamedTuple):
     """State of a filtered derivative: last value and its rate of change."""
 
-    value: float | None = None
-    """Last value; None before the first value [unit]."""
+    value: float = nan
+    """Last value; NaN before the first value [unit]."""
     rate: float = 0.0
     """Filtered rate of change of the value [unit/s]."""
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
         """Return the state after the next value, `dt` [s] later, filtered with the time constant `filter_s` [s]."""
-        if self.value is None:
-            return FilteredRate(value, 0.0)
-        raw = (value - self.value) / dt
-        return FilteredRate(value, self.rate + (raw - self.rate) * dt / (filter_s + dt))
+        return slope_after(self, value, dt, filter_s)
+
+
+@shared
+def slope_after(s: FilteredRate, value: float, dt: float, filter_s: float) -> FilteredRate:
+    """Return the state of a filtered derivative after the next value."""
+    if isnan(s.value):
+        return FilteredRate(value, 0.0)
+    raw = (value - s.value) / dt
+    return FilteredRate(value, s.rate + (raw - s.rate) * dt / (filter_s + dt))
 
 
 class PidState(NamedTuple):
@@ -46,6 +54,32 @@ class PidState(NamedTuple):
     """Integral part of the output [unit of the output]."""
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the error [unit of the error per s]."""
+
+
+class PidLaw(NamedTuple):
+    """Parameters of a `Pid`, with the same units."""
+
+    kp: float
+    ki: float
+    kd: float
+    filter_s: float
+
+
+@shared
+def pid_step(
+    p: PidLaw, s: PidState, error: float, dt: float, low: float, high: float, ahead: float
+) -> tuple[PidState, float]:
+    """Return the new state and the output within [low, high] after `dt` [s]; `ahead` is the feed-forward term.
+
+    Anti-windup: the integral is frozen if its step would move the output further beyond a limit.
+    """
+    slope = slope_after(s.slope, error, dt, p.filter_s)
+    direct = ahead + p.kp * error + p.kd * slope.rate
+    step = p.ki * error * dt
+    wanted = direct + s.integral + step
+    winding = (wanted > high and step > 0) or (wanted < low and step < 0)
+    integral = s.integral if winding else s.integral + step
+    return PidState(integral, slope), clip(direct + integral, low, high)
 
 
 class Pid(Spec):
@@ -67,19 +101,15 @@ class Pid(Spec):
     def update(
         self, state: PidState, error: float, dt: float, low: float, high: float, ahead: float = 0.0
     ) -> tuple[PidState, float]:
-        """Return the new state and the output within [low, high] after `dt` [s]; `ahead` is the feed-forward term.
+        """Return the new state and the output within [low, high] after `dt` [s]; see `pid_step`."""
+        return pid_step(self.parameters(), state, error, dt, low, high, ahead)
 
-        Anti-windup: the integral is frozen if its step would move the output further beyond a limit.
-        """
-        slope = state.slope.after(error, dt, self.derivative_filter_s)
-        direct = ahead + self.kp * error + self.kd * slope.rate
-        step = self.ki * error * dt
-        wanted = direct + state.integral + step
-        winding = (wanted > high and step > 0) or (wanted < low and step < 0)
-        integral = state.integral if winding else state.integral + step
-        return PidState(integral, slope), clip(direct + integral, low, high)
+    def parameters(self) -> PidLaw:
+        """Return the parameters of `pid_step`."""
+        return PidLaw(self.kp, self.ki, self.kd, self.derivative_filter_s)
 
 
+@shared
 def over_dead_band(error: float, jump: float, tolerance: float) -> float:
     """Return the voltage that compensates the dead band of a valve [V].
 
@@ -96,6 +126,37 @@ class SpeedState(NamedTuple):
     inner: PidState
     reference: float = 0.0
     """Last pedal reference [-]."""
+
+
+class SpeedLoopLaw(NamedTuple):
+    """Parameters of a `SpeedLoop`."""
+
+    outer: PidLaw
+    inner: PidLaw
+    feedforward: float
+    """Feed-forward pedal divided by the speed reference [s/m]."""
+    jump: float
+    """Voltage that compensates the valve's dead band [V]."""
+    tolerance: float
+    """Maximum pedal error without dead-band compensation [-]."""
+
+
+@shared
+def speed_step(
+    p: SpeedLoopLaw, s: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
+) -> tuple[SpeedState, float]:
+    """Return the new state and the pedal valve voltage [V] for speeds [m/s] and pedal [-]."""
+    outer, pedal_ref = pid_step(p.outer, s.outer, speed_ref - speed, dt, -1.0, 1.0, p.feedforward * speed_ref)
+    return pedal_step(p, SpeedState(outer, s.inner, s.reference), pedal_ref, pedal, dt)
+
+
+@shared
+def pedal_step(p: SpeedLoopLaw, s: SpeedState, pedal_ref: float, pedal: float, dt: float) -> tuple[SpeedState, float]:
+    """Return the new state and the pedal valve voltage [V] of the inner loop for a given pedal reference [-]."""
+    error = pedal_ref - pedal
+    jump = over_dead_band(error, p.jump, p.tolerance)
+    inner, voltage = pid_step(p.inner, s.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
+    return SpeedState(s.outer, inner, pedal_ref), NEUTRAL_V + voltage
 
 
 class SpeedLoop(Spec):
@@ -122,22 +183,10 @@ class SpeedLoop(Spec):
         """Return the initial state."""
         return SpeedState(self.outer.init(), self.inner.init())
 
-    def update(
-        self, state: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
-    ) -> tuple[SpeedState, tuple[float, float]]:
-        """Return the state, pedal reference (-1 to 1) and pedal valve voltage [V] for speeds [m/s] and pedal [-]."""
-        ahead = self.feedforward_s_m * speed_ref
-        outer, pedal_ref = self.outer.update(state.outer, speed_ref - speed, dt, -1.0, 1.0, ahead)
-        return self.hold(SpeedState(outer, state.inner), pedal_ref, pedal, dt)
-
-    def hold(
-        self, state: SpeedState, pedal_ref: float, pedal: float, dt: float
-    ) -> tuple[SpeedState, tuple[float, float]]:
-        """Return the new state and the pedal valve voltage [V] of the inner loop for a given pedal reference [-]."""
-        error = pedal_ref - pedal
-        jump = over_dead_band(error, self.deadband_compensation_v, self.tolerance)
-        inner, voltage = self.inner.update(state.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
-        return SpeedState(state.outer, inner, pedal_ref), (pedal_ref, NEUTRAL_V + voltage)
+    def parameters(self) -> SpeedLoopLaw:
+        """Return the parameters of `speed_step`."""
+        band = self.deadband_compensation_v, self.tolerance
+        return SpeedLoopLaw(self.outer.parameters(), self.inner.parameters(), self.feedforward_s_m, *band)
 
 
 class SteeringState(NamedTuple):
@@ -146,6 +195,34 @@ class SteeringState(NamedTuple):
     pid: PidState
     reference: float = 0.0
     """Last reference angle, limited in rate [rad]."""
+
+
+class SteeringLoopLaw(NamedTuple):
+    """Parameters of a `SteeringLoop`."""
+
+    pid: PidLaw
+    jump: float
+    """Voltage that compensates the valve's dead band [V]."""
+    tolerance: float
+    """Maximum angle error without dead-band compensation [rad]."""
+    rate: float
+    """Maximum rate of the reference angle; infinite without a limit [rad/s]."""
+
+
+@shared
+def steering_step(
+    p: SteeringLoopLaw, s: SteeringState, wanted: float, steer: float, dt: float
+) -> tuple[SteeringState, float]:
+    """Return the new state and the steering valve voltage [V] for the commanded and measured angles [rad].
+
+    The reference angle moves towards the commanded one at the limited rate.
+    """
+    reach = p.rate * dt
+    steer_ref = wanted if isinf(p.rate) else clip(wanted, s.reference - reach, s.reference + reach)
+    error = steer_ref - steer
+    jump = over_dead_band(error, p.jump, p.tolerance)
+    pid, voltage = pid_step(p.pid, s.pid, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
+    return SteeringState(pid, steer_ref), NEUTRAL_V + voltage
 
 
 class SteeringLoop(AngleLoop):
@@ -168,18 +245,13 @@ class SteeringLoop(AngleLoop):
 
     def update(self, state: SteeringState, wanted: float, steer: float, dt: float) -> tuple[SteeringState, float]:
         """Return the new state and the steering valve voltage [V] for the commanded and measured angles [rad]."""
-        steer_ref = self._reference(state.reference, wanted, dt)
-        error = steer_ref - steer
-        jump = over_dead_band(error, self.deadband_compensation_v, radians(self.tolerance_deg))
-        pid, voltage = self.pid.update(state.pid, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
-        return SteeringState(pid, steer_ref), NEUTRAL_V + voltage
+        return steering_step(self.parameters(), state, wanted, steer, dt)
 
-    def _reference(self, last: float, wanted: float, dt: float) -> float:
-        """Return the reference angle [rad], moved from `last` towards `wanted` at the limited rate for `dt` [s]."""
-        if self.reference_rate_deg_s is None:
-            return wanted
-        reach = radians(self.reference_rate_deg_s) * dt
-        return clip(wanted, last - reach, last + reach)
+    def parameters(self) -> SteeringLoopLaw:
+        """Return the parameters of `steering_step`."""
+        rate = self.reference_rate_deg_s
+        band = self.deadband_compensation_v, radians(self.tolerance_deg)
+        return SteeringLoopLaw(self.pid.parameters(), *band, inf if rate is None else radians(rate))
 
 
 STANDSTILL_S = 1.0
@@ -208,9 +280,68 @@ class BrakeState(NamedTuple):
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
         """Return the brake state `dt` [s] later, for the command to the low-level loops and the path reference."""
-        asked = command.speed if command.pedal is None else command.pedal
-        if asked == 0.0:
-            return BrakeState(self.standing_s + dt)
-        crawls = command.pedal is None and abs(asked) < CRAWL_M_S and reference.vx == reference.vy == 0.0
-        # a path may begin at rest: count only time within the run
-        return BrakeState((self.standing_s if isfinite(self.standing_s) else 0.0) + dt if crawls else 0.0)
+        return brake_after(self, wishes_of(command, reference.vx == reference.vy == 0.0), dt)
+
+
+class Wishes(NamedTuple):
+    """Command to the low-level loops as numbers; NaN for an absent voltage or pedal."""
+
+    steer: float
+    speed: float
+    steer_voltage: float
+    pedal: float
+    waits: bool
+    """Whether the reference of the path is at rest."""
+
+
+def wishes_of(command: Command, waits: bool) -> Wishes:
+    """Return a command as numbers."""
+    steer, speed, steer_voltage, pedal, _ = command
+    return Wishes(steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits)
+
+
+@shared
+def brake_after(s: BrakeState, w: Wishes, dt: float) -> BrakeState:
+    """Return the brake state `dt` [s] later."""
+    asked = w.speed if isnan(w.pedal) else w.pedal
+    if asked == 0.0:
+        return BrakeState(s.standing_s + dt)
+    if not (isnan(w.pedal) and abs(asked) < CRAWL_M_S and w.waits):
+        return BrakeState(0.0)
+    # a path may begin at rest: count only time within the run
+    return BrakeState((s.standing_s if isfinite(s.standing_s) else 0.0) + dt)
+
+
+class LoopsLaw(NamedTuple):
+    """Parameters of the low-level loops."""
+
+    speed: SpeedLoopLaw
+    steering: SteeringLoopLaw
+
+
+class LoopsState(NamedTuple):
+    """State of the low-level loops between two ticks."""
+
+    speed: SpeedState
+    steering: SteeringState
+    brake: BrakeState
+
+
+@jit
+def loops_step(
+    p: LoopsLaw, s: LoopsState, w: Wishes, speed: float, steer: float, pedal: float, dt: float
+) -> tuple[LoopsState, tuple[float, float, float]]:
+    """Return the new states, and the voltages of steering and pedal valve [V] and the applied share of the brake [-].
+
+    The command may bypass either loop. `speed` is the estimate [m/s], `steer` [rad] and `pedal` [-] are measured.
+    """
+    brake = brake_after(s.brake, w, dt)
+    share = 1.0 if brake.standing_s >= STANDSTILL_S else 0.0
+    if share == 0.0 and isnan(w.pedal):
+        driven, pedal_voltage = speed_step(p.speed, s.speed, w.speed, speed, pedal, dt)
+    else:
+        driven, pedal_voltage = pedal_step(p.speed, s.speed, 0.0 if share else w.pedal, pedal, dt)
+    steering, steer_voltage = steering_step(p.steering, s.steering, w.steer, steer, dt)
+    if not isnan(w.steer_voltage):
+        steer_voltage = clip(w.steer_voltage, 0.0, 2 * NEUTRAL_V)
+    return LoopsState(driven, steering, brake), (steer_voltage, pedal_voltage, share)

@@ -42,6 +42,7 @@ from agrobot_mj.sensors import Suite
 from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_only, steerable
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.feasibility import naming
+from agrobot_mj.simulation.low_level import LowLevelLoops
 from agrobot_mj.simulation.receiver import ImplementReceiver
 from agrobot_mj.terrain import height_and_gradient
 
@@ -92,20 +93,6 @@ class Stages:
     wiring: Wiring
     """Signal lines to the valves."""
 
-    def drive(self, s: Scenario, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Return the valve voltages from brake, speed loop and steering loop; the command may bypass either loop."""
-        self.brake = self.brake.after(command, situation.reference, TICK_S)
-        pedal = 0.0 if self.brake.share else command.pedal
-        if pedal is None:
-            speeds = command.speed, situation.estimate.speed
-            self.speed, (_, pedal_voltage) = s.speed.update(self.speed, *speeds, measured.pedal, TICK_S)
-        else:
-            self.speed, (_, pedal_voltage) = s.speed.hold(self.speed, pedal, measured.pedal, TICK_S)
-        self.steering, steer_voltage = s.steering.loop.update(self.steering, command.steer, measured.steer, TICK_S)
-        if command.steer_voltage is not None:
-            steer_voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
-        return Drive(steer_voltage, pedal_voltage, self.brake.share)
-
 
 class Loop:
     """Stages of one scenario and their states. A `tick` consists of `sense`, `decide` and `act`; `advance` follows."""
@@ -142,7 +129,7 @@ class Loop:
         parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
         """Parts that report columns, each with a function that returns its state from `stages`."""
-        self.loops = Stage("the low-level loops", "steering.loop, speed", self.stages, Drive, method="drive")
+        self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def tick(self, command: Command | None = None) -> Tick:
         """Compute one tick up to the valve voltages, with the command of the guidance law or an external command.
@@ -182,17 +169,21 @@ class Loop:
         """
         state = self.stages
         state.guidance, command = self.law.update(state.guidance, situation, TICK_S)
-        if self.guidance.follows_path and state.brake.after(command, situation.reference, TICK_S).stands:
+        if state.brake.share and self.guidance.follows_path and self._stands(command, situation.reference):
             command = command._replace(steer=situation.steer, steer_voltage=NEUTRAL_V)
         state.supervisor, command = self.supervisor.update(
             state.supervisor, situation, measured, command, state.speed.reference, TICK_S
         )
         return command
 
+    def _stands(self, command: Command, reference: Reference) -> bool:
+        """Return whether the brake holds the tractor also after this command."""
+        return self.stages.brake.after(command, reference, TICK_S).stands
+
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
         """Run the low-level loops, which convert the command to valve voltages; return all messages of the tick."""
         state, reference = self.stages, situation.reference
-        drive = self.loops.ask(self.scenario, measured, situation, command)
+        drive = self.loops.ask(state, measured, situation, command)
         return Tick(
             truth=self.truth,
             measured=measured,

@@ -4,7 +4,17 @@ from math import copysign, degrees, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.control.pid import NEUTRAL_V, FilteredRate, Pid, PidState, SpeedLoop, SteeringLoop, over_dead_band
+from agrobot_mj.control.pid import (
+    NEUTRAL_V,
+    FilteredRate,
+    Pid,
+    PidState,
+    SpeedLoop,
+    SteeringLoop,
+    over_dead_band,
+    pedal_step,
+    speed_step,
+)
 
 TICK = 0.05
 
@@ -98,8 +108,8 @@ def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.nd
     dt, pedal, speed, state = 0.005, 0.0, 0.0, loop.init()
     speeds, pedals = [], []
     for _ in range(round(seconds / TICK)):
-        state, (pedal_ref, voltage) = loop.update(state, target, speed, pedal, TICK)
-        assert -1 <= pedal_ref <= 1
+        state, voltage = speed_step(loop.parameters(), state, target, speed, pedal, TICK)
+        assert -1 <= state.reference <= 1
         assert 0 <= voltage <= 12
         for _ in range(round(TICK / dt)):
             pedal += dt * _valve_rate(voltage - NEUTRAL_V, 0.3, 0.5, 1.5)
@@ -128,9 +138,9 @@ def test_unreachable_speed_does_not_wind_up_the_integral() -> None:
     loop = SpeedLoop()
     state = loop.init()
     for _ in range(1000):
-        state, (pedal_ref, _) = loop.update(state, 9.0, 5.0, 1.0, TICK)
-    assert pedal_ref == 1.0
-    assert loop.update(state, 2.0, 5.0, 1.0, TICK)[1][0] < 0.7
+        state, _ = speed_step(loop.parameters(), state, 9.0, 5.0, 1.0, TICK)
+    assert state.reference == 1.0
+    assert speed_step(loop.parameters(), state, 2.0, 5.0, 1.0, TICK)[0].reference < 0.7
 
 
 def test_steering_reference_respects_its_rate_limit() -> None:
@@ -163,9 +173,10 @@ def test_integral_does_not_wind_up_at_either_limit(side: int, saturated: bool) -
 
 def test_outer_loop_state_is_unchanged_when_only_the_inner_loop_runs() -> None:
     loop = SpeedLoop()
-    state, _ = loop.update(loop.init(), 1.2, 0.7, 0.2, TICK)
-    held, (pedal_ref, voltage) = loop.hold(state, 0.5, 0.4, TICK)
+    law = loop.parameters()
+    state, _ = speed_step(law, loop.init(), 1.2, 0.7, 0.2, TICK)
+    held, voltage = pedal_step(law, state, 0.5, 0.4, TICK)
     assert held.outer == state.outer
-    assert pedal_ref == 0.5
+    assert held.reference == 0.5
     assert voltage == pytest.approx(NEUTRAL_V + 6.0 * 0.1 + 0.25)
-    assert loop.hold(state, 0.4, 0.5, TICK)[1][1] == pytest.approx(NEUTRAL_V - 6.0 * 0.1 - 0.25)
+    assert pedal_step(law, state, 0.4, 0.5, TICK)[1] == pytest.approx(NEUTRAL_V - 6.0 * 0.1 - 0.25)

@@ -17,6 +17,7 @@ from agrobot_mj.paths import FigureEight
 from agrobot_mj.plants import BicyclePlant
 from agrobot_mj.sensors import Suite
 from agrobot_mj.simulation.checks import Numbers
+from agrobot_mj.simulation.low_level import LowLevelLoops
 from agrobot_mj.simulation.run import run as run_without_hints
 from agrobot_mj.simulation.storage import write_log
 
@@ -168,10 +169,8 @@ def test_error_names_an_external_controller_with_non_finite_command(tmp_path):
 
 def test_error_names_a_non_finite_voltage(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
-    spoiled(monkeypatch, type(scenario.steering.loop), "update", lambda found: (found[0], nan))
-    assert (
-        run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, returned by the low-level loops")
-    )
+    spoiled(monkeypatch, LowLevelLoops, "drive", lambda found: found._replace(steer_voltage=nan))
+    assert run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, made by the low-level loops")
 
 
 def test_exceptions_in_a_user_defined_law_are_passed_on_unchanged(monkeypatch):

@@ -1,0 +1,56 @@
+"""Low-level loops of a run: brake, speed loop and steering loop in one compiled call per tick."""
+
+from typing import Any, Protocol
+
+from agrobot_mj.control.base import Situation
+from agrobot_mj.control.pid import (
+    BrakeState,
+    LoopsLaw,
+    LoopsState,
+    SpeedState,
+    SteeringLoop,
+    SteeringState,
+    loops_step,
+    wishes_of,
+)
+from agrobot_mj.core.kernels import bound
+from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Measurement
+from agrobot_mj.scenario.schema import Scenario
+
+
+class LoopStates(Protocol):
+    """Owner of the states of the low-level loops."""
+
+    speed: SpeedState
+    steering: Any
+    brake: BrakeState
+
+
+class LowLevelLoops:
+    """Low-level loops with their parameters as numbers; other steering loops than `SteeringLoop` are not compiled."""
+
+    def __init__(self, s: Scenario) -> None:
+        """Prepare the loops of a scenario."""
+        loop = s.steering.loop
+        self.other = None if type(loop) is SteeringLoop else loop
+        inner = loop if type(loop) is SteeringLoop else SteeringLoop()
+        self.speed, self.steering, self.idle = s.speed, loop, inner.init()
+        self.law = LoopsLaw(s.speed.parameters(), inner.parameters())
+        start = LoopsState(s.speed.init(), self.idle, BrakeState())
+        self._run = bound(loops_step, self.law, start, wishes_of(Command(0.0, 0.0), False), 0.0, 0.0, 0.0, TICK_S)
+
+    def drive(self, states: LoopStates, measured: Measurement, situation: Situation, command: Command) -> Drive:
+        """Return the valve voltages and the brake; the command may bypass either loop."""
+        reference, other = situation.reference, self.other
+        wishes = wishes_of(command, reference.vx == reference.vy == 0.0)
+        steering: SteeringState = self.idle if other else states.steering
+        before, steer = LoopsState(states.speed, steering, states.brake), measured.steer
+        after, drive = self._run(self.law, before, wishes, situation.estimate.speed, steer, measured.pedal, TICK_S)
+        states.speed, steering, states.brake = after
+        if other is None:
+            states.steering = steering
+            return Drive(*drive)
+        states.steering, voltage = other.update(states.steering, command.steer, steer, TICK_S)
+        if command.steer_voltage is not None:
+            voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
+        return Drive(voltage, *drive[1:])
