@@ -8,7 +8,6 @@ source are reported by stages: guidance laws, estimators and sensors declare `co
 
 from collections.abc import Callable, Iterable
 from math import nan
-from operator import attrgetter
 from typing import NamedTuple
 
 from agrobot_mj.control.base import YAW_COLUMNS
@@ -44,29 +43,41 @@ class Signal(NamedTuple):
     """Column of the log, and the source of its value."""
 
     column: Column
-    value: str | Callable[[Tick], float] | None
-    """Attribute or function of a tick; None for a value reported by a stage."""
+    value: str | None
+    """Expression of the fields of `Tick` and `Derived`; None for a value reported by a stage."""
 
 
-def _nees(k: Tick) -> float:
-    """Return the normalised error squared (NEES) of the rear-axle position [-]; mean 2 for a consistent estimator."""
-    t, e, p = k.truth, k.estimate, k.estimate.covariance
+class Derived(NamedTuple):
+    """Signals computed from the messages of a tick."""
+
+    gnss_x: float
+    gnss_y: float
+    """GNSS position of the antenna, east and north; NaN without a fix [m]."""
+    ahead: float
+    left: float
+    """Position of the reference relative to the true CG, along and left of the reference heading [m]."""
+    p_xx: float
+    p_xy: float
+    p_yy: float
+    """Estimated covariance of the rear-axle position [m2]."""
+    p_yaw: float
+    """Estimated variance of the heading [rad2]."""
+    nees: float
+    """Normalised error squared (NEES) of the rear-axle position; mean 2 for a consistent estimator [-]."""
+
+
+def _derived(k: Tick) -> Derived:
+    """Return the signals computed from the messages of a tick."""
+    t, r, e, fix = k.truth, k.reference, k.estimate, k.measured.fix
+    p: list[list[float]] = e.covariance.tolist()
     dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
-    p_xx, p_xy, p_yy = float(p[0, 0]), float(p[0, 1]), float(p[1, 1])
-    return (p_yy * dx * dx - 2 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)
+    p_xx, p_xy, p_yy = p[0][0], p[0][1], p[1][1]
+    nees = (p_yy * dx * dx - 2 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)
+    gnss = (fix.x, fix.y) if fix else (nan, nan)
+    return Derived(*gnss, *to_heading(r.yaw, r.x - t.x, r.y - t.y), p_xx, p_xy, p_yy, p[2][2], nees)
 
 
-def _behind(k: Tick) -> tuple[float, float]:
-    """Return the position of the reference relative to the true CG, along and left of the reference heading [m]."""
-    return to_heading(k.reference.yaw, k.reference.x - k.truth.x, k.reference.y - k.truth.y)
-
-
-def _fixed(k: Tick) -> tuple[float, float]:
-    """Return the GNSS position of the antenna, east and north [m]; NaN without a fix."""
-    return (k.measured.fix.x, k.measured.fix.y) if k.measured.fix else (nan, nan)
-
-
-def _signals(*rows: tuple[str, str, str, str | Callable[[Tick], float]]) -> tuple[Signal, ...]:
+def _signals(*rows: tuple[str, str, str, str]) -> tuple[Signal, ...]:
     return tuple(Signal(Column(name, unit, text), value) for name, unit, text, value in rows)
 
 
@@ -101,22 +112,22 @@ _ESTIMATE = _signals(
     ("steer_bias_hat", "rad", "estimated bias of the steering sensor; null if not estimated", "estimate.steer_bias"),
     ("rear_x_hat", "m", "estimated R, east", "estimate.rear_x"),
     ("rear_y_hat", "m", "estimated R, north", "estimate.rear_y"),
-    ("p_xx", "m2", "estimated variance of R, east", lambda k: float(k.estimate.covariance[0, 0])),
-    ("p_xy", "m2", "estimated covariance of R, east and north", lambda k: float(k.estimate.covariance[0, 1])),
-    ("p_yy", "m2", "estimated variance of R, north", lambda k: float(k.estimate.covariance[1, 1])),
-    ("p_yaw", "rad2", "estimated variance of the heading", lambda k: float(k.estimate.covariance[2, 2])),
-    ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", _nees),
-    ("position_nis", "-", "normalised innovation squared of the fix; null without a fix", "estimate.nis"),
+    ("p_xx", "m2", "estimated variance of R, east", "p_xx"),
+    ("p_xy", "m2", "estimated covariance of R, east and north", "p_xy"),
+    ("p_yy", "m2", "estimated variance of R, north", "p_yy"),
+    ("p_yaw", "rad2", "estimated variance of the heading", "p_yaw"),
+    ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", "nees"),
+    ("position_nis", "-", "normalised innovation squared of the fix; null without", "estimate.nis"),
 )
 _CONDITIONS = _signals(
-    ("gnss_x", "m", "GNSS solution of the antenna, east; null without a solution", lambda k: _fixed(k)[0]),
-    ("gnss_y", "m", "GNSS solution of the antenna, north; null without a solution", lambda k: _fixed(k)[1]),
-    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
-    ("faults_active", "-", "number of active scripted faults", "faults"),
+    ("gnss_x", "m", "GNSS solution of the antenna, east; null without", "gnss_x"),
+    ("gnss_y", "m", "GNSS solution of the antenna, north; null without", "gnss_y"),
+    ("gnss_quality", "-", "quality of the GNSS: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
+    ("faults_active", "-", "number of scripted faults that act", "faults"),
 )
 _ERRORS = _signals(
-    ("e_longitudinal", "m", "reference minus true CG, ahead positive (time-based)", lambda k: _behind(k)[0]),
-    ("e_lateral", "m", "reference minus true CG, left positive (time-based)", lambda k: _behind(k)[1]),
+    ("e_longitudinal", "m", "reference less true CG, ahead positive (time-based)", "ahead"),
+    ("e_lateral", "m", "reference less true CG, left positive (time-based)", "left"),
     ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", "command.speed"),
 )
 _ACTUATION = _signals(
@@ -127,12 +138,12 @@ _ACTUATION = _signals(
     ("valve_voltage", "V", "voltage of the steering valve; neutral at 6 V, left above", "drive.steer_voltage"),
     ("pedal_ref", "-", "pedal position commanded by the speed loop, -1 to 1", "pedal_ref"),
     ("pedal", "-", "true pedal position, forward positive", "truth.pedal"),
-    ("pedal_measured", "-", "filtered measurement of the pedal", "measured.pedal"),
-    ("pedal_voltage", "V", "voltage of the pedal valve, 6 V is neutral; null without power", "drive.pedal_voltage"),
-    ("brake", "-", "applied fraction of the brake torque, 0 to 1", "drive.brake"),
-    ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", lambda k: k.actuation[0]),
-    ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", lambda k: k.actuation[1]),
-    ("drive_torque", "N m", "total torque on the driven wheels; null without wheels", lambda k: k.actuation[2]),
+    ("pedal_measured", "-", "pedal potentiometer after its filter", "measured.pedal"),
+    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above is forward; null without power", "drive.pedal_voltage"),
+    ("brake", "-", "share of the brake's torque that is applied, 0 to 1", "drive.brake"),
+    ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", "actuation[0]"),
+    ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", "actuation[1]"),
+    ("drive_torque", "N m", "torque on the driven wheels, sum; null without wheels", "actuation[2]"),
 )
 
 SIGNALS = (
@@ -161,20 +172,16 @@ WHEEL_SIGNALS = tuple(
 )
 """Additional columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
-_read = attrgetter(*(signal.value if isinstance(signal.value, str) else "truth.t" for signal in SIGNALS))
-"""Return the attributes of a tick that are signals; the time stands in for other signals."""
-_MADE = tuple((k, signal.value) for k, signal in enumerate(SIGNALS) if callable(signal.value))
-_REPORTED = tuple(k for k, signal in enumerate(SIGNALS) if signal.value is None)
+_SOURCES = ", ".join(signal.value or "nan" for signal in SIGNALS)
+_values: Callable[..., list[float]] = eval(
+    f"lambda {', '.join((*Tick._fields, *Derived._fields))}: [{_SOURCES}]", {"nan": nan}
+)
+"""Return the values of `COLUMNS` for the fields of `Tick` and `Derived`."""
 
 
 def row(tick: Tick) -> list[float]:
     """Return the values of `COLUMNS` for a tick; NaN for columns that a stage reports."""
-    values = list(_read(tick))
-    for k, value in _MADE:
-        values[k] = value(tick)
-    for k in _REPORTED:
-        values[k] = nan
-    return values
+    return _values(*tick, *_derived(tick))
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:

@@ -5,6 +5,7 @@ missing value (no fix, no network) is NaN in arrays and null in tables. Rows of 
 (`long_array`), and tables are built in blocks.
 """
 
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,6 +24,8 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
 from agrobot_mj.terrain.memory import RutMap
 
+COMMON = len(COLUMNS)
+"""Number of columns of every log."""
 BLOCK = 32
 """Number of rows in a block of a saved log."""
 
@@ -49,17 +52,20 @@ class Rows:
         self._poses = LongArray(ticks, (bodies, 7))
         self.filled = 0
         self._blocks: list[tuple[Array, Array]] = []
-        self._wheels = slice(len(COLUMNS), len(COLUMNS) + wheels)
-        self._reported = np.array([self.columns.index(column.name) for column in reported], dtype=np.intp)
+        self._wheels = slice(COMMON, COMMON + wheels)
+        places = [self.columns.index(column.name) for column in reported]
+        first = min(places, default=0)
+        in_a_row = places == list(range(first, first + len(places)))
+        self._reported = slice(first, first + len(places)) if in_a_row else np.array(places, dtype=np.intp)
 
     def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
         """Append a tick: common columns, wheel report, poses of the bodies, and values reported by the stages."""
         self._make_room(self.filled + 1)
-        values = self._values.numbers[self.filled]
-        values[: len(COLUMNS)] = row
+        values, numbers = self._values.numbers[self.filled], np.frombuffer(array("d", [*row, *report]))
+        values[:COMMON] = numbers[:COMMON]
         values[self._wheels] = wheels
-        if len(self._reported):
-            values[self._reported] = report
+        if len(self.columns) > COMMON or len(report):
+            values[self._reported] = numbers[COMMON:]
         self._poses.numbers[self.filled] = poses
         self.filled += 1
 
@@ -74,13 +80,13 @@ class Rows:
         return self._poses.numbers
 
     def _make_room(self, end: int) -> None:
-        for array in (self._values, self._poses):
-            array.make_room(end)
+        self._values.make_room(end)
+        self._poses.make_room(end)
 
     def release(self) -> None:
         """Free the memory of rows that are stored in a file."""
-        for array in (self._values, self._poses):
-            array.release()
+        self._values.release()
+        self._poses.release()
 
     def save(self) -> SavedRows:
         """Return the rows so far; only rows that are missing in earlier snapshots of the run are copied."""
