@@ -161,10 +161,10 @@ class Reception(NamedTuple):
         if conditions is not NOMINAL:
             CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
         sensors, measured = suite.measure(self.sensors, truth, conditions)
-        optional = measured.gyro, measured.roll, measured.pitch, measured.wheel_speed
-        sound = measured.fix is None or _possible(measured.fix)
-        if sound and isfinite(measured.steer + measured.pedal) and inf not in map(abs, optional):
-            return Reception(sensors, measured.steer, measured.pedal, self.rejected), measured
+        _, fix, _, steer, pedal, *optional, _ = measured
+        sound = fix is None or _possible(fix)
+        if sound and isfinite(steer + pedal) and inf not in map(abs, optional):
+            return Reception(sensors, steer, pedal, self.rejected), measured
         SAMPLED_STATE.check(truth, plant)
         changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
         for name in ("steer", "pedal"):

@@ -53,12 +53,15 @@ class Wiring(NamedTuple):
     steer: SignalLine = SignalLine(0.0)
     pedal: SignalLine = SignalLine(0.0)
 
-    def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring, Drive]":
+    @classmethod
+    def after(cls, drive: Drive) -> "Wiring":
+        """Return the state of intact lines that have transmitted these voltages."""
+        return cls(SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V))
+
+    def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":
         """Return the state of the lines after a tick of length `dt` [s], and the received voltages."""
         if conditions.valve == conditions.pedal_valve == SOUND:
-            return Wiring(
-                SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V)
-            ), drive
+            return drive, drive
         steer, steer_voltage = _carried(self.steer, drive.steer_voltage, conditions.valve, dt)
         pedal, pedal_voltage = _carried(self.pedal, drive.pedal_voltage, conditions.pedal_valve, dt)
         return Wiring(steer, pedal), drive._replace(steer_voltage=steer_voltage, pedal_voltage=pedal_voltage)
@@ -90,8 +93,8 @@ class Stages:
     speed: SpeedState
     steering: Any
     brake: BrakeState
-    wiring: Wiring
-    """Signal lines to the valves."""
+    wiring: Wiring | Drive
+    """Signal lines to the valves, or the last voltages of intact lines."""
 
 
 class Loop:
@@ -195,14 +198,18 @@ class Loop:
             pedal_ref=state.speed.reference,
             drive=drive._replace(pedal_voltage=nan) if command.released else drive,
             saturated=abs(state.steering.reference) > self.scenario.tractor.steer_limit - SATURATION_MARGIN,
-            faults=self.script.active(self.truth.t),
+            faults=self.script.active(self.truth.t) if self.script.faults else 0,
             actuation=self.plant.actuation(),
         )
 
     def advance(self, drive: Drive) -> Truth:
         """Advance the plant by one tick; apply the faults of the next tick."""
         state = self.stages
-        state.wiring, arrived = state.wiring.carried(drive, state.conditions, TICK_S)
+        if not self.script.faults:
+            state.wiring, self.truth = drive, self.plant.advance(drive, state.conditions)
+            return self.truth
+        lines = state.wiring if isinstance(state.wiring, Wiring) else Wiring.after(state.wiring)
+        state.wiring, arrived = lines.carried(drive, state.conditions, TICK_S)
         self.truth = self.plant.advance(arrived, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
         return self.truth

@@ -114,8 +114,10 @@ class Simulation:
         state. Raises `CommandError` for an invalid command, after the end, and while another thread uses the
         simulation.
         """
-        wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
-        given = {k: v for k, v in wanted.items() if v is not None}
+        given = {}
+        if not steer is curvature is yaw_rate is steer_voltage is None:
+            wanted = {"steer": steer, "curvature": curvature, "yaw_rate": yaw_rate, "steer_voltage": steer_voltage}
+            given = {k: v for k, v in wanted.items() if v is not None}
         with self._guard:
             return self._step(given, speed)
 
