@@ -215,7 +215,7 @@ class Sensors(Spec):
 
 NOISY = Values._fields[1:]
 """Compiled sensors that may be absent."""
-KINDS = {name: type(sensor) for name, sensor in Sensors().all.items()}
+KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}
 """Classes of the compiled sensors."""
 
 
