@@ -1,21 +1,12 @@
-"""Compilation of scalar kernels, without the GIL and with a disk cache; plain Python with `NUMBA_DISABLE_JIT=1`.
-
-Conversion of kernel results to Python objects in C, without Python code that a signal handler could interrupt.
-
-Numba runs Python code to find the class of a named tuple and the type of an array, and to create a named tuple. A
-handler that raises an exception there (KeyboardInterrupt) causes a null pointer and a segmentation fault. Here the
-classes are constants of the kernel, `tuple.__new__` creates the tuples, and the Python code runs once per array type.
-"""
+"""Compilation of scalar kernels, without the GIL and with a disk cache; plain Python with `NUMBA_DISABLE_JIT=1`."""
 
 import os
 from collections.abc import Callable
-from functools import cache, lru_cache, wraps
+from functools import cache, wraps
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numba import config, njit, typeof, types
-from numba.core import pythonapi, serialize
-from numba.core.boxing import box_tuple
 from numba.core.codegen import JITCodeLibrary
 from numba.extending import overload_method, register_jitable
 
@@ -23,30 +14,6 @@ from agrobot_mj.core import geometry
 from agrobot_mj.core.boxing import box_in_c
 from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
-
-
-def box_in_c() -> None:
-    """Enable the conversion in C for all kernels of this process."""
-    for kind in (containers.NamedTuple, containers.NamedUniTuple):
-        pythonapi._boxers.functions[kind] = _box_record
-    serialize._numba_unpickle = lru_cache(maxsize=None)(serialize._numba_unpickle)
-
-
-def _box_record(kind: Any, value: Any, c: Any) -> Any:
-    """Return the Python named tuple for a native value; `c` is numba's conversion context."""
-    new, cls = (_constant(c, part) for part in (tuple.__new__, kind.instance_class))
-    values = box_tuple(kind, value, c)
-    arguments = c.pyapi.tuple_pack([cls, values])
-    made = c.pyapi.call(new, arguments)
-    c.pyapi.decref(arguments)
-    c.pyapi.decref(values)
-    return made
-
-
-def _constant(c: Any, value: object) -> Any:
-    """Return a borrowed reference to a constant owned by the kernel."""
-    return c.env_manager.read_const(c.env_manager.add_const(value))
-
 
 F = TypeVar("F", bound=Callable[..., object])
 if "NUMBA_OPT" not in os.environ:
@@ -93,7 +60,10 @@ def kernel(function: F) -> F:
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """Return `function` compiled for the types of these arguments, without numba's type dispatch."""
+    """Return `function` compiled for the types of these arguments, without numba's type dispatch.
+
+    The dispatch takes about one microsecond per named tuple.
+    """
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
     return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))

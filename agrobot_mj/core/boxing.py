@@ -1,0 +1,36 @@
+"""Conversion of kernel results to Python objects in C, without Python code that a signal handler could interrupt.
+
+Numba runs Python code to find the class of a named tuple and the type of an array, and to create a named tuple. A
+handler that raises an exception there (KeyboardInterrupt) causes a null pointer and a segmentation fault. Here the
+classes are constants of the kernel, `tuple.__new__` creates the tuples, and the Python code runs once per array type.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+from numba.core import pythonapi, serialize
+from numba.core.boxing import box_tuple
+from numba.core.types import containers
+
+
+def box_in_c() -> None:
+    """Enable the conversion in C for all kernels of this process."""
+    for kind in (containers.NamedTuple, containers.NamedUniTuple):
+        pythonapi._boxers.functions[kind] = _box_record
+    serialize._numba_unpickle = lru_cache(maxsize=None)(serialize._numba_unpickle)
+
+
+def _box_record(kind: Any, value: Any, c: Any) -> Any:
+    """Return the Python named tuple for a native value; `c` is numba's conversion context."""
+    new, cls = (_constant(c, part) for part in (tuple.__new__, kind.instance_class))
+    values = box_tuple(kind, value, c)
+    arguments = c.pyapi.tuple_pack([cls, values])
+    made = c.pyapi.call(new, arguments)
+    c.pyapi.decref(arguments)
+    c.pyapi.decref(values)
+    return made
+
+
+def _constant(c: Any, value: object) -> Any:
+    """Return a borrowed reference to a constant owned by the kernel."""
+    return c.env_manager.read_const(c.env_manager.add_const(value))
