@@ -18,9 +18,9 @@ from scipy.integrate import cumulative_trapezoid
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Source, column_names, source_name
 from agrobot_mj.extensions.logs.checks import CHORD_S, SLIPPED, check_columns
-from agrobot_mj.extensions.logs.identify.fit import DELAY_S, VehicleFit, fit, priors
+from agrobot_mj.extensions.logs.identify.fit import DELAY_S, Prior, VehicleFit, fit, priors
 from agrobot_mj.extensions.logs.identify.model import Chassis2
-from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, enough
+from agrobot_mj.extensions.logs.identify.windows import PARAMETERS, WINDOW_S, VehicleData, enough, sensed
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn, built_in
 from agrobot_mj.extensions.logs.pieces import (
     TWO_SPEEDS,
@@ -31,6 +31,7 @@ from agrobot_mj.extensions.logs.pieces import (
 )
 from agrobot_mj.extensions.logs.quantities import Quantity, half_width
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording
+from agrobot_mj.extensions.logs.replay.scrub import scrub
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
 from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, centre_of, rough_steering
 from agrobot_mj.scenario.schema import Scenario
@@ -48,12 +49,20 @@ SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale"
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
 slip, corrections of 0.7 deg on a line give an antenna position error of 0.13 m, bends of 3 deg 0.016 m."""
-LAG_OF_TYRES_S = 0.025
-"""Half interval of a latency due to unmodelled tyre lag [s]. Assumed value, from other models."""
+LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.025, 0.04
+"""Half intervals of a latency due to unmodelled tyre lag [s], relative to a gyro and relative to the steering. Assumed
+values, from other models."""
 TWO_SIGMA = 2.0
-"""Half width of an interval divided by a standard error [-]."""
+"""Minimum difference of two scales, divided by its standard error [-]."""
+RIGHT_SIGMA = 0.3
+"""Prior standard deviation of the scale to the right divided by the scale to the left [-]."""
 ONE_SPEED = 3.0
 """Factor on intervals at a single speed, which confounds scale, tyres and antenna [-]. Assumed value (other models)."""
+MOST_SCRUB = 1.2
+"""Half interval of the scrub of tyres divided by that of the plant [-]: from none to twice as much. Assumed value."""
+SLIP_LEAD = 1 / 30
+"""Half interval of the latency of a wheel speed, divided by the speed [s2/m]: accelerating wheels slip. Assumed value
+(tyres on firm ground: 1/60)."""
 
 
 class _Drive(NamedTuple):
@@ -65,6 +74,12 @@ class _Drive(NamedTuple):
     """Whether latencies and antenna positions are identifiable."""
     steady: bool
     """Whether the log has a single speed."""
+    scrub: float
+    """Fraction of the yaw rate in slow bends lost by tyres that scrub [-]."""
+    slip_lead: float
+    """Half interval of the latency of a wheel speed due to slip [s]."""
+    gyro: bool
+    """Whether latencies are relative to a gyro."""
 
 
 class Calibration(NamedTuple):
@@ -111,10 +126,15 @@ class Calibration(NamedTuple):
         return self.fit.values.get("heading_offset")
 
     @property
+    def two_scales(self) -> bool:
+        """Whether the sensor has a different scale on each side."""
+        right, error = (each.get("steer_right") for each in (self.fit.values, self.fit.errors))
+        return right is not None and error is not None and abs(right - 1.0) > TWO_SIGMA * error
+
+    @property
     def largest_angle(self) -> float:
         """Maximum absolute wheel angle [rad]."""
-        scale, offset = self.fit.values["steer_scale"], self.fit.values["steer_offset"]
-        return max(float(np.abs(scale * piece.steer - offset).max()) for piece in self.data.pieces)
+        return max(float(np.abs(sensed(self.fit.values, piece.steer)).max()) for piece in self.data.pieces)
 
     @property
     def calibrated(self) -> LogMap:
@@ -148,7 +168,9 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
     angles = tuple(rough.angle(piece) for piece in cut.kept)
     chassis = Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, False)
     data = enough(angles, chassis, LEAST_WINDOWS)
-    result = fit(data, _names(data), priors(t, rough.age))
+    sides = ("steer_right",) if rough.right != 1.0 or log_map.speed.of == "antenna" else ()
+    known = priors(t, rough.age) | {"steer_right": Prior(rough.right, RIGHT_SIGMA)}
+    result = fit(data, (*_names(data), *sides), known)
     if not 1 / SLIPPED < (more := result.values["steer_scale"]) < SLIPPED:
         raise FieldLogError(
             f"{angles[0].name}: slipping tyres would need {more:.2g} times the steering of a straight-line fit; "
@@ -162,7 +184,9 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
                 f"the value of the map; set {part}.delay_s closer to the true value and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)
-    drive = _Drive(_wander(data), _spread(angles) > BENDS_RAD, fast < TWO_SPEEDS * slow)
+    lead = SLIP_LEAD * (slow + fast) / 2 if log_map.speed.of == "wheel" else 0.0
+    bends, gyro = _spread(angles) > BENDS_RAD, "yaw_rate" in data.channels
+    drive = _Drive(_wander(data), bends, fast < TWO_SPEEDS * slow, scrub(scenario), lead, gyro)
     found = _found(result, rough, log_map, drive)
     centres = tuple(
         centre for half in split(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
@@ -217,9 +241,11 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
         "steer.offset": (per * (rough.centre + o / (s * k)), slopes),
         "steer.scale": (abs(s * k) / unit, {"steer_scale": abs(k) / unit}),
     }
-    if rough.right != 1.0 or m.steer.scale_right is not None:
-        right = abs(k) * rough.right / unit
-        found["steer.scale_right"] = (s * right, {"steer_scale": right})
+    if "steer_right" in index:
+        right, one = value["steer_right"], abs(k) / unit
+        found["steer.scale_right"] = (s * right * one, {"steer_scale": right * one, "steer_right": s * one})
+    elif m.steer.scale_right is not None:
+        found["steer.scale_right"] = found["steer.scale"]
     if "steer_delay_s" in index:
         found["steer.delay_s"] = (m.steer.delay_s - value["steer_delay_s"], {"steer_delay_s": 1.0})
     if m.heading is not None and "heading_delay_s" in index:
@@ -233,11 +259,12 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
         found["speed.delay_s"] = (m.speed.delay_s + value.get("speed_delay_s", 0.0), {"speed_delay_s": 1.0})
         for key in ("ahead_m", "left_m"):
             found[f"position.{key}"] = (getattr(m.position, key) + value[key], {key: 1.0})
-    of_two = {"steer.offset": per * rough.centre_error, "steer.scale_right": s * abs(k) * rough.right_error / unit}
-    return {
-        key: _quantity(key, middle, slopes, result, index, drive, TWO_SIGMA * of_two.get(key, 0.0))
-        for key, (middle, slopes) in found.items()
-    }
+    known = {key: _quantity(key, middle, slopes, result, index, drive) for key, (middle, slopes) in found.items()}
+    left = known.get("position.left_m")
+    if left and m.position and "of" not in m.speed.model_fields_set and not left.excludes(m.position.left_m):
+        # with the speed of the antenna, the length of its track is the integral of the speed at any place
+        known["position.left_m"] = left._replace(identified=False)
+    return known
 
 
 def _wander(data: VehicleData) -> float:
@@ -259,23 +286,22 @@ def _quantity(
     result: VehicleFit,
     index: dict[str, int],
     drive: _Drive,
-    more: float,
 ) -> Quantity:
-    """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log.
-
-    `more` is a further independent half width of the interval.
-    """
+    """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log."""
     if not slopes.keys() <= index.keys():  # the fit omits a latency that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
         gradient[index[name]] = slope
     half, name = half_width(result.covariance, gradient, result.freedom), key.partition(".")[2]
-    half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander, more)
+    half = hypot(half, slopes.get("heading_offset", 0.0) * drive.wander)
     if name != "offset" and drive.steady:
         half *= ONE_SPEED
     if name == "delay_s":
-        half = hypot(half, LAG_OF_TYRES_S)
+        lag = LAG_OF_TYRES_S if drive.gyro and key != "steer.delay_s" else LAG_OF_MACHINE_S
+        half = hypot(half, lag, drive.slip_lead if key == "speed.delay_s" else 0.0)
+    if name in ("scale", "scale_right"):
+        middle, half = middle / (1 - drive.scrub), hypot(half, MOST_SCRUB * middle * drive.scrub)
     told = half < SURE[name] and (drive.bends or name in ("offset", "scale", "scale_right"))
     return Quantity(middle, middle - half, middle + half, told)
 

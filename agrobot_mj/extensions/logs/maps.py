@@ -86,8 +86,8 @@ class SpeedColumn(MeasuredColumn):
 
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
     """Unit of the values."""
-    of: Literal["ground", "wheel"] = "ground"
-    """Speed over ground (GNSS, radar) or of the driven wheels, which slip."""
+    of: Literal["ground", "antenna", "wheel"] = "ground"
+    """Speed of the rear axle over ground (radar), of the GNSS antenna, or of the driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True speed divided by the reading [-]."""
     signed: bool = False

@@ -15,7 +15,7 @@ from agrobot_mj.core.table_columns import FieldLogError, Mask, Source
 from agrobot_mj.extensions.logs.direction import STANDING_M_S, directed, is_signed
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, read_recording
-from agrobot_mj.extensions.logs.series import longest_pause
+from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, longest_pause
 
 STANDING_S = 2.0
 """Minimum duration of a standstill that separates segments [s]."""
@@ -55,7 +55,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
     for recording in recordings:
         signed |= is_signed(recording)
         found = directed(recording)
-        whole, bounds = found.recording, recording.bounds(start, end)
+        whole, bounds = _at_axle(found.recording), recording.bounds(start, end)
         out = sorted(_left_out(whole))
         spans = list(_between(out, *bounds, min(SHORTEST_S, bounds[1] - bounds[0])))
         kept += [whole.between(*span) for span in spans]
@@ -71,6 +71,14 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
     if not kept:
         raise FieldLogError(f"{'; '.join(notes)}; {_remedy(recordings)}")
     return Pieces(tuple(kept), tuple(notes), signed)
+
+
+def _at_axle(recording: FieldRecording) -> FieldRecording:
+    """Return the recording with the speed of the rear axle instead of that of the antenna at the place in the map."""
+    if not recording.antenna_speed or recording.yaw_rate is None:
+        return recording
+    (t, v), (ahead, left, _) = recording.speed, recording.arm
+    return recording._replace(speed=TimeSeries(t, axle_speed(v, np.interp(t, *recording.yaw_rate), ahead, left)))
 
 
 class Bursts(NamedTuple):

@@ -76,6 +76,8 @@ class FieldRecording(NamedTuple):
     """Speed along the heading [m/s]."""
     wheel_speed: bool
     """Whether the speed is that of the driven wheels."""
+    antenna_speed: bool
+    """Whether the recorded speed is that of the recorded point."""
     steer: TimeSeries | None
     """Wheel angle, left positive [rad]."""
     voltage: TimeSeries | None
@@ -162,6 +164,7 @@ def read_recording(
         end=min(series.t[-1] for series in inputs),
         speed=speed,
         wheel_speed=m.speed.of == "wheel",
+        antenna_speed=m.speed.of == "antenna",
         steer=steer,
         voltage=voltage,
         yaw_rate=yaw_rate,

@@ -144,6 +144,12 @@ def longest_pause(t: Array) -> float:
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
+def axle_speed(v: Array, yaw_rate: Array, ahead: float, left: float) -> Array:
+    """Return the speed of the rear axle from the speed of a point `ahead` and `left` of it [m], all (n,) [m/s]."""
+    found: Array = np.sign(v) * np.sqrt(np.maximum(v**2 - (ahead * yaw_rate) ** 2, 0.0)) + left * yaw_rate
+    return found
+
+
 def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
     """Return times in steps of `spacing` [s], shape (n,), and distances between the positions, shape (n - 1,) [m]."""
     t = np.arange(position.t[0], position.t[-1], spacing)

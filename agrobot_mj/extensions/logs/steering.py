@@ -49,10 +49,6 @@ class RoughSteering(NamedTuple):
     """Fraction of the variance explained [-]."""
     right: float = 1.0
     """Scale to the right divided by the scale to the left [-]; 1 for one line."""
-    right_error: float = 0.0
-    """Standard error of `right` [-]."""
-    centre_error: float = 0.0
-    """Standard error of the centre of two lines [unit of the sensor]; 0 for one line."""
 
     def wheel(self, reading: Array) -> Array:
         """Return the wheel angle of readings [rad]."""
@@ -64,10 +60,10 @@ class RoughSteering(NamedTuple):
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with readings converted to wheel angles."""
+        """Return the recording with readings converted to wheel angles by the scale to the left."""
         assert recording.steer is not None
         t, reading = recording.steer
-        return recording._replace(steer=TimeSeries(t, self.wheel(reading)))
+        return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
 
 
 class TurningSamples(NamedTuple):
@@ -142,12 +138,9 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
     whole = _meeting(samples, line)
     block = np.arange(samples.shape[1]) * BLOCKS // samples.shape[1]
     parts = [_meeting(samples[:, block != k], line) for k in range(BLOCKS)]
-    right_error, centre_error = (
-        sqrt((BLOCKS - 1) * float(np.var([getattr(part, key) for part in parts]))) for key in ("right", "centre")
-    )
-    if abs(np.log(max(whole.right, 1e-3))) < max(SIDES_DIFFER, SURELY * right_error / whole.right):
-        return line
-    return whole._replace(right_error=right_error, centre_error=centre_error)
+    error = sqrt((BLOCKS - 1) * float(np.var([part.right for part in parts])))
+    differ = abs(np.log(max(whole.right, 1e-3))) > max(SIDES_DIFFER, SURELY * error / whole.right)
+    return whole if differ else line
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:

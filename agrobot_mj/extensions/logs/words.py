@@ -26,7 +26,7 @@ LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
 LOOKAHEAD_M = 2.0
 """Look-ahead distance of the pure-pursuit law whose offset is reported [m]."""
 MOVED_DEG = 1.0
-"""Minimum reported change of the steering centre between both halves of a log [deg]."""
+"""Minimum reported error or change of the steering centre [deg]."""
 
 
 FOLLOWED = 0.05
@@ -103,7 +103,8 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     if given.unit in LIKE and LIKE[given.unit][0] < scale.value < LIKE[given.unit][1]:
         other = "rad" if given.unit == "deg" else "deg"
         yield f'If the readings are in {other}, the map should say so: unit = "{other}" in [steer].'
-    if right := c.found.get("steer.scale_right"):
+    if c.two_scales:
+        right = c.found["steer.scale_right"]
         yield (
             f"The sensor reads differently to each side: one{_unit(c).rstrip('s')} turns the wheels by {scale.text} "
             f"{given.unit} to the left and by {right.text} to the right, about one centre."

@@ -24,7 +24,6 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.identify.model import LateralMotion
 from agrobot_mj.extensions.logs.identify.windows import (
     CUT_OFF_HZ,
-    DYNAMICS,
     MASS_KG,
     PARAMETERS,
     WINDOW_S,
@@ -114,7 +113,7 @@ class Problem:
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
-        self.dynamic = [k for k, name in enumerate(self.names) if name in DYNAMICS]
+        self.dynamic = [k for k, name in enumerate(self.names) if name in data.dynamics]
         # a Jacobian reuses the motion for each sensor parameter
         self.motions = lru_cache(maxsize=2)(self._motions)
         self.bases = {name: self._basis(name, list(found)) for name, found in self._freedoms()}
@@ -186,7 +185,7 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
     noise = {k: Autoregression(np.zeros(LEAST_ORDER), 0.01) for k in data.channels}
-    for _ in range(ROUNDS):
+    for last in (*[False] * (ROUNDS - 1), True):
         problem = Problem(data, names, noise)
         # in units of the typical magnitudes, since the solver's tolerance applies to the norm of all parameters
         result: OptimizeResult = least_squares(
@@ -195,7 +194,7 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
             bounds=(units.low / scale, units.high / scale),
             diff_step=1e-3,
             xtol=1e-6,
-            ftol=1e-9,
+            ftol=1e-9 if last else 1e-5,
             max_nfev=60,
         )
         x = result.x * scale

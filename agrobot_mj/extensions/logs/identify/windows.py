@@ -22,7 +22,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.identify.model import STEP_S, Chassis2, Lateral, LateralMotion, simulate, wheel_angle
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
-from agrobot_mj.extensions.logs.series import TimeSeries
+from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed
 
 WINDOW_S = 5.0
 """Length of a window [s]: longer than the dynamics, with many windows per minute."""
@@ -70,7 +70,9 @@ class FitPiece(NamedTuple):
     steer: Array
     """Recorded wheel angle, low-pass filtered at `VehicleData.play_cut_off_hz` [rad]."""
     u: Array
-    """Recorded speed, low-pass filtered at `CUT_OFF_HZ` [m/s]."""
+    """Recorded speed, of the rear axle or of the antenna, low-pass filtered at `CUT_OFF_HZ` [m/s]."""
+    yaw_rate: Array | None
+    """Yaw rate of gyro or heading if the speed is that of the antenna [rad/s]; None for another speed or without."""
     heading: Callable[[Array], Array] | None
     """Function that returns the recorded heading at given times [rad]."""
     windows: slice
@@ -90,6 +92,12 @@ class VehicleData(NamedTuple):
     """Standard deviation of white noise on the recorded speed [m/s]."""
     play_cut_off_hz: float
     """Cut-off frequency of the low-pass filter of the recorded angle [Hz]."""
+
+    @property
+    def dynamics(self) -> set[str]:
+        """Names of the parameters that affect the motion."""
+        of_antenna = any(piece.recording.antenna_speed for piece in self.pieces)
+        return {*DYNAMICS, *(("ahead_m", "left_m", "heading_delay_s") if of_antenna else ())}
 
     @property
     def windows(self) -> int:
@@ -161,8 +169,15 @@ def _low_pass(cut_off: float) -> Array:
 def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiece:
     t = np.arange(recording.start, recording.end, STEP_S)
     steer = smoothed(recording.steer.at(t), cut_off) if recording.steer else np.zeros(len(t))
-    heading = recording.heading.smooth() if recording.heading else None
-    return FitPiece(recording, t, steer, smoothed(recording.speed.at(t), CUT_OFF_HZ), heading, windows)
+    heading, u, rate = recording.heading.smooth() if recording.heading else None, recording.speed.at(t), None
+    if recording.antenna_speed and recording.yaw_rate:
+        rate, (ahead, left, _) = np.interp(t, *recording.yaw_rate), recording.arm
+        u = np.sign(u) * np.hypot(u - left * rate, ahead * rate)
+        if recording.yaw_rate_source == "course":
+            rate = None  # the course turns otherwise than a machine with its antenna ahead
+        elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative from cubics
+            rate = np.gradient(smoothed(heading(t), CUT_OFF_HZ), STEP_S)
+    return FitPiece(recording, t, steer, smoothed(u, CUT_OFF_HZ), rate, heading, windows)
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
@@ -234,7 +249,7 @@ SENSORS = {
     "ahead_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
 }
-"""Parameters without effect on the motion. The antenna position is relative to the map."""
+"""Parameters without effect on the motion. The antenna position, relative to the map, has one if its speed is used."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -242,6 +257,7 @@ DYNAMICS = {
     "rear_relaxation_m": Parameter(0.5, 0.0, 5.0, 0.1),
     "steer_offset": Parameter(0.0, -0.3, 0.3, 0.01),
     "steer_scale": Parameter(1.0, 0.3, 3.0, 0.01),
+    "steer_right": Parameter(1.0, 0.1, 10.0, 0.01),
     "steer_delay_s": Parameter(0.02, -1.0, 1.0, 0.02),
     "steer_lag_s": Parameter(0.05, 0.0, 1.0, 0.02),
     "backlash": Parameter(radians(0.2), 0.0, radians(20.0), 0.01),
@@ -258,13 +274,23 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
-    recorded = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
-    delta = wheel_angle(recorded, STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
+    delta = wheel_angle(sensed(p, recorded), STEP_S, p.get("backlash", 0.0), p.get("steer_lag_s", 0.0))
     delta = smoothed(delta, CUT_OFF_HZ)
     stiff = 1e-9
     C_f, C_r = (1.0 / max(p[f"{axle}_compliance"], stiff) for axle in ("front", "rear"))
     tyres = Lateral(C_f, C_r, p.get("front_relaxation_m", 0.0), p.get("rear_relaxation_m", 0.0))
-    return simulate(data.chassis, tyres, speed(p, piece), delta, STEP_S)
+    u = speed(p, piece)
+    found = simulate(data.chassis, tyres, u, delta, STEP_S)
+    if piece.recording.antenna_speed and piece.yaw_rate is None:
+        u = axle_speed(u, found.yaw_rate, *_place(p, piece))
+        found = simulate(data.chassis, tyres, u, delta, STEP_S)
+    return found
+
+
+def sensed(p: Mapping[str, float], recorded: Array) -> Array:
+    """Return the angle at the sensor for recorded angles [rad]."""
+    angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
+    return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 
 
 def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
@@ -272,7 +298,16 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
     found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
         piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
     )
-    return found
+    if piece.yaw_rate is None:
+        return found
+    later = p.get("heading_delay_s", 0.0) if piece.recording.yaw_rate_source == "heading" else 0.0
+    return axle_speed(found, np.interp(piece.t + later, piece.t, piece.yaw_rate), *_place(p, piece))
+
+
+def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
+    """Return the position of the antenna ahead and left of the middle of the rear axle [m]."""
+    ahead, left, _ = piece.recording.arm
+    return ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0)
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
@@ -311,8 +346,7 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
     """Return the antenna position for a rear axle at x, y with heading `yaw` [m]."""
-    ahead, left, _ = piece.recording.arm
-    ahead, left, c, s = ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0), np.cos(yaw), np.sin(yaw)
+    (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
     return x + ahead * c - left * s, y + ahead * s + left * c
 
 

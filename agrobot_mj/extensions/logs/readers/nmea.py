@@ -67,8 +67,9 @@ class _Sentences:
                 f"{self.early} sentences before the first fix or before the receiver set its clock are omitted"
             )
         if self.unclear:
-            notes.append(f"{self.unclear} sentences with invalid fields are omitted, first {self.first_unclear}")
-        return self.samples.log(f"sentences with a time, a fix and values ({', '.join(KINDS)})", *notes)
+            notes.append(f"left out {self.unclear} sentences with fields of no meaning, first {self.first_unclear}")
+        what = f"sentences with a time, a fix and values ({', '.join(KINDS)})"
+        return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
         """Return the quantities of a sentence and set its time; None for a sentence without meaning, or too early."""

@@ -1,0 +1,51 @@
+"""Machines with drawn sensors, driven on the simulator: the intervals of a calibration contain the hidden truth.
+
+`drawn.py` draws and drives them. The page of the extension has the table of the slow test.
+"""
+
+from collections import Counter
+from math import hypot
+
+import pytest
+from drawn import drawn, errors, owned
+
+from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.extensions.logs.calibrate import calibrate
+
+FEW = (0, 1)
+"""Machines of the quick test: a wheel speed with a gyro, and two scales with the speed of a receiver."""
+
+
+def test_quantities_of_drawn_machines_lie_inside_their_intervals():
+    for seed in FEW:
+        found = errors(seed, 80.0)
+        outside = {key: each for key, each in found.items() if abs(each[0]) > each[1]}
+        assert len(outside) <= 1, outside
+        assert all(abs(off) < 1.5 * half for off, half, _ in found.values())
+        assert sum(told for *_, told in found.values()) >= len(found) - 1
+
+
+def test_two_drives_of_one_machine_agree_within_their_intervals():
+    one, other = (
+        calibrate([log.table], log.log_map, log.scenario).found for log in (owned(2, 80.0, again=k) for k in (0, 1))
+    )
+    for key in one.keys() & other.keys():
+        assert abs(one[key].value - other[key].value) < hypot(one[key].half, other[key].half), key
+
+
+def test_receiver_of_one_fix_a_second_is_rejected_with_its_rate():
+    log = owned(0, 40.0, drawn(0)._replace(position_hz=1))
+    with pytest.raises(FieldLogError, match=r"a position comes 1 times a second, a fit needs 2\.5; log every one"):
+        calibrate([log.table], log.log_map, log.scenario)
+
+
+@pytest.mark.slow
+def test_intervals_contain_the_truth_in_90_of_100_drawn_machines():
+    """Of 95 % intervals as many hold with a chance of 99 %."""
+    inside, told = Counter[str](), Counter[str]()
+    for seed in range(100):
+        for key, (off, half, identified) in errors(seed, 80.0).items():
+            told[key] += identified
+            inside[key] += identified and abs(off) < half
+    print({key: f"{inside[key]} of {told[key]}" for key in told})
+    assert all(inside[key] >= 0.9 * told[key] for key in told)
