@@ -6,7 +6,7 @@ slip, independent of the wheelbase. A centre that moves or differs from the map 
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from math import degrees, sqrt
+from math import degrees, hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +56,11 @@ class LogHealth(NamedTuple):
     """Centres over time."""
     ahead_m: tuple[float, float] | None
     """Distance of the antenna ahead of the rear axle, and its standard error [m]."""
+
+    @property
+    def centre(self) -> float:
+        """Mean centre of the parts [unit of the sensor]."""
+        return float(np.mean([part.centre for part in self.parts]))
 
     @property
     def centre_error(self) -> float:
@@ -120,14 +125,32 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
     """Return sentences about the health of logs; unreadable logs are skipped; their reader reports the error."""
-    lines = []
+    found = []
     for source in sources:
         try:
-            found = health(read_recording(source, log_map, height, readings=True))
+            found.append(health(read_recording(source, log_map, height, readings=True)))
         except FieldLogError:
             continue
-        lines += [f"{found.name}: {line}" for line in sentences_of(found, log_map)]
-    return lines
+    lines = [f"{each.name}: {line}" for each in found for line in sentences_of(each, log_map)]
+    judged = [each for each in found if each.steering and each.parts and each.steering.explained >= TOLD]
+    return [*lines, *(line for one, other in pairwise(judged) for line in _moved(one, other))]
+
+
+def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
+    """Yield a sentence about a steering centre that differs between two logs."""
+    assert one.steering is not None
+    per_reading, (before, after) = degrees(abs(one.steering.scale)), (one.centre, other.centre)
+    if per_reading * (abs(after - before) - SIGMAS * hypot(one.centre_error, other.centre_error)) > MOVED_DEG:
+        digits = _digits(per_reading)
+        yield (
+            f"the steering centre is {before:.{digits}f} in {one.name} and {after:.{digits}f} in {other.name}: the "
+            "sensor has moved; take each log by itself"
+        )
+
+
+def _digits(per_reading: float) -> int:
+    """Return the number of decimals of a centre for readings of an angle [deg]."""
+    return max(0, -int(np.floor(np.log10(0.1 / per_reading))))
 
 
 def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
@@ -156,9 +179,8 @@ def _of_steering(h: LogHealth, steering: RoughSteering, m: SteerColumn) -> Itera
         yield f"the steering explains {share:.0f} % of the yaw rate, too little to evaluate the steering centre"
         return
     per_reading = degrees(abs(steering.scale))
-    digits = max(0, -int(np.floor(np.log10(0.1 / per_reading))))
-    centres = [part.centre for part in h.parts]
-    middle, moved = float(np.mean(centres)), max(centres) - min(centres)
+    digits, centres = _digits(per_reading), [part.centre for part in h.parts]
+    middle, moved = h.centre, max(centres) - min(centres)
     where = ", ".join(f"{each.centre:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
     yield f"the steering explains {share:.0f} % of the yaw rate; steering centre: {where}"
     if per_reading * moved > MOVED_DEG:

@@ -1,7 +1,7 @@
 """Sentences about the results of a log analysis: calibration, identification, replay and twin."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from math import degrees, sin, tan
+from math import atan, degrees, sin, tan
 from typing import Any
 
 import numpy as np
@@ -242,6 +242,15 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
             "plant.kind = bicycle it does"
         )
     yield from _way_doubts(m["position"])
+    if (rate := m["yaw_rate"]) and rate["source"] == "heading" and mean:
+        off = degrees(atan(tractor.wheelbase_m * rate["bias"] / mean))
+        if abs(off) > MOVED_DEG:
+            side = "right" if off > 0 else "left"
+            yield (
+                f"The plant turns by {degrees(rate['bias']):+.2f} deg/s more to the left than the recorded heading, "
+                f"which has no bias: the wheels are {abs(off):.1f} deg further to the {side} than the map says; has "
+                "the sensor moved (steer.offset)?"
+            )
     if not (rate := m["yaw_rate"]) or rate["explained"] is None:
         return
     if rate["explained"] < 0 or (rate["gain"] or 0.0) > WRONG_GAIN:

@@ -4,12 +4,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
 import pytest
-from field_logs import field_log, field_map, path
+from field_logs import WHEELBASE_M, field_log, field_map, path
 
 from agrobot_mj.extensions.logs.health import health_lines
+from agrobot_mj.extensions.logs.replay.result import replay
+from agrobot_mj.extensions.logs.words import doubts
+from agrobot_mj.scenario.loading import load_scenario
 
 DRIVEN = path(duration=100.0, swing_deg=12.0)
 SCALE = 0.15
+BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle", "tractor.wheelbase_m": WHEELBASE_M})
 
 
 def counts_about(centre):
@@ -47,6 +51,27 @@ def test_a_sensor_that_slips_within_the_log_is_told():
     told = lines_of(columns)[-1]
     assert told.endswith("within this log; check whether the sensor is loose")
     assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
+
+
+def test_a_sensor_that_slips_between_two_logs_is_told():
+    logs = [pa.table(field_log(DRIVEN, counts=counts_about(centre), seed=centre)) for centre in (432, 452)]
+    log_map = field_map(field_log(DRIVEN), steer={"scale": SCALE})
+    told = health_lines(logs, log_map)[-1]
+    assert told.endswith("the sensor has moved; take each log by itself")
+    before, after = (float(told.split(word)[1].split()[0]) for word in ("centre is ", " and "))
+    assert (before, after) == (pytest.approx(432, abs=1), pytest.approx(452, abs=1))
+    assert not any("has moved" in line for line in health_lines([logs[0], logs[0]], log_map))
+
+
+def test_replay_tells_the_angle_of_a_wrong_centre():
+    columns = field_log(path(duration=40.0), counts=counts_about(432))
+    steer = {"offset": 412, "scale": SCALE}
+    found = replay([pa.table(columns)], field_map(columns, steer=steer), BICYCLE)
+    (told,) = [line for line in doubts(found, BICYCLE.tractor) if "has the sensor moved" in line]
+    assert float(told.split("wheels are ")[1].split()[0]) == pytest.approx(20 * SCALE, abs=0.3)
+    assert "deg further to the right than the map says" in told
+    right = replay([pa.table(columns)], field_map(columns, steer=steer | {"offset": 432}), BICYCLE)
+    assert not any("has the sensor moved" in line for line in doubts(right, BICYCLE.tractor))
 
 
 def test_sensor_with_two_scales_has_the_right_centre():
