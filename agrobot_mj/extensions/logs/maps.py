@@ -246,6 +246,7 @@ def known_map(names: Sequence[str]) -> LogMap | None:
 
 SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("steer", ("steer",), {"column": "steer", "unit": "rad"}),
+    ("steer", ("was",), {"column": "was"}),
     ("speed", ("speed",), {"column": "speed"}),
     ("speed", ("wheel_speed",), {"column": "wheel_speed", "of": "wheel"}),
     ("yaw_rate", ("yaw_rate",), {"column": "yaw_rate", "unit": "rad/s"}),

@@ -21,10 +21,12 @@ from agrobot_mj.extensions.logs.readers.isoxml import TaskData
 from agrobot_mj.extensions.logs.readers.mcap import Ros2Bag
 from agrobot_mj.extensions.logs.readers.nmea import NmeaText
 from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
+from agrobot_mj.extensions.logs.readers.timed import TimedLines
 
 READERS = LogReader.registry
 """All readers in the order of their evaluation, the most specific first."""
-READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), NmeaText(), CanText(), FreeColumns()]
+READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), TimedLines(), NmeaText(), CanText()]
+READERS += [FreeColumns()]
 
 
 class OpenedLog(NamedTuple):

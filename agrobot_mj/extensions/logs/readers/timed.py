@@ -1,0 +1,56 @@
+"""Reader for lines of a logging program, each with its ISO time: `time: sentence` or `time: {json}`.
+
+The program's time applies to all values, since JSON has no other. Sentences are those of the `nmea` reader. Of the JSON
+objects, `yaw` is the heading of an inertial unit in degrees from north; further numbers become columns, such as `was`,
+the counts of the steering sensor.
+"""
+
+import json
+from datetime import datetime
+from pathlib import Path
+from re import compile as pattern
+from typing import Literal
+
+from agrobot_mj.core.agopengps.layouts import from_compass
+from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples, text_lines
+from agrobot_mj.extensions.logs.readers.sentences import KINDS, found_in
+
+LINE = pattern(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)?): ?([${].*)")
+"""Pattern of a line: time and content."""
+FIRST = 5
+"""Number of lines at the start, of which most have the pattern."""
+
+
+class TimedLines(LogReader):
+    """Lines of sentences and JSON objects with ISO times: position, speed, heading, counts of the steering sensor."""
+
+    kind: Literal["lines"] = "lines"
+
+    def recognises(self, head: Head) -> bool:
+        """Return whether most of the first lines have the pattern."""
+        first = head.lines[:FIRST]
+        return 2 * sum(LINE.fullmatch(line.strip()) is not None for line in first) > len(first)
+
+    def read(self, path: Path) -> ReadLog:
+        """Return the values of all lines; unreadable lines are omitted and counted."""
+        samples = Samples(path)
+        for number, line in enumerate(text_lines(path), 1):
+            try:
+                time, text = LINE.fullmatch(line.strip()).groups()  # type: ignore[union-attr]
+                t = datetime.fromisoformat(time).timestamp()
+                if text.startswith("{"):
+                    samples.add(t, "", **_numbers(json.loads(text)))
+                else:
+                    for found in found_in(text.encode()):
+                        samples.add(t, found.kind, **KINDS[found.kind].quantities(found.fields))
+            except (AttributeError, ValueError, IndexError, RecursionError):
+                samples.damaged(number, line)
+        return samples.log(f"sentences ({', '.join(KINDS)}) or JSON objects with numbers", speed={"of": "antenna"})
+
+
+def _numbers(content: dict[str, object]) -> dict[str, float]:
+    """Return the numbers of a JSON object by column."""
+    found = {name: float(value) for name, value in content.items() if type(value) in (int, float)}  # type: ignore[arg-type]
+    if "yaw" in found:
+        found["heading"] = from_compass(found.pop("yaw"))
+    return found
