@@ -22,7 +22,6 @@ from agrobot_mj.cli.options import (
     with_option,
 )
 from agrobot_mj.cli.panels import HelpEntry, listed
-from agrobot_mj.core.errors import ScenarioError, suggestion
 
 if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
@@ -33,43 +32,43 @@ Logs = Annotated[
 ]
 
 
+Only = Annotated[
+    list[str] | None,
+    typer.Option(metavar="PART,PART", help="Only calibrate, identify, replay, or valve (of a run); repeatable."),
+]
+MapFile = Annotated[
+    Path | None, typer.Option("--map", metavar="MAP.toml", help=f"Meaning of the columns ({PAGE}); our own need none.")
+]
+Share = Annotated[
+    float,
+    typer.Option(min=0.2, max=0.9, callback=finite, help="Fraction of the logs to fit; the rest is for evaluation."),
+]
+Fitted = Annotated[str, typer.Option("--fit", help="Parameters to identify; lag needs fast steering.")]
+By = Annotated[
+    Literal["steer", "valve"] | None,
+    typer.Option("--by", help="Recorded input of a replay. Default: wheel angle."),
+]
+Start = Annotated[
+    float,
+    typer.Option("--from", min=0, metavar="S", callback=finite, help="Start of the evaluated part of the log [s]."),
+]
+End = Annotated[
+    float, typer.Option("--to", metavar="S", callback=number, help="End of the evaluated part of the log [s].")
+]
+Described = Annotated[bool, typer.Option("--describe", help="Only describe the columns of the log and its uses.")]
+
+
 def twin(
     logs: Logs,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(metavar="PART,PART", help="Run only calibrate, identify, replay or valve (of a run); repeatable."),
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="MAP.toml", help=f"Map of the columns ({PAGE}), except for own logs."),
-    ] = None,
+    only: Only = None,
+    map_file: MapFile = None,
     sets: Sets = None,
-    share: Annotated[
-        float,
-        typer.Option(
-            min=0.2,
-            max=0.9,
-            callback=finite,
-            help="Fraction of the logs for the fit; the rest is for evaluation.",
-        ),
-    ] = 0.6,
-    fitted: Annotated[
-        str, typer.Option("--fit", help="Parameters to identify; lag requires fast steering.")
-    ] = "front,rear,relaxation,offset,delay,backlash",
-    by: Annotated[
-        Literal["steer", "valve"] | None,
-        typer.Option("--by", help="Recorded input of a replay. Default: the wheel angle."),
-    ] = None,
-    start: Annotated[
-        float,
-        typer.Option("--from", min=0, metavar="S", callback=finite, help="Start of the evaluated part of the log [s]."),
-    ] = 0.0,
-    end: Annotated[
-        float, typer.Option("--to", metavar="S", callback=number, help="End of the evaluated part of the log [s].")
-    ] = inf,
-    described: Annotated[
-        bool, typer.Option("--describe", help="Only describe the columns and possible uses of the log.")
-    ] = False,
+    share: Share = 0.6,
+    fitted: Fitted = "front,rear,relaxation,offset,delay,backlash",
+    by: By = None,
+    start: Start = 0.0,
+    end: End = inf,
+    described: Described = False,
     out: Out = None,
     quiet: Quiet = False,
 ) -> Answer:
@@ -80,18 +79,15 @@ def twin(
     identify fits stiffnesses, steering offset, delay and backlash; replay simulates a plant with the recorded steering
     and speed; valve fits the steering valve to a run.
     """
-    from agrobot_mj.extensions.logs.parts import PARTS, WHOLE, Job, analyse
+    from agrobot_mj.extensions.logs.parts import Job, analyse, chosen_parts
 
     if described:
         texts = _described(logs, map_file)
         return Answer({"logs": texts}, "\n\n".join(texts))
     chosen = names(",".join(only), "--only") if only else []
-    if unknown := [name for name in chosen if name not in PARTS]:
-        near = suggestion(unknown[0], list(PARTS))
-        raise ScenarioError(f"--only {unknown[0]}: unknown{near} (known: {', '.join(PARTS)})")
+    parts = chosen_parts(chosen)
     folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], sets)
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
-    parts = {name: PARTS[name] for name in chosen} or WHOLE
     job = Job(logs, map_file, scenario, **options)
     lines = [] if chosen == ["valve"] else job.health()
     found = analyse(parts, job, folder)
@@ -99,8 +95,7 @@ def twin(
     if folder is not None and any(each.content for each in found.values()):
         lines.append(str(folder if chosen else folder / "report.html"))
     content = {"folder": folder and str(folder), **{name: each.content or None for name, each in found.items()}}
-    failed = "\n".join(each.failed for each in found.values() if each.failed)
-    return Answer(content, "\n".join(lines), failed)
+    return Answer(content, "\n".join(lines), "\n".join(each.failed for each in found.values() if each.failed))
 
 
 def _described(logs: list[Path], map_file: Path | None) -> list[str]:

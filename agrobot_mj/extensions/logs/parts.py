@@ -1,15 +1,15 @@
 """Parts of `agrobot-mj twin`. Each part returns text lines, a JSON file and further files."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.errors import ScenarioError, suggestion
 from agrobot_mj.core.markdown import markdown_table
-from agrobot_mj.core.table_columns import Source
+from agrobot_mj.core.table_columns import Source, loaded
 from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.identify.valve import NAMES, Identified, identify, rate_of
@@ -48,9 +48,9 @@ class Job:
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
         if other := [log for log, each in zip(self.logs, maps, strict=True) if each != maps[0]]:
-            more = "use one type of log at a time, or specify --map"
-            raise ScenarioError(f"{other[0]}: the columns differ from those of {self.logs[0]}; {more}")
-        return [each.source for each in found], maps[0]
+            more = "take one kind of log at a time, or a --map"
+            raise ScenarioError(f"{other[0]}: has other columns than {self.logs[0]}; {more}")
+        return [loaded(each.source) for each in found], maps[0]
 
     def health(self) -> list[str]:
         """Return sentences about the health of the logs with a wheel angle; none for logs without a map."""
@@ -231,3 +231,11 @@ PARTS = {
 """Parts by name for `--only`."""
 WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
 """Default analysis: all parts except the valve, with a report."""
+
+
+def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
+    """Return the parts with these names; the default analysis without names. Raises `ScenarioError`."""
+    if unknown := next((name for name in names if name not in PARTS), None):
+        near = suggestion(unknown, list(PARTS))
+        raise ScenarioError(f"--only {unknown}: unknown{near} (known: {', '.join(PARTS)})")
+    return {name: PARTS[name] for name in names} or WHOLE
