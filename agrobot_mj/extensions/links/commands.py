@@ -38,7 +38,9 @@ def link(
     wait: Annotated[
         float, typer.Option(min=0, callback=number, help="Maximum wait for the event of --start [s], or inf.")
     ] = 60.0,
-    pace: Annotated[Literal["real_time", "answered"], typer.Option(help="Time base of the run.")] = "real_time",
+    pace: Annotated[
+        str, typer.Option(help="real_time, answered (by the host), or simulated seconds per second, such as 0.5.")
+    ] = "real_time",
     nmea: Annotated[
         str | None, typer.Option(metavar="ADDRESS:PORT", help="Also send GGA, RMC and VTG to this address.")
     ] = None,
@@ -54,12 +56,12 @@ def link(
 
     The tractor acts as steer module, GNSS receiver and inertial unit. Writes link.parquet and the files of a run.
     """
-    from agrobot_mj.extensions.links.agopengps.link import endpoint
+    from agrobot_mj.extensions.links.agopengps.link import endpoint, pace_of
     from agrobot_mj.extensions.links.agopengps.link import link as run_link
     from agrobot_mj.extensions.links.agopengps.session import LinkOptions
 
     options = LinkOptions(
-        *(address, port, host_port, replay, start, wait, endpoint(nmea, "--nmea") if nmea else None, pace),
+        *(address, port, host_port, replay, start, wait, endpoint(nmea, "--nmea") if nmea else None, pace_of(pace)),
         *(live, not no_rrd, _tell(quiet)),
     )
     keys = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}

@@ -16,7 +16,8 @@ from agrobot_mj.core.agopengps.traffic import Datagram
 from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.extensions.links.agopengps.link import health, link, positions_since_heard, run_link
+from agrobot_mj.extensions.links.agopengps.link import link, run_link
+from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.scenario.loading import load_scenario
@@ -239,7 +240,9 @@ def test_a_slow_or_lossy_link_is_reported():
     (slow,) = health(well | {"real_time_factor": 0.42})
     assert slow.startswith("slow: 0.42 x real time")
     (deaf,) = health(well | {"answered_fraction": 0.61})
-    assert deaf.startswith("the host answered only 61% of the positions")
+    assert deaf.startswith("only 61% of the positions were answered")
+    assert deaf.endswith("Try --pace 0.5")
+    assert health(well | {"pace": 0.5, "real_time_factor": 0.5}) == []
     assert health({"answered_fraction": None, "latched_s": 0.0}) == []
 
 

@@ -287,6 +287,23 @@ def test_real_time_run_keeps_pace_and_reports_delays():
     assert block["steer_messages_hz"] < 12
 
 
+def test_run_at_half_pace_takes_twice_as_long():
+    own, other = free_ports()
+    with host_process(other, own), UdpSockets("127.0.0.1", own, other) as sockets:
+        log = run_link(scenario(duration_s=1.0), RealTime(sockets, 2.0), LinkOptions(pace=0.5)).log
+    block = log.metrics["link"]
+    assert log.wall_s > 1.9
+    assert block["pace"] == 0.5
+    assert 0.1 < block["real_time_factor"] <= 0.5
+
+
+@pytest.mark.parametrize("pace", ["0", "2", "fast", "nan"])
+def test_invalid_pace_is_rejected(call, pace):
+    status, out, err = call("link", "figure_eight", "--pace", pace)
+    assert (status, out) == (2, "")
+    assert f"--pace {pace}: write real_time, answered, or a number from 0.05 to 1" in err
+
+
 def test_host_program_exits_after_its_idle_time():
     own, other = free_ports()
     with host_process(other, own, "--idle", "0.3") as process, UdpSockets("127.0.0.1", own, other) as sockets:

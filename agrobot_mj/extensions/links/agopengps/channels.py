@@ -61,11 +61,11 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets in real time: one simulated second takes one second."""
+    """Sockets on the wall clock: one simulated second takes one second, or longer by `slower`."""
 
-    def __init__(self, sockets: UdpSockets) -> None:
+    def __init__(self, sockets: UdpSockets, slower: float = 1.0) -> None:
         super().__init__(sockets)
-        self.pace = Pace(TICK_S)
+        self.pace, self.loop = Pace(slower * TICK_S), slower * BOARD_LOOP_S
 
     def begin(self, turn: int) -> Iterator[Incoming]:
         """Receive datagrams until the turn is due."""
@@ -75,7 +75,7 @@ class RealTime(_Sockets):
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
         """Receive datagrams for one period of the board's control loop."""
-        return self._received(time.perf_counter() + BOARD_LOOP_S)
+        return self._received(time.perf_counter() + self.loop)
 
 
 class Answered(_Sockets):

@@ -3,24 +3,21 @@
 import tomllib
 from collections.abc import Callable
 from contextlib import ExitStack
+from math import nan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
-import numpy as np
 import pyarrow.parquet as pq
 
-from agrobot_mj.core.agopengps.messages import SteerData
-from agrobot_mj.core.agopengps.traffic import Datagram, read_traffic, recorded_scenario
-from agrobot_mj.core.agopengps.wire import decode
+from agrobot_mj.core.agopengps.traffic import read_traffic, recorded_scenario
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.agopengps.board import LOOPBACK, Board
 from agrobot_mj.extensions.links.agopengps.channels import Answered, Channel, RealTime, Replayed
+from agrobot_mj.extensions.links.agopengps.link_metrics import health, link_metrics
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, Session
 from agrobot_mj.extensions.links.agopengps.udp import UdpSockets, address_of
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.extensions.links.running import run_session
-from agrobot_mj.metrics.base import rms
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
@@ -30,6 +27,8 @@ from agrobot_mj.simulation.storage import write_log
 
 FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
 """Scenario keys that may differ between a replay and its record."""
+LEAST_PACE = 0.05
+"""Minimum number of simulated seconds per second of the wall clock [-]."""
 
 
 class LinkRun(NamedTuple):
@@ -58,7 +57,7 @@ def link(
             sockets = stack.enter_context(UdpSockets(o.address, o.port, o.host_port))
             own = sockets.address
             o.notify(f"boards on {o.address}:{o.port}, host expected on {o.address}:{o.host_port}")
-            channel = Answered(sockets) if o.pace == "answered" else RealTime(sockets)
+            channel = Answered(sockets) if o.pace == "answered" else RealTime(sockets, 1.0 / o.pace)
         done = run_link(scenario, channel, o, watchers, should_stop, own)
     table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
@@ -108,129 +107,22 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
         )
 
 
+def pace_of(text: str) -> Literal["answered"] | float:
+    """Return the pace of a text: `real_time`, `answered`, or a number. Raises `ScenarioError` for invalid text."""
+    if text == "answered":
+        return "answered"
+    try:
+        pace = 1.0 if text == "real_time" else float(text)
+    except ValueError:
+        pace = nan
+    if not LEAST_PACE <= pace <= 1.0:
+        raise ScenarioError(f"--pace {text}: write real_time, answered, or a number from {LEAST_PACE:g} to 1")
+    return pace
+
+
 def endpoint(text: str, option: str) -> tuple[str, int]:
     """Return address and port of a text such as `127.0.0.1:10110`. Raises `ScenarioError` for invalid text."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")
     return str(address_of(host, option)), int(port)
-
-
-POSITIONS = (b"$PANDA", b"$PAOGI")
-"""First bytes of a position message for the host."""
-SETTLED_M = 0.1
-"""Distance from the host's line below which the tractor has settled [m]."""
-LATE_S = 20.0
-"""Time after the first engagement at which the late part of a run starts [s]."""
-LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
-"""Minimum real-time factor and minimum fraction of answered positions of a working link [-]."""
-
-
-def latencies(record: list[Datagram]) -> list[float]:
-    """Return the wall-clock time from each position to the next steering message [s]."""
-    found: list[float] = []
-    sent: float | None = None
-    for datagram in record:
-        if _is_position(datagram):
-            sent = datagram.wall
-        elif sent is not None and _steers(datagram):
-            found.append(datagram.wall - sent)
-            sent = None
-    return found
-
-
-def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions sent from the last one before the host's first steering message onwards."""
-    heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
-    return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
-
-
-def _is_position(datagram: Datagram) -> bool:
-    return datagram.direction == "out" and datagram.data.startswith(POSITIONS)
-
-
-def _steers(datagram: Datagram) -> bool:
-    return datagram.direction == "in" and isinstance(decode(datagram.data), SteerData)
-
-
-def cross_track(log: Log) -> dict[str, float | None]:
-    """Return cross-track metrics of the host while it steers: RMS, RMS of the late part [m], settling time [s].
-
-    Times are measured from the first engagement. A value is None if the error has not settled or without samples.
-    """
-    engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
-    if not engaged.any():
-        return dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_settled_s"))
-    t = log.column("t") - log.column("t")[int(np.argmax(engaged))]
-    known = engaged & ~np.isnan(off)
-    beyond = np.flatnonzero(known & (np.abs(off) >= SETTLED_M))
-    after = t[known & (t > (t[beyond[-1]] if len(beyond) else -1.0))]
-    return {
-        "cross_track_rms": rms(off[known]),
-        "cross_track_late_rms": rms(off[known & (t > LATE_S)]),
-        "cross_track_settled_s": float(after[0]) if len(after) else None,
-    }
-
-
-def health(block: dict[str, Any]) -> list[str]:
-    """Return one line of text for each problem in the metrics of a link."""
-    found = []
-    if (pace := block.get("real_time_factor", 1.0)) < LEAST_PACE:
-        found.append(f"the run was slow, {pace:.2f} x real time; for the host the tractor stops between messages")
-    if (share := block["answered_fraction"]) is not None and share < LEAST_ANSWERED:
-        found.append(f"the host answered only {share:.0%} of the positions; check the load of its computer")
-    if block["latched_s"]:
-        found.append(f"for {block['latched_s']:.1f} s the host reported active steering, but the board was latched")
-    return found
-
-
-def link_metrics(session: Session, log: Log) -> dict[str, Any]:
-    """Return the block `link`. For a replayed session, wall-clock times are those of the live run."""
-    channel = session.channel
-    record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
-    tally, spec = session.state.tally, session.spec
-    ticks = max(session.turn - max(session.started, 0), 1)
-    answers, since = latencies(record), positions_since_heard(record)
-    span = max((d.wall for d in record), default=0.0) - min((d.wall for d in record), default=0.0)
-    return {
-        "host": spec.host,
-        "steer_by": spec.steer_by,
-        "positions": sum(map(_is_position, record)),
-        "steer_messages": tally.steer_data,
-        "steer_messages_hz": tally.steer_data / span if span > 0 else None,
-        "answered_fraction": min(len(answers) / since, 1.0) if since else None,
-        **_latency_ms(answers),
-        **cross_track(log),
-        "engaged_s": session.engaged_ticks * TICK_S,
-        "engaged_fraction": session.engaged_ticks / ticks,
-        "latched_s": session.latched_ticks * TICK_S,
-        "engagements": tally.engagements,
-        "outages": tally.lost,
-        "silent_at_end": session.state.silent,
-        "waited_s": max(session.started, 0) * TICK_S,
-        "hellos": tally.hellos,
-        "other_messages": tally.others,
-        "unknown_messages": tally.unknown,
-        "repeated_datagrams": tally.repeats,
-        "rejected_datagrams": dict(tally.rejected),
-        "not_recorded": session.traffic.dropped,
-        **_pace(channel),
-    }
-
-
-def _latency_ms(values: list[float]) -> dict[str, float | None]:
-    names = {"latency_ms_median": 50, "latency_ms_p95": 95, "latency_ms_worst": 100}
-    return {name: float(np.percentile(values, p)) * 1e3 if values else None for name, p in names.items()}
-
-
-def _pace(channel: Channel) -> dict[str, float | int]:
-    if channel.pace is None:
-        return {}
-    pace = channel.pace
-    return {
-        "turns": pace.turns,
-        "late_turns": pace.late,
-        "worst_lateness_ms": pace.worst * 1e3,
-        "slipped_s": pace.slipped,
-        "real_time_factor": pace.turns * pace.period / max(pace.turns * pace.period + pace.slipped, 1e-9),
-    }

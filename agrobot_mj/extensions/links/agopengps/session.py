@@ -107,8 +107,8 @@ class LinkOptions(NamedTuple):
     """Maximum time to wait for the start event [s]."""
     nmea: tuple[str, int] | None = None
     """Address and port for additional GGA, RMC and VTG sentences; None for none."""
-    pace: Literal["real_time", "answered"] = "real_time"
-    """Whether the wall clock or the replies of the host pace the run."""
+    pace: Literal["answered"] | float = 1.0
+    """Simulated seconds per second of the wall clock, at most 1, or `answered` if replies of the host pace the run."""
     live: bool = False
     """Whether observers receive rows during the run instead of at its end."""
     recorded: bool = True

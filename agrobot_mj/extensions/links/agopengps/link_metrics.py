@@ -1,0 +1,138 @@
+"""Metrics of the block `link`: pure functions of a link's datagrams, the log and the last state of the board."""
+
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.agopengps.messages import SteerData
+from agrobot_mj.core.agopengps.traffic import Datagram
+from agrobot_mj.core.agopengps.wire import decode
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.extensions.links.agopengps.channels import Channel, Replayed
+from agrobot_mj.extensions.links.agopengps.session import Session
+from agrobot_mj.metrics.base import rms
+from agrobot_mj.simulation.log import Log
+
+POSITIONS = (b"$PANDA", b"$PAOGI")
+"""First bytes of a position message for the host."""
+SETTLED_M = 0.1
+"""Distance from the host's line below which the tractor has settled [m]."""
+LATE_S = 20.0
+"""Time after the first engagement at which the late part of a run starts [s]."""
+LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
+"""Minimum real-time factor and minimum fraction of answered positions of a working link [-]."""
+
+
+def latencies(record: list[Datagram]) -> list[float]:
+    """Return the wall-clock time from each position to the next steering message [s]."""
+    found: list[float] = []
+    sent: float | None = None
+    for datagram in record:
+        if _is_position(datagram):
+            sent = datagram.wall
+        elif sent is not None and _steers(datagram):
+            found.append(datagram.wall - sent)
+            sent = None
+    return found
+
+
+def positions_since_heard(record: list[Datagram]) -> int:
+    """Return the number of positions sent from the last one before the host's first steering message onwards."""
+    heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
+    return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
+
+
+def _is_position(datagram: Datagram) -> bool:
+    return datagram.direction == "out" and datagram.data.startswith(POSITIONS)
+
+
+def _steers(datagram: Datagram) -> bool:
+    return datagram.direction == "in" and isinstance(decode(datagram.data), SteerData)
+
+
+def cross_track(log: Log) -> dict[str, float | None]:
+    """Return cross-track metrics of the host while it steers: RMS, RMS of the late part [m], settling time [s].
+
+    Times are measured from the first engagement. A value is None if the error has not settled or without samples.
+    """
+    engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
+    if not engaged.any():
+        return dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_settled_s"))
+    t = log.column("t") - log.column("t")[int(np.argmax(engaged))]
+    known = engaged & ~np.isnan(off)
+    beyond = np.flatnonzero(known & (np.abs(off) >= SETTLED_M))
+    after = t[known & (t > (t[beyond[-1]] if len(beyond) else -1.0))]
+    return {
+        "cross_track_rms": rms(off[known]),
+        "cross_track_late_rms": rms(off[known & (t > LATE_S)]),
+        "cross_track_settled_s": float(after[0]) if len(after) else None,
+    }
+
+
+def health(block: dict[str, Any]) -> list[str]:
+    """Return one line of text for each problem in the metrics of a link."""
+    found = []
+    asked = block.get("pace", 1.0)
+    if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:
+        found.append(f"the run was slow, {pace:.2f} x real time; for the host the tractor stops between messages")
+    if (share := block["answered_fraction"]) is not None and share < LEAST_ANSWERED:
+        found.append(
+            f"the host answered only {share:.0%} of the positions; check the load of its computer, or use "
+            f"--pace {asked / 2:g}"
+        )
+    if block["latched_s"]:
+        found.append(f"for {block['latched_s']:.1f} s the host reported active steering, but the board was latched")
+    return found
+
+
+def link_metrics(session: Session, log: Log) -> dict[str, Any]:
+    """Return the block `link`. For a replayed session, wall-clock times are those of the live run."""
+    channel = session.channel
+    record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
+    tally, spec = session.state.tally, session.spec
+    ticks = max(session.turn - max(session.started, 0), 1)
+    answers, since = latencies(record), positions_since_heard(record)
+    span = max((d.wall for d in record), default=0.0) - min((d.wall for d in record), default=0.0)
+    return {
+        "host": spec.host,
+        "steer_by": spec.steer_by,
+        "positions": sum(map(_is_position, record)),
+        "steer_messages": tally.steer_data,
+        "steer_messages_hz": tally.steer_data / span if span > 0 else None,
+        "answered_fraction": min(len(answers) / since, 1.0) if since else None,
+        **_latency_ms(answers),
+        **cross_track(log),
+        "engaged_s": session.engaged_ticks * TICK_S,
+        "engaged_fraction": session.engaged_ticks / ticks,
+        "latched_s": session.latched_ticks * TICK_S,
+        "engagements": tally.engagements,
+        "outages": tally.lost,
+        "silent_at_end": session.state.silent,
+        "waited_s": max(session.started, 0) * TICK_S,
+        "hellos": tally.hellos,
+        "other_messages": tally.others,
+        "unknown_messages": tally.unknown,
+        "repeated_datagrams": tally.repeats,
+        "rejected_datagrams": dict(tally.rejected),
+        "not_recorded": session.traffic.dropped,
+        **_pace(channel),
+    }
+
+
+def _latency_ms(values: list[float]) -> dict[str, float | None]:
+    names = {"latency_ms_median": 50, "latency_ms_p95": 95, "latency_ms_worst": 100}
+    return {name: float(np.percentile(values, p)) * 1e3 if values else None for name, p in names.items()}
+
+
+def _pace(channel: Channel) -> dict[str, float | int]:
+    if channel.pace is None:
+        return {}
+    pace = channel.pace
+    return {
+        "pace": TICK_S / pace.period,
+        "turns": pace.turns,
+        "late_turns": pace.late,
+        "worst_lateness_ms": pace.worst * 1e3,
+        "slipped_s": pace.slipped,
+        "real_time_factor": pace.turns * TICK_S / max(pace.turns * pace.period + pace.slipped, 1e-9),
+    }
