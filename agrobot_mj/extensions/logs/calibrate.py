@@ -58,6 +58,8 @@ RIGHT_SIGMA = 0.3
 """Prior standard deviation of the scale to the right divided by the scale to the left [-]."""
 ONE_SPEED = 3.0
 """Factor on intervals at a single speed, which confounds scale, tyres and antenna [-]. Assumed value (other models)."""
+SPREAD = {"position.ahead_m": 1.4, "speed.delay_s": 1.4}
+"""Factors on intervals of quantities that sway of the body and slip change [-]. Assumed values, from drawn machines."""
 MOST_SCRUB = 1.2
 """Half interval of the scrub of tyres divided by that of the plant [-]: from none to twice as much. Assumed value."""
 SLIP_LEAD = 1 / 30
@@ -300,6 +302,7 @@ def _quantity(
     if name == "delay_s":
         lag = LAG_OF_TYRES_S if drive.gyro and key != "steer.delay_s" else LAG_OF_MACHINE_S
         half = hypot(half, lag, drive.slip_lead if key == "speed.delay_s" else 0.0)
+    half *= SPREAD.get(key, 1.0)
     if name in ("scale", "scale_right"):
         middle, half = middle / (1 - drive.scrub), hypot(half, MOST_SCRUB * middle * drive.scrub)
     told = half < SURE[name] and (drive.bends or name in ("offset", "scale", "scale_right"))
