@@ -17,8 +17,8 @@ from agrobot_mj.extensions.logs.readers.sentences import KINDS, found_in
 
 LINE = pattern(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)?): ?([${].*)")
 """Pattern of a line: time and content."""
-FIRST = 5
-"""Number of lines at the start, of which most have the pattern."""
+FIRST = 20
+"""Number of lines at the start, of which most have the pattern, and one or more a JSON object."""
 
 
 class TimedLines(LogReader):
@@ -27,9 +27,10 @@ class TimedLines(LogReader):
     kind: Literal["lines"] = "lines"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether most of the first lines have the pattern."""
-        first = head.lines[:FIRST]
-        return 2 * sum(LINE.fullmatch(line.strip()) is not None for line in first) > len(first)
+        """Return whether most of the first lines have the pattern, and one or more of them a JSON object."""
+        first = [LINE.fullmatch(line.strip()) for line in head.lines[:FIRST]]
+        found = [match[2] for match in first if match]
+        return 2 * len(found) > len(first) and any(text.startswith("{") for text in found)
 
     def read(self, path: Path) -> ReadLog:
         """Return the values of all lines; unreadable lines are omitted and counted."""
