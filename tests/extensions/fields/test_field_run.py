@@ -96,6 +96,8 @@ def test_report_begins_with_the_coverage(driven):
         (["--width", "30"], "--width 30: the field is too narrow"),
         (["--machine", "nobody"], "machine"),
         (["--set", "tractor.mass=1"], "tractor.mass"),
+        (["--set", "path.kind=line"], 'path.kind: "line": the field determines the path'),
+        (["--angle", "1e300"], "'--angle'"),
     ],
 )
 def test_bad_options_are_named(call, tmp_path, options, message):
@@ -103,6 +105,12 @@ def test_bad_options_are_named(call, tmp_path, options, message):
     assert (status, out) == (2, "")
     assert message in err
     assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_empty_name_of_a_law_is_refused(call, tmp_path):
+    status, _, err = call("field", "run", str(boundary(tmp_path)), "--guidance", "", "--out", str(tmp_path / "out"))
+    assert (status, "guidance.kind" in err, "Traceback" in err) == (2, True, False)
     assert not (tmp_path / "out").exists()
 
 

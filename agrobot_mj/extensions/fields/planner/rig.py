@@ -68,9 +68,10 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
 
 
 def rig_of(scenario: Scenario, width: float) -> FieldMachine:
-    """Return the machine of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
+    """Return the machine of a scenario. Raise `ScenarioError` for other paths than `swaths` and for tight radii."""
     tractor, path = scenario.tractor, scenario.path
-    assert isinstance(path, Swaths)
+    if not isinstance(path, Swaths):
+        raise ScenarioError(f'path.kind: "{path.kind}": the field determines the path; leave the key out')
     if path.turn_radius_m * MIN_SHARE < tractor.tightest_radius:
         raise ScenarioError(
             f"--radius {path.turn_radius_m:g}: machine {scenario.machine} needs at least "
