@@ -24,10 +24,15 @@ KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bi
 	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/extensions/bench/test_moments_on_rig.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
 
+# $(call ABOUT,python,seconds): time here for a job of so many seconds on an idle machine, from the time of a short loop.
+ABOUT = $(1) -c 'import time; t = time.perf_counter(); sum(i * i for i in range(5_000_000)); s = $(2) * (time.perf_counter() - t) / 0.42; print("about", f"{s:.0f} s" if s < 100 else f"{s / 60:.0f} min")'
+# $(call TICK,text,while): print a line every eight seconds as long as the shell command `while` holds; its number is $$ticker.
+TICK = (while sleep 8 >/dev/null && $(2); do echo "         $(1)"; done) & ticker=$$!
 # $(call PIP,python,arguments): run `pip install` with one line per package and one per eight seconds.
-TELL := awk '/^Collecting/ { printf "    %3d  %s\n", ++n, $$2; fflush() } /^(Downloading|Using cached)/ { print "         " $$0; fflush() } /^FAILED/ { bad = 1 } END { exit bad }'
-PIP = (while sleep 8 >/dev/null; do echo "         installing: `du -sm $(dir $(1)).. | cut -f1` MB so far"; done) & ticker=$$!; \
-	{ PYTHONUNBUFFERED=1 $(1) -m pip install --progress-bar off $(2) || echo FAILED; } | $(TELL); status=$$?; kill $$ticker; exit $$status
+TELL := while IFS= read -r line; do case "$$line" in "Collecting "*) n=$$(($$n + 1)); set -- $$line; printf '    %3d  %s\n' $$n "$$2";; \
+	"Downloading "*|"Using cached "*) echo "         $$line";; FAILED) exit 1;; esac; done
+PIP = $(call TICK,installing: `du -sm $(dir $(1)).. | cut -f1` MB so far,:); \
+	{ PYTHONUNBUFFERED=1 $(1) -m pip install --progress-bar off $(2) || echo FAILED; } | { n=0; $(TELL); }; status=$$?; kill $$ticker; exit $$status
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
@@ -41,8 +46,10 @@ help: ## Show these verbs
 install: $(STAMP) ## Make .venv with the locked versions
 
 demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
-	@echo "Comparing four runs of four minutes each; this takes about a minute, half of it for compiling."
-	@$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO)
+	@echo "Comparing four runs of four minutes each; with compiling this takes `$(call ABOUT,$(PY),40)`."
+	@$(call TICK,loading,[ ! -e $(DEMO) ]); \
+		$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO); \
+		status=$$?; kill $$ticker 2>/dev/null; exit $$status
 	@echo
 	@echo "Picture:   $(DEMO)/lateral_error.png"
 	@echo "Recording: $(RECORDING)"
@@ -157,8 +164,9 @@ $(STAMP): requirements.lock pyproject.toml
 		echo "$(PYTHON) cannot make virtual environments: its venv or ensurepip module is missing." >&2; \
 		echo "On Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
 	@$(PY) -m pip --version >/dev/null 2>&1 || { \
-		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; $(PYTHON) -m venv --clear $(VENV); }
-	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes a minute or two."
+		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; \
+		$(call TICK,making,:); $(PYTHON) -m venv --clear $(VENV); status=$$?; kill $$ticker; exit $$status; }
+	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes `$(call ABOUT,$(PY),30)` after the download."
 	@$(call PIP,$(PY),--require-hashes --only-binary :all: -r requirements.lock)
 	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .

@@ -1,8 +1,8 @@
 """Build wheel and sdist, and check them in empty environments with several versions of Python.
 
 uv provides the Python versions. Each environment contains only the package and its run-time dependencies. The commands
-of the wheel are run, and the sdist must install the same files. The last check has no home and no cache folder. Prints
-the size of each dependency and extra; status 1 if a check fails. The built files remain in dist/.
+of the wheel are run, and the sdist must install the same files. The last check has no home and no cache folder. If all
+checks pass, prints the size of each dependency and extra; otherwise status 1. The built files remain in dist/.
 """
 
 import os
@@ -165,7 +165,8 @@ def main() -> int:
             except RuntimeError as error:
                 tell(f"{python}: FAILED\n{error}")
                 failed = 1
-        tell("\n".join(table(wheel, PYTHONS[-1], folder / "sizes")))
+        if not failed:
+            tell("\n".join(table(wheel, PYTHONS[-1], folder / "sizes")))
     return failed
 
 

@@ -15,6 +15,7 @@ from agrobot_mj.core.errors import installed
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.metrics.success import error_of, failures, has_errors, without_errors
 from agrobot_mj.simulation.log import Log, SavedRows
+from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import results, write_json
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import can_record
@@ -47,11 +48,14 @@ def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet
         rows = [_row(case, covered[k], done[k], ended.get(k, {})) for k, case in enumerate(comparison.cases)]
         write_json(folder / "comparison.json", rows)
         logs = [(comparison.cases[k], _log(store, k, ended[k])) for k in comparison.drawn if k in ended]
-        if comparison.recorded and logs and can_record():
-            from agrobot_mj.recording import write_comparison
+        with tally(f"{folder.name}: recording and figures", 2, quiet=quiet) as advance:
+            if comparison.recorded and logs and can_record():
+                from agrobot_mj.recording import write_comparison
 
-            write_comparison([(f"{case.plant}-{case.law}", log) for case, log in logs], folder / "comparison.rrd")
-        _draw(logs, folder)
+                write_comparison([(f"{case.plant}-{case.law}", log) for case, log in logs], folder / "comparison.rrd")
+            advance()
+            _draw(logs, folder)
+            advance()
     return rows
 
 
