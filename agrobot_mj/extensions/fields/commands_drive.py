@@ -35,27 +35,6 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 PAGE = "docs/extensions/fields/driving.md"
-Width = Annotated[float, typer.Option(min=0.3, max=60, callback=finite, help="Working width [m].")]
-Headlands = Annotated[int, typer.Option(min=0, max=20, help="Number of headland laps.")]
-Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"Preferred turn ({PAGE}).")]
-Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
-Angle = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DEG",
-        min=-360,
-        max=360,
-        callback=finite,
-        help="Direction of the swaths, from east. Default: fewest swaths.",
-    ),
-]
-Radius = Annotated[
-    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: the machine's.")
-]
-Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
-Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
-Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Delay of a section [s].")]
-LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]
 PLAN_FILES = ("plan.json", "plan.geojson", "plan.png")
 
 

@@ -10,11 +10,11 @@ from agrobot_mj.cli.options import finite
 PAGE = "docs/extensions/fields/driving.md"
 FieldFile = Annotated[
     Path,
-    typer.Argument(metavar="FILE", help="Boundary: GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS."),
+    typer.Argument(metavar="FILE", help="Boundary (GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS)."),
 ]
 Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if the file does not name it.")]
 FieldName = Annotated[
-    str, typer.Option("--field", metavar="NAME", help="Field in a file of several. Default: largest.")
+    str, typer.Option("--field", metavar="NAME", help="Name of a field in the file. Default: the largest.")
 ]
 DEFAULT_WIDTH_M = 3.0
 """Default working width [m]."""
@@ -39,10 +39,16 @@ Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"
 Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
 Angle = Annotated[
     float | None,
-    typer.Option(metavar="DEG", callback=finite, help="Direction of the swaths, from east. Default: fewest swaths."),
+    typer.Option(
+        metavar="DEG",
+        min=-360,
+        max=360,
+        callback=finite,
+        help="Direction of the swaths, from east. Default: fewest swaths.",
+    ),
 ]
 Radius = Annotated[
-    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: the machine's.")
+    float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: from the machine.")
 ]
 Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]

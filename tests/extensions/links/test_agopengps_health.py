@@ -238,10 +238,10 @@ def test_a_slow_or_lossy_link_is_reported():
     well = {"answered_fraction": 0.97, "latched_s": 0.0, "real_time_factor": 0.99}
     assert health(well) == []
     (slow,) = health(well | {"real_time_factor": 0.42})
-    assert slow.startswith("slow: 0.42 x real time")
+    assert slow.startswith("the run was slow, 0.42 x real time")
     (deaf,) = health(well | {"answered_fraction": 0.61})
-    assert deaf.startswith("only 61% of the positions were answered")
-    assert deaf.endswith("Try --pace 0.5")
+    assert deaf.startswith("the host answered only 61% of the positions")
+    assert deaf.endswith("or use --pace 0.5")
     assert health(well | {"pace": 0.5, "real_time_factor": 0.5}) == []
     assert health({"answered_fraction": None, "latched_s": 0.0}) == []
 
