@@ -40,12 +40,14 @@ def run(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
     branches: Sequence[Branch] | None = None,
+    ticks: Callable[[Simulation], Iterator[None]] | None = None,
 ) -> Log:
     """Simulate a scenario to its end; writes no files.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
     as `aborted` if it returns True. Each of the `branches` switches the noise to other random streams, and states are
-    stored for other runs; an empty sequence only stores states. Raises `ScenarioError` for an impossible tractor and
+    stored for other runs; an empty sequence only stores states. `ticks` may replace the loop over all ticks: it begins
+    the run or restores a state, and yields after each tick. Raises `ScenarioError` for an impossible tractor and
     for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:
@@ -53,7 +55,7 @@ def run(
         raise ScenarioError(f'guidance.kind: "{kind}" needs an external program; use `agrobot-mj {command}`')
 
     def drive(sim: Simulation, tell: Callable[[], None]) -> None:
-        for _ in _ticks(sim) if branches is None else steps(sim, branches):
+        for _ in (ticks or _ticks)(sim) if branches is None else steps(sim, branches):
             deliver()
             if should_stop():
                 sim.abort()

@@ -22,6 +22,7 @@ from agrobot_mj.extensions.fields.options import (
     Order,
     PlanWidth,
     Radius,
+    Resume,
     Sections,
     Speed,
     Turn,
@@ -92,6 +93,7 @@ def field_run(
     plan_file: Annotated[
         Path | None, typer.Option("--plan", metavar="FILE", help="Plan file to use instead of a generated plan.")
     ] = None,
+    resume: Resume = False,
     crs: Crs = "",
     name: FieldName = "",
     sets: Sets = None,
@@ -122,7 +124,7 @@ def field_run(
         plan = given_plan(plan_file, stored, field, rig, sections)
     _warn(plan, quiet)
     boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
-    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet)
+    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume)
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":

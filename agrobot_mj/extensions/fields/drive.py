@@ -14,6 +14,8 @@ EDGE_M = 50.0
 """Width of the ground beyond the boundary [m]."""
 LARGEST_M = 500.0
 """Default distance of the edges of the ground from the origin [m]."""
+GUIDANCE = "lqr"
+"""Default guidance law: the law of a scenario without `guidance` may lose the path where a plan reverses."""
 WIDEST_M = 20.0
 """Maximum width of the body of an implement [m]."""
 Overrides = Mapping[str, Any]
@@ -47,6 +49,8 @@ def driving_scenario(field: Field, plan: Plan, file: Path, base: Scenario, overr
     given = any(key.startswith("implement.width_m") or key == "implement" for key in overrides)
     if wide and not given:
         overrides = {**overrides, "implement.width_m": plan.width}
+    if not any(key.partition(".")[0] in ("guidance", "controller") for key in overrides):
+        data["guidance"] = {"kind": GUIDANCE}
     if "physics_dt_s" in overrides:
         del data["physics"]
     try:

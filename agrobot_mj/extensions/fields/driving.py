@@ -1,5 +1,6 @@
 """Simulation of a plan: a results folder like that of `run`, with the coverage."""
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import Progress
 from agrobot_mj.simulation.results import results, write_json
@@ -61,6 +63,7 @@ def drive(
     out: Path | None,
     recorded: bool,
     quiet: bool,
+    resume: bool = False,
 ) -> Answer:
     """Simulate a plan, write the results, and return the result of the command."""
     with tempfile.TemporaryDirectory() as place:
@@ -81,12 +84,17 @@ def drive(
         said = print_hints([scenario], quiet)
         watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *((recording,) if recorded else ()))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
-            log = run(scenario, watchers, lambda: bool(stopped))
+            interrupted = Interrupted(scenario, lambda: bool(stopped))
+            if resume:
+                interrupted.load()
+            log = run(scenario, watchers, ticks=interrupted.ticks)
             drove = drove_of(log)
             content = {**report(drove), "origin": field.plane and list(field.plane)}
             write_log(log, folder, recorded=recorded)
             track = np.column_stack([log.column("x"), log.column("y")])
             write_coverage(folder, field, drove, content, track)
+    if log.outcome == "aborted" and not quiet:
+        print(f"{scenario.name}: the same command with --resume continues the drive", file=sys.stderr)
     found = answer(log, folder, said, [content["summary"]])
     return found._replace(content={**found.content, "coverage": content})
 

@@ -12,6 +12,9 @@ from rerun.chunk import RrdReader
 
 from agrobot_mj.cli import main
 from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.extensions.fields.resume import Interrupted
+from agrobot_mj.scenario.loading import load_scenario
+from agrobot_mj.simulation.run import run
 
 PAGE = Path(__file__).parents[3] / "docs" / "extensions" / "fields" / "driving.md"
 COMMANDS = [shlex.split(line)[1:] for line in re.findall(r"^agrobot-mj .*$", PAGE.read_text("utf-8"), re.M)]
@@ -137,3 +140,29 @@ def test_recording_has_the_boundary_and_the_gaps(call, tmp_path):
     chunks = RrdReader(str(tmp_path / "out" / "run.rrd")).stream().to_chunks()
     entities = {chunk.entity_path for chunk in chunks}
     assert entities >= {"/world/areas/boundary", "/world/areas/missed", "/world/path"}
+
+
+def test_interrupted_drive_resumes_to_the_same_signals(tmp_path, monkeypatch):
+    monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path / "cache")
+    keys = {"plant.kind": "bicycle", "duration_s": 6.0}
+    scenario = load_scenario("straight_line", keys)
+    calls = iter(range(1000))
+    first = Interrupted(scenario, lambda: next(calls) > 80)
+    broken = run(scenario, ticks=first.ticks)
+    again = Interrupted(load_scenario("straight_line", keys), lambda: False)
+    again.load()
+    resumed = run(again.scenario, ticks=again.ticks)
+    whole = run(scenario)
+    assert broken.outcome == "aborted"
+    assert broken.rows.filled < resumed.rows.filled == whole.rows.filled
+    assert resumed.signals.equals(whole.signals)
+    assert not again.file.exists()
+
+
+def test_resume_without_an_interrupted_drive_is_an_error(call, tmp_path, monkeypatch):
+    monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path / "cache")
+    status, _, err = call(
+        "field", "run", str(boundary(tmp_path)), "--resume", "--quiet", "--out", str(tmp_path / "out")
+    )
+    assert (status, (tmp_path / "out").exists()) == (2, False)
+    assert err.startswith("--resume: there is no interrupted drive with these options")

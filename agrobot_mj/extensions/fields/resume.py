@@ -1,0 +1,77 @@
+"""Continuation of an interrupted drive: its state is stored in the user's cache folder, by the identity of the run.
+
+The state is stored on an interruption and every few minutes. A state of the last KEPT drives is kept. Files of other
+origin are never read: the folder belongs to the user, as that of the compiled kernels.
+"""
+
+import pickle
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+from platformdirs import user_cache_path
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.log import SavedRows
+from agrobot_mj.simulation.results import atomic
+from agrobot_mj.simulation.snapshot import Snapshot
+from agrobot_mj.simulation.stepping import Simulation
+
+EVERY_S = 300.0
+"""Wall time between stored states [s]."""
+KEPT = 2
+"""Number of drives whose states are kept."""
+
+
+class Interrupted:
+    """Stored state of an interrupted drive."""
+
+    def __init__(self, scenario: Scenario, stopped: Callable[[], bool]) -> None:
+        self.scenario, self.stopped = scenario, stopped
+        self.folder = user_cache_path("agrobot_mj") / "field_runs"
+        self.file = self.folder / f"{scenario.identity}.pickle"
+        self.state: Snapshot | None = None
+
+    def load(self) -> None:
+        """Load the state. Raise `ScenarioError` if there is none."""
+        try:
+            state = pickle.loads(self.file.read_bytes())
+        except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
+            raise ScenarioError(
+                "--resume: there is no interrupted drive with these options; leave out --resume to start"
+            ) from None
+        self.state = state._replace(scenario=self.scenario)
+
+    def store(self, sim: Simulation) -> None:
+        """Store the state of a simulation with the rows so far; without space, the drive goes on."""
+        rows = sim.rows
+        saved = SavedRows(rows.filled, (), (rows.values[: rows.filled], rows.poses[: rows.filled]))
+        state = sim.save(saved)
+        with suppress(OSError):
+            self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with atomic(self.file) as path, path.open("wb") as file:
+                pickle.dump(state, file, protocol=pickle.HIGHEST_PROTOCOL)
+            for old in sorted(self.folder.glob("*.pickle"), key=lambda each: -each.stat().st_mtime)[KEPT:]:
+                old.unlink(missing_ok=True)
+        rows.release()
+
+    def ticks(self, sim: Simulation) -> Iterator[None]:
+        """Simulate to the end, from the loaded state if there is one; store the state at times and when stopped."""
+        if self.state is None:
+            sim.reset()
+        else:
+            sim.restore(self.state)
+            self.state = None
+        due = time.monotonic() + EVERY_S
+        while not sim.done:
+            sim.step()
+            yield  # signals take effect here
+            stopped = self.stopped()
+            if not sim.done and (stopped or time.monotonic() > due):
+                self.store(sim)
+                due = time.monotonic() + EVERY_S
+            if stopped:
+                sim.abort()
+        if sim.outcome != "aborted":
+            self.file.unlink(missing_ok=True)
