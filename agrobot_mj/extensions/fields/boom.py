@@ -52,21 +52,20 @@ class ImplementMotion(NamedTuple):
     y: Array
     """North coordinate [m]."""
     yaw: Array
-    """Heading of the implement [rad]."""
+    """Heading of the implement without jumps by full turns [rad]."""
     s: Array
     """Distance along the plan at which the guidance computer expects the implement to be [m]."""
 
     def at(self, times: Array) -> "ImplementMotion":
         """Return the motion at other times, linearly interpolated."""
-        yaw = np.interp(times, self.t, np.unwrap(self.yaw))
-        x, y, s = (np.interp(times, self.t, values) for values in (self.x, self.y, self.s))
-        return ImplementMotion(times, x, y, yaw, s)
+        return ImplementMotion(times, *(np.interp(times, self.t, values) for values in self[1:]))
 
     def between(self, start: float, end: float) -> "ImplementMotion":
         """Return the motion between two times, interpolated at both ends and thinned for polygons."""
         first, last = np.searchsorted(self.t, [start, end], "right")
+        near = ImplementMotion(*(values[max(first - 1, 0) : last + 1] for values in self))
         inner = self.t[first:last]
-        part = self.at(np.unique(np.concatenate(([start], inner[(inner > start) & (inner < end)], [end]))))
+        part = near.at(np.unique(np.concatenate(([start], inner[(inner > start) & (inner < end)], [end]))))
         travelled = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(part.x), np.diff(part.y)))))
         turned = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(part.yaw)))))
         marks = np.floor(travelled / THIN_M) + np.floor(turned / THIN_RAD)

@@ -1,7 +1,7 @@
 """Commands that plan and simulate field work: `field plan` and `field run`."""
 
 import sys
-from math import radians
+from math import inf, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +20,9 @@ from agrobot_mj.extensions.fields.options import (
     Headlands,
     LookAhead,
     Order,
+    Overlap,
     PlanWidth,
+    Price,
     Radius,
     Resume,
     Sections,
@@ -30,12 +32,14 @@ from agrobot_mj.extensions.fields.options import (
 )
 
 if TYPE_CHECKING:
+    from agrobot_mj.extensions.fields.effort import Prices
     from agrobot_mj.extensions.fields.field import Field
     from agrobot_mj.extensions.fields.plan import Plan
     from agrobot_mj.extensions.fields.planner.rig import FieldMachine
     from agrobot_mj.scenario.schema import Scenario
 
-PAGE = "docs/extensions/fields/driving.md"
+MOST_OVERLAP = 0.5
+"""Maximum planned overlap, divided by the width [-]."""
 PLAN_FILES = ("plan.json", "plan.geojson", "plan.png")
 
 
@@ -49,6 +53,7 @@ def field_plan(
     angle: Angle = None,
     radius: Radius = None,
     speed: Speed = 2.0,
+    overlap: Overlap = 0.0,
     sections: Sections = 1,
     crs: Crs = "",
     name: FieldName = "",
@@ -64,7 +69,7 @@ def field_plan(
     from agrobot_mj.simulation.results import results
 
     field = _field(file, crs, name, quiet)
-    base, rig = _rig(field, width, turn, speed, radius, overrides(sets))
+    base, rig = _rig(field, width, overlap, turn, speed, radius, overrides(sets))
     plan = _plan(field, rig, headlands, turn, order, angle, sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
@@ -85,6 +90,7 @@ def field_run(
     angle: Angle = None,
     radius: Radius = None,
     speed: Speed = 2.0,
+    overlap: Overlap = 0.0,
     sections: Sections = 1,
     on_delay: Delay = 0.0,
     off_delay: Delay = 0.0,
@@ -93,6 +99,7 @@ def field_run(
     plan_file: Annotated[
         Path | None, typer.Option("--plan", metavar="FILE", help="Plan file to use instead of a generated plan.")
     ] = None,
+    price: Price = None,
     resume: Resume = False,
     crs: Crs = "",
     name: FieldName = "",
@@ -115,7 +122,7 @@ def field_run(
     field = _field(file, crs, name, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
-    base, rig = _rig(field, worked, turn, speed, radius, given)
+    base, rig = _rig(field, worked, stored.overlap if stored else overlap, turn, speed, radius, given)
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
@@ -124,7 +131,7 @@ def field_run(
         plan = given_plan(plan_file, stored, field, rig, sections)
     _warn(plan, quiet)
     boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
-    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume)
+    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, _prices(price))
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
@@ -141,17 +148,20 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 
 
 def _rig(
-    field: "Field", width: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
+    field: "Field", width: float, overlap: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
 ) -> "tuple[Scenario, FieldMachine]":
     """Return the scenario with the turn limits of the machine, and the machine for the planner."""
+    from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.drive import planning_scenario
     from agrobot_mj.extensions.fields.planner.rig import rig_of
 
+    if overlap > MOST_OVERLAP * width:
+        raise ScenarioError(f"--overlap {overlap:g}: exceeds half of the width of {width:g} m; set a smaller overlap")
     path: dict[str, Any] = {"transition": "none" if turn == "omega" else "clothoid", "speed_m_s": speed}
     if radius is not None:
         path["turn_radius_m"] = radius
     base = planning_scenario(field.name, path, given)
-    return base, rig_of(base, width)
+    return base, rig_of(base, width, overlap)
 
 
 def _plan(
@@ -168,6 +178,23 @@ def _plan(
 
     direction = None if angle is None else radians(angle)
     return make_plan(field, rig, Options(headlands, turn, order, direction, sections, beyond))
+
+
+def _prices(given: list[str] | None) -> "Prices":
+    """Return the prices of options NAME=VALUE. Raise `ScenarioError` for another name or value."""
+    from agrobot_mj.core.errors import ScenarioError
+    from agrobot_mj.extensions.fields.effort import Prices
+
+    found: dict[str, float] = {}
+    for text in given or []:
+        name, _, value = text.partition("=")
+        try:
+            found[name.strip()] = float(value)
+        except ValueError:
+            raise ScenarioError(f"--price {text}: has no number; write --price input_ha=180") from None
+        if name.strip() not in Prices._fields or not 0 <= found[name.strip()] < inf:
+            raise ScenarioError(f"--price {text}: give {', '.join(Prices._fields)}, each 0 or more")
+    return Prices(**found)
 
 
 def _warn(plan: "Plan", quiet: bool) -> None:

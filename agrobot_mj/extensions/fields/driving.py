@@ -14,6 +14,7 @@ from agrobot_mj.cli.runs import answer
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import Boom
 from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
+from agrobot_mj.extensions.fields.effort import Prices
 from agrobot_mj.extensions.fields.evaluation import FieldDrive, report
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.layers import WorkRecording
@@ -21,10 +22,11 @@ from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.extensions.fields.raster import write_raster
 from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import Progress
-from agrobot_mj.simulation.results import results, write_json
+from agrobot_mj.simulation.results import atomic, results, write_json
 from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 from agrobot_mj.studies.style import write_figure
@@ -32,7 +34,7 @@ from agrobot_mj.studies.style import write_figure
 if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
-FILES = ("coverage.json", "coverage.geojson", "coverage.png")
+FILES = ("coverage.json", "coverage.geojson", "coverage.png", "coverage.tif")
 
 
 class Hectares(Progress):
@@ -63,7 +65,8 @@ def drive(
     out: Path | None,
     recorded: bool,
     quiet: bool,
-    resume: bool = False,
+    resume: bool,
+    prices: Prices,
 ) -> Answer:
     """Simulate a plan, write the results, and return the result of the command."""
     with tempfile.TemporaryDirectory() as place:
@@ -77,7 +80,7 @@ def drive(
 
         def drove_of(log: Log) -> FieldDrive:
             if not drives:
-                drives.append(FieldDrive(log, plan, whole, body, rig, boom))
+                drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices))
             return drives[0]
 
         recording = WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage)
@@ -103,4 +106,6 @@ def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[
     """Write the coverage of a drive as numbers, GeoJSON and map."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
+    with atomic(folder / "coverage.tif") as path:
+        write_raster(path, drove.coverage, field.plane)
     write_figure(folder / "coverage.png", map_of, drove.field, drove.plan, drove.coverage, track)

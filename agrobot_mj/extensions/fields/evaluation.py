@@ -12,8 +12,10 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import THIN_M, Boom, ImplementMotion, Times, switched, worked
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas, coverage, excursion, gaps
+from agrobot_mj.extensions.fields.effort import NO_PRICES, Prices, cost, effort
 from agrobot_mj.extensions.fields.operations import StraightPass, capacity, pass_to_pass, summary, turn_of
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
+from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
 from agrobot_mj.metrics import RunView
 from agrobot_mj.paths.track import Index
@@ -35,6 +37,7 @@ class FieldDrive:
     """Area inside the headland laps [m]."""
     rig: FieldMachine
     boom: Boom
+    prices: Prices = NO_PRICES
 
     @cached_property
     def motion(self) -> ImplementMotion:
@@ -49,8 +52,9 @@ class FieldDrive:
         found = ImplementMotion(t, *at, self._travelled() + np.nan_to_num(ahead))
         good = np.isfinite(np.column_stack(found)).all(axis=1)
         if good.sum() < 2:
-            raise ScenarioError("the run ended before the implement moved; no coverage is available")
-        return ImplementMotion(*(values[good] for values in found))
+            raise ScenarioError("the run ended before the implement moved; there is no coverage")
+        kept = ImplementMotion(*(values[good] for values in found))
+        return kept._replace(yaw=np.unwrap(kept.yaw))
 
     def _travelled(self) -> Array:
         """Return the distance of the CG along the plan at each tick [m]."""
@@ -167,8 +171,12 @@ def report(drive: FieldDrive) -> dict[str, Any]:
         "time_s": span,
         "capacity": capacity(by_part["field"]["reached_m2"], span, drive.plan.width, drive.rig.path.speed_m_s),
         "accuracy": pass_to_pass(drive.lines(), drive.plan.width),
+        "effort": effort(log),
+        "planned": areas(planned_coverage(drive.plan, drive.field, drive.body, drive.boom.sections)),
         "plan_warnings": list(drive.plan.warnings),
     }
+    if any(drive.prices):
+        content["cost"] = cost(drive.prices, by_part["field"], span)
     return {**content, "summary": sentence(content)}
 
 

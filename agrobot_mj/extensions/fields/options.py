@@ -51,6 +51,13 @@ Radius = Annotated[
     float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: from the machine.")
 ]
 Speed = Annotated[float, typer.Option(min=0.1, max=5, callback=finite, help="Working speed [m/s].")]
+Overlap = Annotated[
+    float, typer.Option(min=0, max=5, callback=finite, help="Planned overlap between neighbouring passes [m].")
+]
+Price = Annotated[
+    list[str] | None,
+    typer.Option("--price", metavar="NAME=VALUE", help="Price: input_ha, yield_ha (both per hectare) or hour."),
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue the interrupted drive with the same options.")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
 Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Delay of a section [s].")]

@@ -8,7 +8,7 @@ from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planned import planned_coverage
-from agrobot_mj.extensions.fields.planner.area import whole_of
+from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.simulation.results import write_json
 from agrobot_mj.studies.style import write_figure
 
@@ -23,7 +23,7 @@ def write_plan(folder: Path, field: Field, plan: Plan) -> None:
 
 def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
     """Return a text summary of a plan, and its numbers."""
-    ideal = areas(planned_coverage(plan, field))["field"]
+    ideal = areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {
         "field": plan.name,

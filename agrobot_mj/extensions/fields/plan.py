@@ -60,6 +60,8 @@ class Plan:
     """Number of headland laps; 0 for a plan from a file."""
     margin: float = 0.0
     """Width of the strip along the boundary that is not worked [m]."""
+    overlap: float = 0.0
+    """Planned overlap between neighbouring passes [m]."""
     warnings: tuple[str, ...] = ()
     """Places where the plan leaves the field or crosses worked ground."""
 
@@ -123,6 +125,7 @@ def _plan(found: Mapping[str, Any]) -> Plan:
         angle_deg=None if angle is None else float(angle),
         headlands=int(found.get("headlands", 0)),
         margin=float(found.get("margin", 0.0)),
+        overlap=float(found.get("overlap", 0.0)),
         warnings=tuple(map(str, found.get("warnings", ()))),
         **numbers,
     )

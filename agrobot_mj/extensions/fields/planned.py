@@ -1,18 +1,17 @@
 """Coverage of a plan without tracking errors: the gaps and overlaps caused by the plan itself."""
 
 import numpy as np
+from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.extensions.fields.boom import Boom, ImplementMotion, worked
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, coverage
-from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan
-from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 
 
-def planned_coverage(plan: Plan, field: Field, sections: int = 1) -> FieldCoverage:
-    """Return the coverage of a plan by an implement that is rigidly mounted and follows the plan exactly.
+def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry, sections: int = 1) -> FieldCoverage:
+    """Return the coverage of a plan on a field (`whole`) with a body.
 
-    The motion has a constant speed of 1 m/s along the plan.
+    The implement is rigidly mounted and follows the plan exactly, at a constant speed of 1 m/s.
     """
     course = plan.course.divided()
     x, y, yaw = course.joints()
@@ -24,4 +23,4 @@ def planned_coverage(plan: Plan, field: Field, sections: int = 1) -> FieldCovera
     ground = [
         worked(motion, [span if span[1] > span[0] else None for span in one.sections], boom) for one in plan.passes
     ]
-    return coverage(whole_of(field), body_of(field, plan), [each for each in ground if not each.is_empty])
+    return coverage(whole, body, [each for each in ground if not each.is_empty])

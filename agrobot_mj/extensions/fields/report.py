@@ -16,6 +16,13 @@ from agrobot_mj.studies.pages.report import Reports
 SMALLEST_M2 = 0.01
 """Area below which a gap or an overlap is not drawn [m2]."""
 COLOURS = {"overlapped": ORANGE, "missed": VERMILION}
+EFFORT = (
+    ("energy_wheels_mj", "energy at the driven wheels", "MJ"),
+    ("energy_ground_mj", "energy of the wheel forces on the ground", "MJ"),
+    ("slip_median_percent", "median slip", "%"),
+    ("rut_depth_max_m", "maximum depth of ruts", "m"),
+)
+"""Key, text and unit of the effort."""
 HEAD = 2
 """Number of parts at the start of a page: title and facts."""
 
@@ -51,6 +58,12 @@ def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
         yield f"{name} outside the boundary{at}", round(out["largest_m"], 3), "m"
         yield f"area of the {name} outside the boundary", round(out["area_m2"], 2), "m2"
     yield "pass-to-pass error at the implement, 95th percentile", _rounded(accuracy["pass_to_pass_p95_m"]), "m"
+    yield "planned overlap of the field", round(found["planned"]["field"]["overlapped_percent"], 2), "%"
+    for name, text, unit in EFFORT:
+        if found["effort"][name] is not None:
+            yield text, round(found["effort"][name], 3), unit
+    for name, value in found.get("cost", {}).items():
+        yield f"cost, {name}", round(value, 2), "-"
     yield "distance", round(found["distance_m"], 1), "m"
     yield "working distance", round(found["working_distance_m"], 1), "m"
     yield "time", round(found["time_s"], 1), "s"

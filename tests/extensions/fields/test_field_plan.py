@@ -14,17 +14,22 @@ from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
-from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of
+from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
 from agrobot_mj.extensions.fields.planner.joins import join
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
 
 
+def planned(plan, field, sections=1):
+    """Areas of a plan that is followed exactly."""
+    return areas(planned_coverage(plan, whole_of(field), body_of(field, plan), sections))
+
+
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
 def test_planned_work_covers_all_but_the_corners(field):
     rig = machine()
-    found = areas(planned_coverage(make_plan(field, rig, Options()), field))
+    found = planned(make_plan(field, rig, Options()), field)
     assert found["body"]["missed_percent"] < 0.05
     assert found["field"]["missed_percent"] < 3.0
 
@@ -83,9 +88,7 @@ def test_given_angle_is_kept():
 
 def test_sections_leave_less_overlap_at_oblique_ends():
     rig = machine()
-    one, six = (
-        areas(planned_coverage(make_plan(SLANTED, rig, Options(angle=0.0, sections=n)), SLANTED, n)) for n in (1, 6)
-    )
+    one, six = (planned(make_plan(SLANTED, rig, Options(angle=0.0, sections=n)), SLANTED, n) for n in (1, 6))
     assert six["field"]["overlapped_m2"] < one["field"]["overlapped_m2"] - 5.0
     assert six["body"]["missed_m2"] < one["body"]["missed_m2"] + 0.1
 
@@ -157,3 +160,12 @@ def test_damaged_plan_file_is_named(tmp_path, text, reason):
     file.write_text(text)
     with pytest.raises(ValueError, match=r"file: plan.json: .*" + reason):
         FieldPlan(file=str(file)).check()
+
+
+def test_planned_overlap_narrows_the_passes():
+    rig = replace(machine(), overlap=0.2)
+    plan = make_plan(RECTANGLE, rig, Options(headlands=3))
+    found, exact = planned(plan, RECTANGLE), planned(make_plan(RECTANGLE, machine(), Options(headlands=3)), RECTANGLE)
+    assert plan.overlap == 0.2
+    assert 4.0 < found["body"]["overlapped_percent"] - exact["body"]["overlapped_percent"] < 20.0
+    assert found["field"]["missed_percent"] < exact["field"]["missed_percent"] + 0.05

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 from rerun.chunk import RrdReader
 
 from agrobot_mj.cli import main
-from agrobot_mj.core.geodesy import Origin, to_geodetic
+from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
+from agrobot_mj.extensions.fields.effort import Prices, cost
 from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
@@ -67,6 +69,33 @@ def test_run_covers_the_field(driven):
     assert 0.2 < found["capacity"]["field_efficiency"] < 0.9
 
 
+def test_effort_and_plan_are_reported(driven):
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
+    effort, plan = found["effort"], found["planned"]["field"]
+    assert 0.0 < effort["energy_ground_mj"] < effort["energy_wheels_mj"]
+    assert 0.0 < effort["slip_median_percent"] < 10.0
+    assert effort["rut_depth_max_m"] is None
+    assert 0.0 < plan["missed_percent"] < found["areas"]["field"]["missed_percent"]
+    assert "cost" not in found
+
+
+def test_raster_has_the_area_of_the_coverage(driven):
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())["areas"]["field"]
+    image = Image.open(driven / "runs" / "field" / "coverage.tif")
+    cells, (east, north, _) = np.asarray(image), image.tag_v2[33550]
+    low, high = to_local(PLANE, 52.0, 5.0), to_local(PLANE, 52.0 + north, 5.0 + east)
+    area = (high[0] - low[0]) * (high[1] - low[1])
+    assert area == pytest.approx(0.25**2, rel=1e-3)
+    assert (cells != 255).sum() * area == pytest.approx(found["area_m2"], rel=0.03)
+    assert ((cells > 0) & (cells != 255)).sum() * area == pytest.approx(found["reached_m2"], rel=0.03)
+    assert image.tag_v2[33922][3:5] == pytest.approx((5.0, to_geodetic(PLANE, 0.0, 25.0)[0]), abs=1e-8)
+
+
+def test_cost_is_proportional_to_areas_and_time():
+    found = cost(Prices(200.0, 1000.0, 60.0), {"overlapped_m2": 500.0, "missed_m2": 100.0}, 1800.0)
+    assert found == pytest.approx({"overlap": 10.0, "missed": 10.0, "time": 30.0, "total": 50.0})
+
+
 def test_drive_is_worse_than_its_plan(driven):
     planned = json.loads(next(driven.glob("runs/plan-*/plan.json")).read_text())
     log = pq.read_table(driven / "runs" / "field" / "signals.parquet")
@@ -98,6 +127,7 @@ def test_report_begins_with_the_coverage(driven):
         (["--radius", "1"], "--radius 1: machine compact needs at least 1.58 m"),
         (["--width", "30"], "--width 30: the field is too narrow"),
         (["--machine", "nobody"], "machine"),
+        (["--overlap", "2"], "--overlap 2: exceeds half of the width"),
         (["--set", "tractor.mass=1"], "tractor.mass"),
         (["--set", "path.kind=line"], 'path.kind: "line": the field determines the path'),
         (["--angle", "1e300"], "'--angle'"),
@@ -111,10 +141,11 @@ def test_bad_options_are_named(call, tmp_path, options, message):
     assert not (tmp_path / "out").exists()
 
 
-def test_empty_name_of_a_law_is_refused(call, tmp_path):
-    status, _, err = call("field", "run", str(boundary(tmp_path)), "--guidance", "", "--out", str(tmp_path / "out"))
-    assert (status, "guidance.kind" in err, "Traceback" in err) == (2, True, False)
-    assert not (tmp_path / "out").exists()
+@pytest.mark.parametrize(("price", "message"), [("fuel=1", "give input_ha, yield_ha, hour"), ("hour", "has no number")])
+def test_bad_price_is_named(call, tmp_path, price, message):
+    status, _, err = call("field", "run", str(boundary(tmp_path)), "--price", price, "--out", str(tmp_path / "out"))
+    assert (status, (tmp_path / "out").exists()) == (2, False)
+    assert f"--price {price}: {message}" in err
 
 
 def test_bad_plan_file_is_named(call, tmp_path):

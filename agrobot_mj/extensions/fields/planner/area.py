@@ -80,11 +80,11 @@ def whole_of(field: Field) -> BaseGeometry:
 
 def body_of(field: Field, plan: Plan) -> BaseGeometry:
     """Return the area inside the headland laps of a plan."""
-    return offset(whole_of(field), plan.margin + plan.headlands * plan.width)
+    return offset(whole_of(field), plan.margin + plan.overlap / 2 + plan.headlands * (plan.width - plan.overlap))
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
     """Return the area of a field, divided into a margin without work, headland laps and body."""
-    whole = whole_of(field)
-    laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, margin), headlands, rig.width))
-    return Area(whole, offset(whole, margin + headlands * rig.width), laps, rig, beyond)
+    whole, first = whole_of(field), margin + rig.overlap / 2
+    laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
+    return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

@@ -133,7 +133,7 @@ class _Work:
     def cells(self, layout: Pattern) -> None:
         """Append the swaths of all cells, the nearest cell first."""
         self.layout = layout
-        across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.width - 1e-9))
+        across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.spacing - 1e-9))
         left = list(layout.cells)
         while left:
             variants = [(k, back, forth) for k in range(len(left)) for back in (False, True) for forth in (True, False)]
@@ -157,7 +157,7 @@ class _Work:
         angle = None if self.layout is None else round(degrees(self.layout.angle), 4)
         return Plan(
             *(name, self.rig.width, self.rig.behind, self.start or self.pose, tuple(self.pieces), tuple(self.passes)),
-            *(self.rig.path.cusp_pause_s, angle, headlands, margin),
+            *(self.rig.path.cusp_pause_s, angle, headlands, margin, self.rig.overlap),
             warnings=(*notes, *self.leaving.warnings(), *crossing),
         )
 
@@ -184,7 +184,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         if found.laps:
             margin = round(margin + found.laps + MARGIN_STEP_M, 2)
         else:
-            count += ceil(found.turns / rig.width)
+            count += ceil(found.turns / rig.spacing)
         try:
             work = _work(field, rig, options, count, margin)
         except ScenarioError:
@@ -193,7 +193,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
         worst = worst if worst.turns or not found.turns else found
     inside = not max(found.laps, found.turns)
     if not inside or (options.headlands is not None and count > first):
-        remedy = f"at least {count} laps ({count * rig.width:g} m)" if inside else "a smaller --radius or --width"
+        remedy = f"at least {count} laps ({count * rig.spacing:g} m)" if inside else "a smaller --radius or --width"
         raise ScenarioError(
             f"--headlands {first}: the machine would leave the field by {worst.largest} in its turns; use {remedy}, "
             "or allow it with --beyond"
@@ -213,9 +213,9 @@ def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, mar
     if area.body.area > LEAST_AREA * rig.width**2:
         given = options.angle
         work.cells(
-            best_pattern(area.body, rig.width, options.sections)
+            best_pattern(area.body, rig.spacing, options.sections)
             if given is None
-            else pattern(area.body, given, rig.width, options.sections)
+            else pattern(area.body, given, rig.spacing, options.sections)
         )
     if work.start is None:
         raise ScenarioError(f"--width {rig.width:g}: the field has no room for a swath; use a smaller width")

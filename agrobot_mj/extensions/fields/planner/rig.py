@@ -35,6 +35,13 @@ class FieldMachine:
     """Minimum turn radius of the CG [m]."""
     path: Swaths
     """Bends of this machine: radius, speed and steering rate of its turns."""
+    overlap: float = 0.0
+    """Planned overlap between neighbouring passes [m]."""
+
+    @property
+    def spacing(self) -> float:
+        """Distance between neighbouring passes [m]."""
+        return self.width - self.overlap
 
     @property
     def bends(self) -> Bends:
@@ -67,8 +74,8 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
     return found
 
 
-def rig_of(scenario: Scenario, width: float) -> FieldMachine:
-    """Return the machine of a scenario. Raise `ScenarioError` for other paths than `swaths` and for tight radii."""
+def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
+    """Return the machine of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
     tractor, path = scenario.tractor, scenario.path
     if not isinstance(path, Swaths):
         raise ScenarioError(f'path.kind: "{path.kind}": the field determines the path; leave the key out')
@@ -87,4 +94,5 @@ def rig_of(scenario: Scenario, width: float) -> FieldMachine:
         half_width=(tractor.track_m + max(tractor.front_wheel_width_m, tractor.rear_wheel_width_m)) / 2,
         tightest=tractor.tightest_radius,
         path=path,
+        overlap=overlap,
     )

@@ -1,0 +1,62 @@
+"""Effort and cost of a drive: energy, slip, ruts, and the cost of overlaps, gaps and time."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agrobot_mj.core.signals import TICK_S
+from agrobot_mj.simulation.log import Log
+
+SLOWEST_M_S = 0.2
+"""Speed below which slip is not evaluated [m/s]."""
+DRIVEN = ("rl", "rr")
+"""Driven wheels of all machines."""
+
+
+class Prices(NamedTuple):
+    """Prices, in any currency."""
+
+    input_ha: float = 0.0
+    """Cost of seed, fertiliser or product per worked hectare."""
+    yield_ha: float = 0.0
+    """Value of the yield that is lost per missed hectare."""
+    hour: float = 0.0
+    """Cost of machine and driver per hour."""
+
+
+NO_PRICES = Prices()
+"""Prices of a drive without cost."""
+
+
+def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
+    """Return the cost of overlaps, gaps and time, and their sum, from the areas of the field."""
+    parts = {
+        "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
+        "missed": prices.yield_ha * areas["missed_m2"] / 1e4,
+        "time": prices.hour * time_s / 3600,
+    }
+    return {**parts, "total": sum(parts.values())}
+
+
+def effort(log: Log) -> dict[str, Any]:
+    """Return energy, slip and depth of ruts; None for values that the plant does not have.
+
+    The energy at the wheels is the work of the driven wheels while they drive. The energy at the ground is the work of
+    the forces of all wheels along the heading: of the draught, the slope and the change of speed. Their difference is
+    slip and motion resistance.
+    """
+    names = log.rows.columns
+    content: dict[str, Any] = {"energy_wheels_mj": None, "energy_ground_mj": None, "slip_median_percent": None}
+    if all(f"slip_ratio_{wheel}" in names for wheel in DRIVEN):
+        speed = log.column("speed")
+        slips = np.mean([log.column(f"slip_ratio_{wheel}") for wheel in DRIVEN], axis=0)
+        forces = np.sum([log.column(name) for name in names if name.startswith("fx_") and len(name) == 5], axis=0)
+        rolling = speed * (1 + slips) / log.scenario.tractor.rear_wheel_radius_m
+        power = np.nan_to_num(log.column("drive_torque") * rolling)
+        content["energy_wheels_mj"] = float(power.clip(min=0).sum() * TICK_S / 1e6)
+        content["energy_ground_mj"] = float(np.nan_to_num(forces * speed).sum() * TICK_S / 1e6)
+        if (moving := slips[speed > SLOWEST_M_S]).size:
+            content["slip_median_percent"] = float(100 * np.nanmedian(moving))
+    content["rut_depth_max_m"] = float(log.ruts.depth.max(initial=0.0)) if log.ruts is not None else None
+    return content
