@@ -27,18 +27,26 @@ LINES = [line for block in re.findall(r"^```sh\n(.*?)```", TEXT, re.S | re.M) fo
 COMMANDS = [shlex.split(line)[1:] for line in LINES if line.startswith("agrobot-mj ")]
 SURVEY = "latitude,longitude\n50.8770,4.6990\n50.8770,4.6996\n50.8772,4.7000\n"
 """Waypoints some 40 m apart, with a gentle bend."""
+BOUNDARY = "latitude,longitude\n50.8770,4.6990\n50.8770,4.7000\n50.8776,4.7000\n50.8776,4.6990\n"
+"""Corners of a field of 0.5 ha."""
 LOG = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality\n" + "".join(
     f"{k / 10},2.0,5.4,{50.877 + k * 1e-6},4.699,4\n" for k in range(400)
 )
 """A log in the columns that need no map."""
-QUICKER = {**SHORT, "run": "--set duration_s=2 --no-rrd --quiet", "compare": f"{SHORT['compare']} --seeds 1"}
+BRIEF = "--set duration_s=30 --set plant.kind=bicycle --no-rrd --quiet"
+QUICKER = {
+    **SHORT,
+    "field": BRIEF,
+    "run": "--set duration_s=2 --no-rrd --quiet",
+    "compare": f"{SHORT['compare']} --seeds 1",
+}
 
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
     """The folder in which everything was done in its order but the C++, and what the commands said by their verb."""
     folder, said = tmp_path_factory.mktemp("cookbook"), {}
-    for name, content in {**FILES, "survey.csv": SURVEY, "field.csv": LOG}.items():
+    for name, content in {**FILES, "survey.csv": SURVEY, "boundary.csv": BOUNDARY, "field.csv": LOG}.items():
         (folder / name).write_text(content, encoding="utf-8")
     with contextlib.chdir(folder), pytest.MonkeyPatch.context() as patch:
         patch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
@@ -53,7 +61,9 @@ def metrics(folder):
 
 
 def test_every_cookbook_question_has_its_command():
-    assert [words[0] for words in COMMANDS] == ["run", "run", "link", "compare", "twin", "limit", "risk"]
+    assert [words[0] for words in COMMANDS] == [
+        *("run", "run", "field", "report", "link", "compare", "twin", "limit", "risk")
+    ]
 
 
 def test_tractor_from_mass_and_wheelbase_drives_a_surveyed_field(walk):
@@ -65,6 +75,14 @@ def test_tractor_from_mass_and_wheelbase_drives_a_surveyed_field(walk):
     signals = pq.read_table(folder / "runs" / "field" / "signals.parquet")
     loads = sum(signals[f"load_{wheel}"].to_numpy() for wheel in ("fl", "fr", "rl", "rr"))
     assert np.median(loads) == pytest.approx(4200 * 9.81, rel=0.05)
+
+
+def test_work_on_a_field_gives_its_coverage_and_a_report(walk):
+    folder, said = walk
+    found = json.loads((folder / "runs" / "work" / "coverage.json").read_text(encoding="utf-8"))
+    assert found["areas"]["field"]["area_m2"] == pytest.approx(4700, rel=0.02)
+    assert "ha covered" in said["field"]
+    assert (folder / "runs" / "work" / "report.html").is_file()
 
 
 def test_commands_on_laws_limits_and_risks_write_their_results(walk):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 MOST_OVERLAP = 0.5
 """Maximum planned overlap, divided by the width [-]."""
-PLAN_FILES = ("plan.json", "plan.geojson", "plan.png")
+PLAN_FILES = ("field_plan.json", "plan.geojson", "plan.png", "scenario.toml")
 
 
 def field_plan(
@@ -63,9 +63,10 @@ def field_plan(
 ) -> Answer:
     """Plan headland laps, swaths and turns on a field.
 
-    Writes plan.json, plan.geojson and plan.png. The plan is drivable, not optimal.
+    Writes field_plan.json, plan.geojson, plan.png and scenario.toml. The plan is drivable, not optimal.
     """
-    from agrobot_mj.extensions.fields.output import plan_text, write_plan
+    from agrobot_mj.extensions.fields.output import plan_text, write_plan, write_scenario
+    from agrobot_mj.extensions.fields.planner.joins import depth_of_turn
     from agrobot_mj.simulation.results import results
 
     field = _field(file, crs, name, quiet)
@@ -74,8 +75,9 @@ def field_plan(
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
         write_plan(folder, field, plan)
+        write_scenario(folder, field, plan, base, overrides(sets))
     _warn(plan, quiet)
-    text = plan_text(plan, field)
+    text = plan_text(plan, field, depth_of_turn(rig, turn))
     content = {"folder": str(folder), "machine": base.machine, "warnings": list(plan.warnings), **text[1]}
     return Answer(content, f"{text[0]}, {folder}")
 

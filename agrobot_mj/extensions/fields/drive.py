@@ -9,7 +9,7 @@ from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.scenario.schema import Scenario, resolve
 
-PLAN_FILE = "plan.json"
+PLAN_FILE = "field_plan.json"
 EDGE_M = 50.0
 """Width of the ground beyond the boundary [m]."""
 LARGEST_M = 500.0

@@ -38,6 +38,8 @@ class FieldDrive:
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
+    view: RunView | None = None
+    """Log with its position relative to the path, if known."""
 
     @cached_property
     def motion(self) -> ImplementMotion:
@@ -58,7 +60,7 @@ class FieldDrive:
 
     def _travelled(self) -> Array:
         """Return the distance of the CG along the plan at each tick [m]."""
-        beside = RunView(self.log).beside_path("x", "y")
+        beside = (self.view or RunView(self.log)).cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
         dt = beside.time - timed.times[k]

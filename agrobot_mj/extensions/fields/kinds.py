@@ -1,6 +1,7 @@
 """Kinds of this extension."""
 
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
+from agrobot_mj.extensions.fields.work_metric import FieldWork
 
-KINDS = (FieldPlan,)
+KINDS = (FieldPlan, FieldWork)
 """Kinds of this extension."""

@@ -1,28 +1,38 @@
 """Output files and text summary of a plan."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from agrobot_mj.extensions.fields.coverage import areas
+from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
-from agrobot_mj.simulation.results import write_json
+from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.simulation.results import atomic, write_json
 from agrobot_mj.studies.style import write_figure
 
 
 def write_plan(folder: Path, field: Field, plan: Plan) -> None:
     """Write a plan, its map and its GeoJSON."""
     whole = whole_of(field)
-    write_json(folder / "plan.json", to_json(plan))
+    write_json(folder / "field_plan.json", to_json(plan))
     write_json(folder / "plan.geojson", geojson(whole, plan, plane=field.plane))
     write_figure(folder / "plan.png", map_of, whole, plan)
 
 
-def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
-    """Return a text summary of a plan, and its numbers."""
+def write_scenario(folder: Path, field: Field, plan: Plan, base: Scenario, overrides: Mapping[str, Any]) -> None:
+    """Write the scenario that drives the plan in a folder, for comparisons and sweeps."""
+    scenario = driving_scenario(field, plan, (folder / PLAN_FILE).absolute(), base, overrides)
+    with atomic(folder / "scenario.toml") as path:
+        path.write_text(scenario.portable()[0], encoding="utf-8")
+
+
+def plan_text(plan: Plan, field: Field, depth: float) -> tuple[str, dict[str, Any]]:
+    """Return a text summary of a plan with the depth of its turns [m], and its numbers."""
     ideal = areas(planned_coverage(plan, whole_of(field), body_of(field, plan)))["field"]
     swaths = sum(one.part == "body" for one in plan.passes)
     numbers = {
@@ -31,6 +41,7 @@ def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
         "angle_deg": plan.angle_deg,
         "laps": len(plan.passes) - swaths,
         "swaths": swaths,
+        "turn_depth_m": depth,
         "length_m": plan.length,
         "working_length_m": plan.working_length,
         "overlapped_percent": ideal["overlapped_percent"],
@@ -40,6 +51,7 @@ def plan_text(plan: Plan, field: Field) -> tuple[str, dict[str, Any]]:
     text = (
         f"{plan.name}: {numbers['area_m2'] / 1e4:.3g} ha, {numbers['laps']} laps, {swaths} swaths{direction}, "
         f"{plan.length / 1000:.2f} km, {100 * plan.working_length / plan.length:.0f} % of it working, "
-        f"{ideal['overlapped_percent']:.1f} % overlapped and {ideal['missed_percent']:.1f} % missed by the plan"
+        f"{ideal['overlapped_percent']:.1f} % overlapped and {ideal['missed_percent']:.1f} % missed by the plan; "
+        f"turns need {depth:.1f} m"
     )
     return text, numbers

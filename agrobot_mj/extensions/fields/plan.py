@@ -62,6 +62,8 @@ class Plan:
     """Width of the strip along the boundary that is not worked [m]."""
     overlap: float = 0.0
     """Planned overlap between neighbouring passes [m]."""
+    ground: str = ""
+    """Field without obstacles as well-known text [m]."""
     warnings: tuple[str, ...] = ()
     """Places where the plan leaves the field or crosses worked ground."""
 
@@ -126,6 +128,7 @@ def _plan(found: Mapping[str, Any]) -> Plan:
         headlands=int(found.get("headlands", 0)),
         margin=float(found.get("margin", 0.0)),
         overlap=float(found.get("overlap", 0.0)),
+        ground=str(found.get("ground", "")),
         warnings=tuple(map(str, found.get("warnings", ()))),
         **numbers,
     )

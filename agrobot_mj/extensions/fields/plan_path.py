@@ -15,7 +15,7 @@ class FieldPlan(FromFile):
     kind: Literal["field_plan"] = "field_plan"
     suffixes: ClassVar[tuple[str, ...]] = SUFFIXES
     max_bytes: ClassVar[int] = MAX_BYTES
-    file: Annotated[str, Field(max_length=4000)] = "plan.json"
+    file: Annotated[str, Field(max_length=4000)] = "field_plan.json"
     """Plan file written by `agrobot-mj field plan`."""
 
     @property

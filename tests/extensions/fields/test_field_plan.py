@@ -6,19 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
+from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.resources import stamped
 from agrobot_mj.extensions.fields.coverage import areas
+from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import MAX_BYTES, plan_of, to_json
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
-from agrobot_mj.extensions.fields.planner.joins import join
+from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
+from agrobot_mj.paths.track import chain
 
 
 def planned(plan, field, sections=1):
@@ -57,6 +60,19 @@ def test_turn_shapes_differ_where_the_headland_has_room():
     assert cusps == {"omega": 0, "bulb": 0, "clothoid": 0, "k": cusps["k"]}
     assert cusps["k"] > 0
     assert len({round(length, 2) for length in lengths.values()}) == 4
+
+
+@pytest.mark.parametrize("turn", ["omega", "bulb", "clothoid", "k"])
+def test_turn_stays_inside_a_headland_of_its_depth(turn):
+    rig = machine(turn=turn)
+    depth = depth_of_turn(rig, turn)
+    field = Field("strip", Polygon([(0, 0), (80, 0), (80, 60), (0, 60)]))
+    area, end = area_of(field, 0, rig), 80.0 - depth + rig.behind
+    start, goal = Pose(end, 30.0, 0.0), Pose(end, 33.0, np.pi)
+    pieces = next(_turns(start, goal, turn, rig.bends))
+    outside = area.outside(*chain(start, pieces).divided().joints()).max()
+    beyond = area.outside(*chain(start._replace(x=end + 0.2), pieces).divided().joints()).max()
+    assert (outside, beyond) == pytest.approx((0.0, 0.2), abs=1e-6)
 
 
 def test_connection_to_a_distant_swath_goes_along_a_lap():

@@ -79,6 +79,22 @@ def test_effort_and_plan_are_reported(driven):
     assert "cost" not in found
 
 
+def test_metrics_of_the_run_agree_with_its_coverage(driven):
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
+    metrics = json.loads((driven / "runs" / "field" / "metrics.json").read_text())
+    whole, out = found["areas"]["field"], found["excursions"]
+    assert metrics["field_missed_percent"] == pytest.approx(whole["missed_percent"], abs=1e-3)
+    assert metrics["field_overlapped_percent"] == pytest.approx(whole["overlapped_percent"], abs=1e-3)
+    assert metrics["implement_beyond_m"] == pytest.approx(out["implement"]["largest_m"], abs=1e-3)
+    assert metrics["field_turns_s"] == pytest.approx(found["turns"]["total_s"], abs=0.1)
+
+
+def test_scenario_next_to_a_plan_drives_it(driven):
+    scenario = load_scenario(str(next(driven.glob("runs/plan-*/scenario.toml"))))
+    assert scenario.path.plan.width == 3.0
+    assert scenario.guidance.kind == "lqr"
+
+
 def test_raster_has_the_area_of_the_coverage(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())["areas"]["field"]
     image = Image.open(driven / "runs" / "field" / "coverage.tif")
@@ -97,7 +113,7 @@ def test_cost_is_proportional_to_areas_and_time():
 
 
 def test_drive_is_worse_than_its_plan(driven):
-    planned = json.loads(next(driven.glob("runs/plan-*/plan.json")).read_text())
+    planned = json.loads(next(driven.glob("runs/plan-*/field_plan.json")).read_text())
     log = pq.read_table(driven / "runs" / "field" / "signals.parquet")
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     assert found["distance_m"] == pytest.approx(sum(piece[0] for piece in planned["pieces"]), rel=0.05)
@@ -107,7 +123,14 @@ def test_drive_is_worse_than_its_plan(driven):
 
 def test_files_of_a_run_are_complete(driven):
     names = {path.name for path in (driven / "runs" / "field").iterdir()}
-    assert names >= {"coverage.json", "coverage.geojson", "coverage.png", "plan.json", "scenario.toml", "report.html"}
+    assert names >= {
+        "coverage.json",
+        "coverage.geojson",
+        "coverage.png",
+        "field_plan.json",
+        "scenario.toml",
+        "report.html",
+    }
     shapes = json.loads((driven / "runs" / "field" / "coverage.geojson").read_text())["features"]
     kinds = {shape["properties"]["kind"] for shape in shapes}
     assert kinds >= {"field", "body", "pass", "turn", "worked", "overlapped", "missed"}

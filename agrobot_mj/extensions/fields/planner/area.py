@@ -80,7 +80,12 @@ def whole_of(field: Field) -> BaseGeometry:
 
 def body_of(field: Field, plan: Plan) -> BaseGeometry:
     """Return the area inside the headland laps of a plan."""
-    return offset(whole_of(field), plan.margin + plan.overlap / 2 + plan.headlands * (plan.width - plan.overlap))
+    return inside_laps(whole_of(field), plan)
+
+
+def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
+    """Return the area inside the headland laps of a plan on a field without obstacles."""
+    return offset(whole, plan.margin + plan.overlap / 2 + plan.headlands * (plan.width - plan.overlap))
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:

@@ -12,11 +12,13 @@ from math import hypot, pi
 from typing import Literal, NamedTuple
 
 import numpy as np
+import shapely
 
 from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.core.roots import root
 from agrobot_mj.extensions.fields.planner.area import TOLERANCE_M, Area
 from agrobot_mj.extensions.fields.planner.laps import Ring, drivable, from_point, pieces_of
+from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_boxes, tractor_boxes
 from agrobot_mj.extensions.fields.planner.words import (
     REVERSING,
     Bends,
@@ -29,6 +31,7 @@ from agrobot_mj.extensions.fields.planner.words import (
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width, headland_turn
 from agrobot_mj.paths.track import Piece
+from agrobot_mj.paths.track import chain as linked
 from agrobot_mj.paths.transition import bend
 
 Shape = Literal["omega", "bulb", "clothoid", "k"]
@@ -119,6 +122,19 @@ def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Piec
     yield (*straight(beyond), *turn, *straight(beyond + further - ahead))
 
 
+def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
+    """Return the distance by which a turn between neighbouring passes extends beyond their ends [m].
+
+    The ends of the passes lie on one line across them.
+    """
+    start, goal = Pose(rig.behind, 0.0, 0.0), Pose(rig.behind, rig.spacing, pi)
+    turn = next(_turns(start, goal, shape, rig.bends))
+    x, y, yaw = linked(start, turn).divided().joints()
+    bar = x - rig.behind * np.cos(yaw), y - rig.behind * np.sin(yaw), yaw
+    outlines = np.concatenate([tractor_boxes(rig, x, y, yaw), implement_boxes(rig, *bar)])
+    return float(shapely.bounds(outlines)[:, 2].max())
+
+
 def _mirrored(piece: Piece) -> Piece:
     return piece._replace(curvature=-piece.curvature, sharpness=-piece.sharpness)
 
@@ -159,8 +175,6 @@ Place = tuple[float, Pose, float]
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
     """Return places along a ring, starting from the point nearest to a pose."""
-    import shapely
-
     line = ring.line
     nearest = line.project(shapely.Point(pose.x, pose.y))
     found = []

@@ -158,6 +158,7 @@ class _Work:
         return Plan(
             *(name, self.rig.width, self.rig.behind, self.start or self.pose, tuple(self.pieces), tuple(self.passes)),
             *(self.rig.path.cusp_pause_s, angle, headlands, margin, self.rig.overlap),
+            ground=shapely.to_wkt(self.area.whole, rounding_precision=4),
             warnings=(*notes, *self.leaving.warnings(), *crossing),
         )
 

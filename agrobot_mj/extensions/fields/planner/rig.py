@@ -1,6 +1,7 @@
 """Machine for the planner: its outlines, and the bends that its steering can follow."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import shapely
@@ -84,6 +85,12 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
             f"--radius {path.turn_radius_m:g}: machine {scenario.machine} needs at least "
             f"{tractor.tightest_radius / MIN_SHARE:.2f} m; set a larger radius"
         )
+    return outline_of(scenario, width, overlap)
+
+
+def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
+    """Return the machine of a scenario with any timed path."""
+    tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m
     return FieldMachine(
@@ -93,6 +100,6 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
         rear=tractor.cg_to_rear_axle + max(tractor.rear_wheel_radius_m, tractor.hitch_behind_m),
         half_width=(tractor.track_m + max(tractor.front_wheel_width_m, tractor.rear_wheel_width_m)) / 2,
         tightest=tractor.tightest_radius,
-        path=path,
+        path=cast(Swaths, scenario.path),
         overlap=overlap,
     )
