@@ -60,10 +60,7 @@ def kernel(function: F) -> F:
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """Return `function` compiled for the types of these arguments, without numba's type dispatch.
-
-    The dispatch takes about one microsecond per named tuple.
-    """
+    """Return `function` compiled for the types of these arguments, without numba's type dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
     return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))

@@ -90,7 +90,7 @@ def stamp(name: str) -> Stamp | None:
 def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
     """Return the stamp of a file that fulfils the conditions of `checked`. Raise ValueError otherwise."""
     path = checked(name, kinds, most_bytes)
-    return stamp(name) or refuse(path, "no longer exists; create it again")
+    return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
 def absence(path: Path) -> str:

@@ -330,7 +330,7 @@ class Suite:
             readings |= {name: state.readings[name] for name in self.others}
         for name, sensor in (self.present if state.readings else self.others).items():
             found = sensor.measure(states[name], truth, conditions, self.dt)
-            states[name], readings[name] = check_pair(found, "its state and a reading", "the sensor", name, "measure")
+            states[name], readings[name] = check_pair(found, "its state and measurement", "the sensor", name, "measure")
         return states
 
 

@@ -117,17 +117,17 @@ _ESTIMATE = _signals(
     ("p_yy", "m2", "estimated variance of R, north", "p_yy"),
     ("p_yaw", "rad2", "estimated variance of the heading", "p_yaw"),
     ("position_nees", "-", "normalised estimation error squared of R, 2 on average if consistent", "nees"),
-    ("position_nis", "-", "normalised innovation squared of the fix; null without", "estimate.nis"),
+    ("position_nis", "-", "normalised innovation squared of the fix; null without a fix", "estimate.nis"),
 )
 _CONDITIONS = _signals(
-    ("gnss_x", "m", "GNSS solution of the antenna, east; null without", "gnss_x"),
-    ("gnss_y", "m", "GNSS solution of the antenna, north; null without", "gnss_y"),
-    ("gnss_quality", "-", "quality of the GNSS: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
-    ("faults_active", "-", "number of scripted faults that act", "faults"),
+    ("gnss_x", "m", "GNSS solution of the antenna, east; null without a solution", "gnss_x"),
+    ("gnss_y", "m", "GNSS solution of the antenna, north; null without a solution", "gnss_y"),
+    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
+    ("faults_active", "-", "number of active scripted faults", "faults"),
 )
 _ERRORS = _signals(
-    ("e_longitudinal", "m", "reference less true CG, ahead positive (time-based)", "ahead"),
-    ("e_lateral", "m", "reference less true CG, left positive (time-based)", "left"),
+    ("e_longitudinal", "m", "reference minus true CG, ahead positive (time-based)", "ahead"),
+    ("e_lateral", "m", "reference minus true CG, left positive (time-based)", "left"),
     ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", "command.speed"),
 )
 _ACTUATION = _signals(
@@ -138,12 +138,12 @@ _ACTUATION = _signals(
     ("valve_voltage", "V", "voltage of the steering valve; neutral at 6 V, left above", "drive.steer_voltage"),
     ("pedal_ref", "-", "pedal position commanded by the speed loop, -1 to 1", "pedal_ref"),
     ("pedal", "-", "true pedal position, forward positive", "truth.pedal"),
-    ("pedal_measured", "-", "pedal potentiometer after its filter", "measured.pedal"),
-    ("pedal_voltage", "V", "pedal valve, neutral at 6 V, above is forward; null without power", "drive.pedal_voltage"),
-    ("brake", "-", "share of the brake's torque that is applied, 0 to 1", "drive.brake"),
+    ("pedal_measured", "-", "filtered measurement of the pedal", "measured.pedal"),
+    ("pedal_voltage", "V", "voltage of the pedal valve, 6 V is neutral; null without power", "drive.pedal_voltage"),
+    ("brake", "-", "applied fraction of the brake torque, 0 to 1", "drive.brake"),
     ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", "actuation[0]"),
     ("steer_pressure", "Pa", "pressure in the steering cylinder; null for a rigid one", "actuation[1]"),
-    ("drive_torque", "N m", "torque on the driven wheels, sum; null without wheels", "actuation[2]"),
+    ("drive_torque", "N m", "total torque on the driven wheels; null without wheels", "actuation[2]"),
 )
 
 SIGNALS = (

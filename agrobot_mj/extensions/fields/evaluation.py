@@ -54,7 +54,7 @@ class FieldDrive:
         found = ImplementMotion(t, *at, self._travelled() + np.nan_to_num(ahead))
         good = np.isfinite(np.column_stack(found)).all(axis=1)
         if good.sum() < 2:
-            raise ScenarioError("the run ended before the implement moved; there is no coverage")
+            raise ScenarioError("the run ended before the implement moved; no coverage is available")
         kept = ImplementMotion(*(values[good] for values in found))
         return kept._replace(yaw=np.unwrap(kept.yaw))
 

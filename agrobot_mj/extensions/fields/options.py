@@ -12,7 +12,7 @@ FieldFile = Annotated[
     Path,
     typer.Argument(metavar="FILE", help="Boundary (GeoJSON, KML, shapefile, GML, WKT, CSV, ISO 11783, AgOpenGPS)."),
 ]
-Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if the file does not name it.")]
+Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate system, if not named in the file.")]
 FieldName = Annotated[
     str, typer.Option("--field", metavar="NAME", help="Name of a field in the file. Default: the largest.")
 ]
@@ -60,5 +60,5 @@ Price = Annotated[
 ]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue the interrupted drive with the same options.")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
-Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Delay of a section [s].")]
+Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Switching delay of a section [s].")]
 LookAhead = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Look-ahead of section control [s].")]

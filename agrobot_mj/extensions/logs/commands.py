@@ -34,19 +34,21 @@ Logs = Annotated[
 
 Only = Annotated[
     list[str] | None,
-    typer.Option(metavar="PART,PART", help="Only calibrate, identify, replay, or valve (of a run); repeatable."),
+    typer.Option(metavar="PART,PART", help="Run only calibrate, identify, replay or valve (of a run); repeatable."),
 ]
 MapFile = Annotated[
-    Path | None, typer.Option("--map", metavar="MAP.toml", help=f"Meaning of the columns ({PAGE}); our own need none.")
+    Path | None, typer.Option("--map", metavar="MAP.toml", help=f"Map of the columns ({PAGE}), except for own logs.")
 ]
 Share = Annotated[
     float,
-    typer.Option(min=0.2, max=0.9, callback=finite, help="Fraction of the logs to fit; the rest is for evaluation."),
+    typer.Option(
+        min=0.2, max=0.9, callback=finite, help="Fraction of the logs for the fit; the rest is for evaluation."
+    ),
 ]
-Fitted = Annotated[str, typer.Option("--fit", help="Parameters to identify; lag needs fast steering.")]
+Fitted = Annotated[str, typer.Option("--fit", help="Parameters to identify; lag requires fast steering.")]
 By = Annotated[
     Literal["steer", "valve"] | None,
-    typer.Option("--by", help="Recorded input of a replay. Default: wheel angle."),
+    typer.Option("--by", help="Recorded input of a replay. Default: the wheel angle."),
 ]
 Start = Annotated[
     float,
@@ -55,7 +57,7 @@ Start = Annotated[
 End = Annotated[
     float, typer.Option("--to", metavar="S", callback=number, help="End of the evaluated part of the log [s].")
 ]
-Described = Annotated[bool, typer.Option("--describe", help="Only describe the columns of the log and its uses.")]
+Described = Annotated[bool, typer.Option("--describe", help="Only describe the columns and possible uses of the log.")]
 
 
 def twin(

@@ -48,8 +48,8 @@ class Job:
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
         if other := [log for log, each in zip(self.logs, maps, strict=True) if each != maps[0]]:
-            more = "take one kind of log at a time, or a --map"
-            raise ScenarioError(f"{other[0]}: has other columns than {self.logs[0]}; {more}")
+            more = "use one type of log at a time, or specify --map"
+            raise ScenarioError(f"{other[0]}: the columns differ from those of {self.logs[0]}; {more}")
         return [loaded(each.source) for each in found], maps[0]
 
     def health(self) -> list[str]:

@@ -62,7 +62,7 @@ class Leaving:
         """Return the maximum of distances and the places of their peaks."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
         told = ", ".join(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places[:PLACES_TOLD])
-        more = f" and at {len(places) - PLACES_TOLD} more places" if len(places) > PLACES_TOLD else ""
+        more = f" and at {len(places) - PLACES_TOLD} other locations" if len(places) > PLACES_TOLD else ""
         return f"up to {outside[places[0]]:.2f} m at {told} m{more}"
 
 

@@ -151,7 +151,7 @@ class _Work:
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
         """Return the completed plan; the notes precede its warnings."""
         crossing = [
-            f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the body over {length:.0f} m"
+            f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
         ]
         angle = None if self.layout is None else round(degrees(self.layout.angle), 4)
@@ -219,5 +219,5 @@ def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, mar
             else pattern(area.body, given, rig.spacing, options.sections)
         )
     if work.start is None:
-        raise ScenarioError(f"--width {rig.width:g}: the field has no room for a swath; use a smaller width")
+        raise ScenarioError(f"--width {rig.width:g}: the field is too narrow for one swath; use a smaller width")
     return work

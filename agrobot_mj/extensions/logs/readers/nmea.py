@@ -67,7 +67,7 @@ class _Sentences:
                 f"{self.early} sentences before the first fix or before the receiver set its clock are omitted"
             )
         if self.unclear:
-            notes.append(f"left out {self.unclear} sentences with fields of no meaning, first {self.first_unclear}")
+            notes.append(f"{self.unclear} sentences with invalid fields are omitted, first {self.first_unclear}")
         what = f"sentences with a time, a fix and values ({', '.join(KINDS)})"
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
