@@ -7,7 +7,7 @@ from PIL import Image, TiffImagePlugin
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.terrain import Heightmap, height_and_gradient
-from agrobot_mj.terrain.files import GEO_KEYS, NODATA, PIXEL_SCALE, TIE_POINT
+from agrobot_mj.terrain.geotiff import GEO_KEYS, NODATA, PIXEL_SCALE, TIE_POINT
 
 EAST, NORTH, CELL = 600_000.0, 5_000_000.0, 2.0
 ROWS, COLUMNS = 5, 7

@@ -10,13 +10,17 @@ import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from rerun.chunk import RrdReader
+from shapely import Polygon
 
 from agrobot_mj.cli import main
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
+from agrobot_mj.extensions.fields.coverage import coverage
 from agrobot_mj.extensions.fields.effort import Prices, cost
+from agrobot_mj.extensions.fields.raster import write_raster
 from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
+from agrobot_mj.terrain.geotiff import cell_and_corner, open_tiff
 
 PAGE = Path(__file__).parents[3] / "docs" / "extensions" / "fields" / "driving.md"
 COMMANDS = [shlex.split(line)[1:] for line in re.findall(r"^agrobot-mj .*$", PAGE.read_text("utf-8"), re.M)]
@@ -105,6 +109,18 @@ def test_raster_has_the_area_of_the_coverage(driven):
     assert (cells != 255).sum() * area == pytest.approx(found["area_m2"], rel=0.03)
     assert ((cells > 0) & (cells != 255)).sum() * area == pytest.approx(found["reached_m2"], rel=0.03)
     assert image.tag_v2[33922][3:5] == pytest.approx((5.0, to_geodetic(PLANE, 0.0, 25.0)[0]), abs=1e-8)
+
+
+def test_raster_without_a_position_is_in_metres(tmp_path):
+    square = Polygon([(10, 20), (18, 20), (18, 26), (10, 26)])
+    found = coverage(square, square, [Polygon([(10, 20), (18, 20), (18, 23), (10, 23)])] * 2)
+    write_raster(tmp_path / "map.tif", found, None)
+    image = open_tiff(tmp_path / "map.tif")
+    assert cell_and_corner(tmp_path / "map.tif", image) == (0.25, (10.125, 20.125))
+    cells = np.asarray(image)
+    assert cells.shape == (24, 32)
+    assert set(cells[:12].ravel()) == {0}
+    assert set(cells[12:].ravel()) == {2}
 
 
 def test_cost_is_proportional_to_areas_and_time():

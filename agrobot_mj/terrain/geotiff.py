@@ -1,0 +1,100 @@
+"""GeoTIFF files: elevation models with position and size of their cells, and maps of bytes for other programs.
+
+Elevation models are read with Pillow, with the tags of OGC GeoTIFF 1.1. Grids in degrees and rotated grids are rejected
+with a message that contains the command for their conversion.
+"""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agrobot_mj.core.resources import refuse
+from agrobot_mj.core.signals import Array
+
+PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
+"""Tags of a GeoTIFF."""
+MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
+"""Keys of the coordinate system and of the raster type, and their values for degrees and for values at points."""
+IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
+IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
+"""Keys of cells in degrees of WGS 84, and of cells in metres of a plane without a known position."""
+HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")
+"""Modes of Pillow with one number per cell."""
+
+
+def open_tiff(path: Path) -> Any:
+    """Return an open TIFF image. Raises ValueError for anything else."""
+    from PIL import Image  # imported here, because most grounds are not images
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        try:
+            return Image.open(path, formats=["TIFF"])
+        except (Image.DecompressionBombWarning, Image.DecompressionBombError):
+            refuse(path, "the image exceeds the limit of nodes by far; crop it or reduce its resolution")
+        except Exception:
+            refuse(path, "the file is not a TIFF image; export it again as GeoTIFF with one band")
+
+
+def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
+    """Return the size of the cells [m], and easting and northing of the south-west node [m]. Raises ValueError."""
+    tags = image.tag_v2
+    keys = _geo_keys(tags)
+    if keys.get(MODEL_TYPE) == GEOGRAPHIC:
+        refuse(path, "the cells are in degrees; reproject the grid to metres, e.g. with gdalwarp -t_srs EPSG:32632")
+    if TRANSFORMATION in tags or PIXEL_SCALE not in tags or len(tags.get(TIE_POINT, ())) < 6:
+        refuse(path, "the file has no north-up position on a map; convert it with gdalwarp -of GTiff")
+    dx, dy = (float(size) for size in tags[PIXEL_SCALE][:2])
+    if not (0 < dx < np.inf and abs(dx - dy) <= 1e-9 * dx):
+        refuse(path, f"the cells are {dx:g} x {dy:g} m; resample them to squares with gdalwarp -tr {dx:g} {dx:g}")
+    i, j, _, x, y, _ = (float(value) for value in tags[TIE_POINT][:6])
+    half = 0.0 if keys.get(RASTER_TYPE) == IS_POINT else 0.5
+    west, north = x + (half - i) * dx, y - (half - j) * dx
+    return dx, (west, north - (image.height - 1) * dx)
+
+
+def values_of(path: Path, image: Any) -> Array:
+    """Return the values, shape (rows, columns); row 0 is south. Raises ValueError for missing values."""
+    values = np.asarray(image, dtype=np.float64)
+    if holes := int((values == _nodata(path, image.tag_v2)).sum()):
+        refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")
+    return np.flipud(values)
+
+
+def _geo_keys(tags: Any) -> dict[int, int]:
+    words = [int(word) for word in tags.get(GEO_KEYS, ())]
+    rows = zip(*(words[k::4] for k in range(4)), strict=False)
+    return {key: value for key, where, _, value in list(rows)[1:] if where == 0}
+
+
+def _nodata(path: Path, tags: Any) -> float:
+    if NODATA not in tags:
+        return float("nan")
+    try:
+        return float(str(tags[NODATA]).strip("\0 "))
+    except ValueError:
+        refuse(path, f"the NODATA value is not a number: {str(tags[NODATA])[:20]!r}; set it with gdal_edit -a_nodata")
+
+
+def write_tiff(
+    path: Path, cells: Any, step: tuple[float, float], corner: tuple[float, float], degrees: bool, no_data: int
+) -> None:
+    """Write bytes of shape (rows, columns), row 0 north.
+
+    `step` is the size of a cell and `corner` the north-west corner of the first cell, both east before north, in
+    degrees or metres.
+    """
+    from PIL import Image, TiffImagePlugin
+
+    tags = TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, kind, value in (
+        (PIXEL_SCALE, 12, (*step, 0.0)),
+        (TIE_POINT, 12, (0.0, 0.0, 0.0, *corner, 0.0)),
+        (GEO_KEYS, 3, IN_DEGREES if degrees else IN_METRES),
+        (NODATA, 2, str(no_data)),
+    ):
+        tags.tagtype[tag] = kind
+        tags[tag] = value
+    Image.fromarray(cells).save(path, "TIFF", tiffinfo=tags, compression="tiff_adobe_deflate")
