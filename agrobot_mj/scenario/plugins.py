@@ -50,11 +50,13 @@ def register(member: Member, name: str | None = None) -> Member:
     evaluated in every run.
     """
     check_argument("member", member, isinstance(member, type), "a class")
-    check_argument("name", name, name is None or isinstance(name, str), "a text")
+    check_argument("name", name, name is None or isinstance(name, str), "a string")
     if not issubclass(member, Spec):
         raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
     if missing := _left_open(member):
-        raise ScenarioError(f"register: {member.__name__}: it lacks {', '.join(missing)}, required by its base class")
+        raise ScenarioError(
+            f"register: {member.__name__}: the class lacks {', '.join(missing)}, required by its base class"
+        )
     try:
         default = member.model_validate(dict(member()))  # pydantic does not validate defaults
     except ValidationError as error:
@@ -63,7 +65,9 @@ def register(member: Member, name: str | None = None) -> Member:
     try:
         default.model_dump_json()
     except PydanticSerializationError as error:
-        raise ScenarioError(f"register: {member.__name__}: it has a key that TOML cannot represent ({error})") from None
+        raise ScenarioError(
+            f"register: {member.__name__}: the class has a key that TOML cannot represent ({error})"
+        ) from None
     if issubclass(member, Sensor):
         _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
     elif isinstance(default, Metric):

@@ -78,7 +78,7 @@ class CompiledSensor(Sensor):
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
     """Function of parameters, values, addresses of the random streams, and motion; returns values and reading."""
-    absent: ClassVar[Any]
+    absent: ClassVar[Any] = nan
     """Reading without the sensor."""
 
     enabled: bool = False
@@ -97,12 +97,11 @@ class CompiledSensor(Sensor):
         return state._replace(values=values), reading
 
 
-class OptionalSensor(CompiledSensor):
+class OptionalSensor(Sensor):
     """Base class of scalar sensors that the paper's tractor does not have."""
 
     column: ClassVar[Column]
     """Log column of the reading."""
-    absent = nan
 
     enabled: bool = False
     """Whether the sensor is present; otherwise the reading is NaN."""

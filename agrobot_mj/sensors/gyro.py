@@ -12,7 +12,7 @@ from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import normal, stream
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative
-from agrobot_mj.sensors.base import Noise, OptionalSensor, SensedMotion
+from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, SensedMotion
 
 
 class GyroLaw(NamedTuple):
@@ -44,7 +44,7 @@ def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: Sense
     return GyroValues(walk), rate + radians(error)
 
 
-class Gyro(OptionalSensor):
+class Gyro(CompiledSensor, OptionalSensor):
     """Yaw rate gyro; `[sensors.gyro]`."""
 
     column = Column("gyro", "rad/s", "yaw rate from the gyro")

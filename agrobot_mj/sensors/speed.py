@@ -21,7 +21,7 @@ from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered
 from agrobot_mj.core.signals import Column
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.sensors.base import Noise, OptionalSensor, SensedMotion
+from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, SensedMotion
 
 
 class SpeedLaw(NamedTuple):
@@ -68,7 +68,7 @@ def radar_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: Sensed
     return s, max(found, 0.0)
 
 
-class SpeedSensor(OptionalSensor):
+class SpeedSensor(CompiledSensor, OptionalSensor):
     """Base class of speed sensors."""
 
     def init(self, seed: int) -> Noise:

@@ -87,7 +87,7 @@ class Generators(NamedTuple):
     implement_gnss: Any
 
 
-class Readings(NamedTuple):
+class SensorReadings(NamedTuple):
     """Readings of the compiled sensors; NaN without a sensor."""
 
     gnss: tuple[Solved, float]
@@ -116,7 +116,7 @@ def sense(
     sky: Sky,
     steer: Array,
     pedal: Array,
-) -> tuple[Values, Readings]:
+) -> tuple[Values, SensorReadings]:
     """Return the numbers after a tick and the readings; `steer` and `pedal` (n,) are seen by the potentiometers."""
     steer_angle = rounded_mean(p.steering_pot, streams.steering_pot, steer)
     pedal_place = rounded_mean(p.pedal_pot, streams.pedal_pot, pedal)
@@ -137,7 +137,7 @@ def sense(
     implement, tool = s.implement_gnss, NO_PLACE
     if has_implement:
         implement, tool = implement_fix(p.implement_gnss, implement, streams.implement_gnss, motion)
-    return Values(gnss, gyro, imu, wheels, radar, implement), Readings(
+    return Values(gnss, gyro, imu, wheels, radar, implement), SensorReadings(
         solved, steer_angle, pedal_place, rate, angles, rolled, moved, tool
     )
 

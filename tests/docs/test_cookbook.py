@@ -36,7 +36,7 @@ LOG = "time_s,steer_angle_deg,speed_km_h,latitude,longitude,fix_quality\n" + "".
 BRIEF = "--set duration_s=30 --set plant.kind=bicycle --no-rrd --quiet"
 QUICKER = {
     **SHORT,
-    "field": BRIEF,
+    "field": BRIEF.replace(" --quiet", ""),
     "run": "--set duration_s=2 --no-rrd --quiet",
     "compare": f"{SHORT['compare']} --seeds 1",
 }

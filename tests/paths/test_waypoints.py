@@ -127,7 +127,7 @@ FAULTS = {
     "long": ("0,0\n90e3,0\n0,1\n", "km long, more than 50 km"),
     "words": ("east-west,up\n0,0\n", "row 1: no columns x and y, or lat and lon; did you mean"),
     "a column without a name": ("x,theta\n0,0\n", "row 1: no columns x and y, or lat and lon"),
-    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "only and are probably degrees; name"),
+    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "are probably degrees; name"),
     "swapped degrees": ("lat,lon\n106.7,52.3\n", "row 2: lat is 106.7, not an angle in degrees"),
     "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: it has 4 columns"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),

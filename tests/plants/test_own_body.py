@@ -152,7 +152,7 @@ def test_all_missing_quantities_of_a_body_are_reported_together(tmp_path):
     path = variant(tmp_path, ('"spin_rl"', '"left"'), ('"tyre_fr"', '"rubber"'), ('"steer_fl"', '"kingpin"'))
     message = refused(path)
     for missing in ("joint 'spin_rl'", "geom 'tyre_fr'", "joint 'steer_fl'"):
-        assert f"has no {missing}" in message
+        assert f"there is no {missing}" in message
 
 
 CHASSIS_GEOM = '<geom name="hood_contact"'

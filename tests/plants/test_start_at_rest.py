@@ -108,7 +108,7 @@ def test_wheel_without_load_above_a_pit_is_reported(capsys):
     assert loads[1] == 0.0
     assert loads[[0, 2, 3]].min() > 0.0
     told = capsys.readouterr().err
-    assert told.startswith("plant.settle_limit_s: at rest: no load on wheel fr on ground of 0.0 deg")
+    assert told.startswith("plant.settle_limit_s: at rest: there is no load on wheel fr on ground of 0.0 deg")
 
 
 def test_zero_settling_time_skips_settling(capsys):

@@ -172,12 +172,12 @@ assert "it is a key of kind = 'swamp'" in told(), told()
         (
             "from typing import Any, Literal\nfrom agrobot_mj.paths import Line\n"
             'class A(Line):\n    """A."""\n    kind: Literal["a"] = "a"\n    b: Any = object()',
-            "own.py: register: A: it has a key that TOML cannot represent (",
+            "own.py: register: A: the class has a key that TOML cannot represent (",
         ),
         (
             "from typing import Literal\nfrom agrobot_mj.control import GuidanceLaw\n"
             'class A(GuidanceLaw):\n    """A."""\n    kind: Literal["a"] = "a"',
-            "own.py: register: A: it lacks update, required by its base class",
+            "own.py: register: A: the class lacks update, required by its base class",
         ),
         ("raise SystemExit(3)", "own.py: SystemExit: 3"),
     ],
@@ -256,7 +256,7 @@ assert len([one for one in METRICS if one.kind == "twice"]) == 1
     [
         ('["twice"] = "twice"', '["progress"] = "progress"', "register: metric 'progress' already exists; choose"),
         ("twice_rms", "xte_rms", "register: metric 'xte_rms' already exists; choose another"),
-        ("evaluate", "evaluated", "register: Twice: it lacks evaluate, required by its base class"),
+        ("evaluate", "evaluated", "register: Twice: the class lacks evaluate, required by its base class"),
     ],
 )
 def test_plugin_metric_with_an_existing_name_is_rejected(tmp_path, call, old, new, message):

@@ -239,7 +239,7 @@ def test_changed_copy_does_not_modify_the_original():
         ({"plant.tyre": "linear"}, "plant.tyre", "table"),
         ({"sensors": 3}, "sensors", "table"),
         ({"controller.kind": "pd_t2fn"}, "controller.kind", "pd_t2fnn"),
-        ({"path.kind": "circle", "path.radius_m": 1.0}, "path", "wider"),
+        ({"path.kind": "circle", "path.radius_m": 1.0}, "path", "larger radius"),
         ({"path.start_x_m": 700.0}, "path", "terrain larger"),
         ({"path.start_x_m": 1e4}, "path", "shift the path"),
         ({"estimator.yaw_rate_source": "gyro"}, "estimator.yaw_rate_source", "sensors.gyro.enabled"),

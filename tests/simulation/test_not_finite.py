@@ -170,7 +170,9 @@ def test_error_names_an_external_controller_with_non_finite_command(tmp_path):
 def test_error_names_a_non_finite_voltage(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, LowLevelLoops, "drive", lambda found: found._replace(steer_voltage=nan))
-    assert run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, made by the low-level loops")
+    assert (
+        run(scenario).metrics["stop_reason"].startswith("drive.steer_voltage is nan, returned by the low-level loops")
+    )
 
 
 def test_exceptions_in_a_user_defined_law_are_passed_on_unchanged(monkeypatch):

@@ -183,7 +183,7 @@ def test_key_given_in_two_places_of_a_sweep_is_rejected(plan):
     ("text", "message"),
     [
         ("seeds = [1, 7, 1, 1]\n", "seeds: 1 is listed more than once; list each value once"),
-        ('[axes]\n"guidance.kind" = ["lqr", "stanley", "lqr"]\n', 'axes.guidance.kind: has "lqr" more than once'),
+        ('[axes]\n"guidance.kind" = ["lqr", "stanley", "lqr"]\n', 'axes.guidance.kind: "lqr" is listed more than once'),
         ('[axes]\n"path.speed_m_s" = [1, 1.0]\n', "axes.path.speed_m_s: 1 is listed more than once"),
         ('[[variant]]\nname = "a"\nset = { seed = 4 }\n', "variant 'a': seed: has no effect; set seeds"),
     ],
@@ -199,7 +199,9 @@ def test_sweep_of_a_billion_runs_is_counted_and_rejected(plan):
     keys = ("path.speed_m_s", "tractor.mass_kg", "terrain.grade_deg")
     text = 'base = "side_slope"\n[axes]\n' + "\n".join(f'"{key}" = {axis}' for key in keys)
     (line,) = faults(plan, text)
-    assert line.startswith("1,000,000,000 runs (1,000 path.speed_m_s x 1,000 tractor.mass_kg x 1,000 terrain.grade_deg")
+    assert line.startswith(
+        "the sweep has 1,000,000,000 runs (1,000 path.speed_m_s x 1,000 tractor.mass_kg x 1,000 terrain.grade_deg"
+    )
     assert line.endswith("--max-runs 1000000000")
     plan(text).check_size(10**9)
 
