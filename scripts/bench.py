@@ -153,11 +153,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
         (f"undisturbed tick, divided by its undisturbed steps, {own}", f"{tick / (in_a_tick * step):.2f}"),
         (f"the same, divided by undisturbed steps {all_of}", f"{tick / drawn.undisturbed(in_a_tick):.2f}"),
         ("undisturbed tick without plant, divided by one step", f"{python / step:.0f}", f"at most {AIM_PYTHON:.0f}"),
-        (
-            "added by recording, in the thread of the run",
-            f"{np.median(threads) - 1:.0%}",
-            f"at most {AIM_RECORDING:.0%}",
-        ),
+        ("added by recording, thread of the run", f"{np.median(threads) - 1:.0%}", f"at most {AIM_RECORDING:.0%}"),
         ("added by recording, in all threads", f"{np.median(recordings / plains) - 1:.0%}"),
         ("simulated divided by processor time, fastest run", f"{run_s / fastest:.0f}", f"at least {AIM_REAL_TIME:.0f}"),
         ("simulated divided by processor time, undisturbed ticks", f"{TICK_S / tick:.0f}"),

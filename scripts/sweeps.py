@@ -52,9 +52,7 @@ class Study:
         parser.add_argument("--only-draw", action="store_true", help="write pages and figures without new runs")
         parser.add_argument("--seeds", type=int, help="number of seeds of each sweep and of tasks, for a trial")
         parser.add_argument("--variant", action="append", help="run only this variant of each sweep, for a trial")
-        parser.add_argument(
-            "--set", type=_pair, action="append", default=[], help="override KEY=VALUE for all runs, for a trial"
-        )
+        parser.add_argument("--set", type=_pair, action="append", default=[], help="KEY=VALUE of all runs, a trial")
         parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "pages", help="folder of the runs")
         parser.add_argument("--docs", type=Path, default=DOCS, help="folder of the pages")
         given = parser.parse_args(arguments)
