@@ -145,7 +145,7 @@ class SpeedLoopLaw(NamedTuple):
 def speed_step(
     p: SpeedLoopLaw, s: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
 ) -> tuple[SpeedState, float]:
-    """Return the new state and the pedal valve voltage [V] for speeds [m/s] and pedal [-]."""
+    """Return the new state and the voltage of the pedal valve [V]; `pedal` is the measured position [-]."""
     outer, pedal_ref = pid_step(p.outer, s.outer, speed_ref - speed, dt, -1.0, 1.0, p.feedforward * speed_ref)
     return pedal_step(p, SpeedState(outer, s.inner, s.reference), pedal_ref, pedal, dt)
 

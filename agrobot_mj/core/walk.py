@@ -165,7 +165,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?` for the first of these keys, or an empty string."""
+    """Return `; did you mean 'x' or 'y'?` with the first of these keys, or an empty string if there are none."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 

@@ -1,4 +1,4 @@
-"""Geometry of a path segment: poses along an arc or a clothoid, and the reference of a moving point.
+"""Geometry of a path segment: poses along an arc or a clothoid, and the reference pose of a point that moves along it.
 
 Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive left,
 yaw counter-clockwise from east. `progress` and its inverse `time_at` are for paths with constant speed after a ramp

@@ -1,4 +1,4 @@
-"""Parallel passes along the contour lines of a plane slope, each one swath higher than the previous pass.
+"""Parallel passes along the contour lines of a plane slope, each one swath width further uphill than the previous pass.
 
 `uphill_deg` is the direction of steepest ascent, the `direction_deg` of a terrain of kind `slope`. By default the
 passes run east and west. `swath_m` is the horizontal distance between passes. See `parallel` for turns and passes.

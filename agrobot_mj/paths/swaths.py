@@ -18,7 +18,7 @@ class Swaths(Parallel):
     heading_deg: float = 0.0
     """Direction of the first pass, counter-clockwise from east [deg]."""
     first_turn: Literal["left", "right"] = "left"
-    """Side of the other passes, seen in the direction of the first pass."""
+    """Side of the first pass on which the other passes lie, seen in its direction of travel."""
 
     @property
     def orientation(self) -> tuple[float, float]:

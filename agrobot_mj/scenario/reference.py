@@ -65,7 +65,7 @@ def first_line(part: type[Spec], kind: str = "") -> str:
 
 
 class KnownKind(NamedTuple):
-    """Description of one kind."""
+    """Description of one kind, such as a guidance law or a sensor."""
 
     table: str
     """Dotted key of the table; `sensors` for a sensor, `metric` for a metric."""

@@ -66,7 +66,7 @@ def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
 
 
 def _warm_up(sim: Simulation) -> None:
-    """Simulate one tick separately, so that compilation does not delay the first turns."""
+    """Simulate one tick on a copy, so that compilation does not delay the first exchanges."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

@@ -1,4 +1,4 @@
-"""Running MuJoCo tractor, the owner of the simulation's MjModel and MjData."""
+"""Plant that runs the tractor in MuJoCo; owner of the simulation's MjModel and MjData."""
 
 import sys
 from collections.abc import Sequence

@@ -167,7 +167,7 @@ class Firing:
 
 
 def _buffers(values: Array) -> pa.Array:
-    """Return one image per row of `values` (n, cells) in the memory layout of rerun, whose conversion is slow."""
+    """Return one image per row of `values` (n, cells) in Rerun's memory layout, because its own conversion is slow."""
     cells = values.astype(np.float32)
     ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
     kind = ImageBufferBatch([]).as_arrow_array().type

@@ -78,7 +78,7 @@ def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], 
 
 
 class States:
-    """Sender of the states, at their changes."""
+    """Sends the states to the viewer whenever they change."""
 
     def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
         scripted = [

@@ -124,7 +124,7 @@ class RowFiles:
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """Return a task with its identity and with paths of input copies."""
+        """Return a task with its identity, and with the paths of its inputs replaced by those of their copies."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
@@ -159,7 +159,7 @@ class RowFiles:
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """Return the row of a task without its identity; None for a missing or unreadable row or another identity."""
+        """Return the stored row of a task, without its identity; None if it is missing or has another identity."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):

@@ -51,7 +51,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:
-    """Return name, measured load and static load [N]."""
+    """Return the name of the wheel, its measured load and its static load [N]."""
     if facing == "across":
         wanted = Tractor(tractor).side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [

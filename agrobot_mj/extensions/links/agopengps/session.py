@@ -34,7 +34,7 @@ QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FL
 
 
 class ReceiverState(NamedTuple):
-    """State of the board between two ticks."""
+    """State of the emulated receiver board between two ticks."""
 
     yaw: float = nan
     """Integral of the gyro [rad]; NaN before the first measurement."""

@@ -98,7 +98,7 @@ def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
 
 
 ERROR_FRAME = 0x20000000
-"""Identifier bit in candump logs that marks a report of the controller."""
+"""Identifier bit in candump logs that marks an error frame, reported by the CAN controller."""
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
 """First bytes and names of log formats that python-can converts."""

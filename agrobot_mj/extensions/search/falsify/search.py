@@ -21,7 +21,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
-"""Maximum distance from the mean of a key with a spread [standard deviations]; one value in 16,000 is outside."""
+"""Maximum distance of a randomly drawn key from its mean [standard deviations]; one value in 16,000 is outside."""
 FEWEST = 20
 """Minimum number of combinations of a search [-]."""
 NOT_FOUND = "not_found"
