@@ -151,10 +151,10 @@ def test_docker_image_installs_and_runs_its_demo(image, demo):
     done = subprocess.run(install, cwd=image, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     (drive,) = (line for line in demo.splitlines() if " -m agrobot_mj " in line)
-    short = f"{drive} --set duration_s=0.2 --no-rrd --jobs 1 --quiet"
+    short = f"{drive.partition(';')[0]} --set duration_s=0.2 --no-rrd --jobs 1 --quiet"
     plain = environment | {"NUMBA_DISABLE_JIT": "1"}  # else the kernels are compiled for this folder
     subprocess.run(short, shell=True, cwd=image, env=plain, capture_output=True, check=True)
-    (folder,) = re.findall(r"--out (\S+)", drive)
+    (folder,) = re.findall(r"--out ([^\s;]+)", drive)
     assert (image / folder / "comparison.json").is_file()
 
 

@@ -129,7 +129,7 @@ def test_signal_while_writing_leaves_either_all_files_or_none(call, monkeypatch,
     seen, err = call("run", "circle", *QUICK)
     assert seen == status
     assert (names() if Path("out").exists() else set()) == files
-    assert ("stopped" in err) == (status == 130)
+    assert ("interrupted before the end" in err) == (status == 130)
 
 
 def test_signals_are_deferred_until_all_files_are_in_place(call, monkeypatch):
@@ -237,7 +237,7 @@ def test_insufficient_file_size_limit_is_reported(call, monkeypatch):
     monkeypatch.setattr(sink.resource, "getrlimit", lambda which: (1000, 1000))
     status, err = call("run", "circle", *QUICK[1:])
     assert status == 1
-    assert "run.rrd: no space for a recording" in err
+    assert "run.rrd: there is no space for a recording" in err
 
 
 @pytest.mark.parametrize("name", ["metrics.json", "run.rrd"])

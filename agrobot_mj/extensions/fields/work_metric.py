@@ -2,8 +2,6 @@
 
 from typing import Any, ClassVar, Literal
 
-import shapely
-
 from agrobot_mj.core.signals import Column
 from agrobot_mj.metrics import Metric, RunView
 
@@ -23,6 +21,8 @@ class FieldWork(Metric):
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
         """Return the coverage and the excursions; an empty dict for another path or a run without motion."""
+        import shapely
+
         from agrobot_mj.core.errors import ScenarioError
         from agrobot_mj.extensions.fields.boom import Boom
         from agrobot_mj.extensions.fields.coverage import areas, excursion

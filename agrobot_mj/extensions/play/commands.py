@@ -35,6 +35,7 @@ def play(
     """
     from agrobot_mj.extensions.play.play import PlayOptions
     from agrobot_mj.extensions.play.play import play as drive
+    from agrobot_mj.extensions.play.session import drivable
     from agrobot_mj.scenario.loading import load_scenario
 
     scenario = load_scenario(source, overrides(sets))
@@ -50,10 +51,11 @@ def play(
         if not no_browser:
             webbrowser.open(url)
 
+    driven = drivable(scenario)
     tell("placing the tractor; the first time this compiles for up to a minute")
     options = PlayOptions(port, network, seconds, not no_rrd)
     with stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
-        drives = drive(scenario, folder, options, lambda: bool(stopped), ready)
+        drives = drive(driven, folder, options, lambda: bool(stopped), ready)
     rows = [
         {"folder": str(place), "outcome": log.outcome, "duration_s": log.scenario.duration_s} for place, log in drives
     ]

@@ -249,7 +249,7 @@ def test_initial_file_without_a_map_is_rejected(law: str, tmp_path) -> None:
         ScenarioError, match=r"guidance.file: learned.parquet: the file has no \w+_learned, only valve_gain"
     ):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / LEARNED)})
-    with pytest.raises(ScenarioError, match=r"signals.parquet: has no columns quantity"):
+    with pytest.raises(ScenarioError, match=r"signals.parquet: the file has no columns quantity"):
         load_scenario("circle", {"guidance.kind": law, "guidance.file": str(tmp_path / "signals.parquet")})
 
 

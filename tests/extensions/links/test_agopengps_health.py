@@ -84,16 +84,16 @@ def test_board_with_a_longer_latch_time_keeps_steering(latch):
     assert done.log.outcome == "completed"
     assert done.log.metrics["link"]["latched_s"] == 0.0
     assert [line.partition(": ")[2] for line in said[1:-1]] == [
-        "the host steers",
+        "the host has engaged",
         "the host is silent; the board has disengaged",
-        "the host steers",
+        "the host has engaged",
     ]
-    assert said[-1].startswith("only 7")
+    assert said[-1].startswith("the host answered only 7")
 
 
 def test_run_can_start_before_the_host_steers():
     _, said = driven(Direct(guide()), 2.0, start="engaged")
-    assert ["starts" in said[0], said[1]] == [True, "0.0 s: the host steers"]
+    assert ["starts" in said[0], said[1]] == [True, "0.0 s: the host has engaged"]
 
 
 class Bridge:

@@ -369,7 +369,7 @@ def test_link_command_completes_a_run_with_a_host(tmp_path):
         options = ("--pace=answered", "--duration=5", "--steer-by=pwm", "--no-rrd", "--out", str(tmp_path))
         done = command("straight_line", *sets, f"--port={own}", f"--host-port={other}", *options)
     assert done.returncode == 0, done.stderr
-    assert "the host steers" in done.stderr
+    assert "the host has engaged" in done.stderr
     assert "engaged 4.0 s" in done.stdout
     assert {path.name for path in tmp_path.iterdir()} == {
         *("signals.parquet", "metrics.json", "scenario.toml", "link.parquet", MARK)

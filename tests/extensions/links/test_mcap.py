@@ -130,7 +130,7 @@ def test_folder_without_a_run_is_reported(tmp_path):
 def test_signals_file_in_the_wrong_format_is_reported(log, tmp_path):
     write_log(log, tmp_path)
     (tmp_path / "signals.parquet").write_text("x\n1\n")
-    with pytest.raises(ScenarioError, match=r"signals\.parquet: is not the Parquet file of a run"):
+    with pytest.raises(ScenarioError, match=r"signals\.parquet: the file is not the Parquet file of a run"):
         export_run(tmp_path)
 
 

@@ -68,7 +68,7 @@ def test_log_with_column_names_but_no_rows_is_rejected(tmp_path):
 def test_missing_column_message_names_the_key_and_a_suggestion(write):
     with pytest.raises(FieldLogError, match=r"no column 'speeed' \(speed.column\); did you mean 'speed'") as error:
         read_columns(write(t=T, speed=T), ["t", "speeed"], {"speeed": "speed.column"})
-    assert "(has: t, speed)" in str(error.value)
+    assert "(available: t, speed)" in str(error.value)
 
 
 @pytest.mark.parametrize(

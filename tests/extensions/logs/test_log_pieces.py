@@ -78,7 +78,7 @@ def test_standstill_gaps_and_frozen_positions_are_omitted():
     expected = [(3.1, 10.0), (14.0, 50.0), (52.0, 69.9)]
     assert np.array(spans) == pytest.approx(np.array(expected), abs=0.2)
     assert "3.1" in found.notes[0]
-    for why in ("standing", "no position 4.", "gap in 'steer' 2."):
+    for why in ("standstill", "no position 4.", "gap in 'steer' 2."):
         assert why in found.notes[0]
 
 

@@ -101,7 +101,7 @@ def test_possible_wheel_angle_columns_are_suggested(name):
     names = ["t", "speed", "heading", name]
     told = f"the log has no wheel angle; [steer] of a map can use column {name}, {INSTEAD[name]}"
     assert lacking(["time", "speed", "heading"], names) == told
-    assert lacking(["time", "speed", "steer"], names) == "it has no yaw rate, heading or position to compare with"
+    assert lacking(["time", "speed", "steer"], names) == "the log has no yaw rate, heading or position to compare with"
     assert lacking(["time", "speed", "steer", "heading"], names) == ""
 
 

@@ -59,7 +59,7 @@ def test_nmea_sentences_are_converted_to_quantities(written):
     assert table["speed"] == pytest.approx(3.5 * 1852 / 3600)
     assert table["course"] == pytest.approx(0.0, abs=1e-9)
     assert table["heading"] == pytest.approx(radians(1.5))
-    assert log.missing == "it has no wheel angle"
+    assert log.missing == "the log has no wheel angle"
 
 
 def test_sentences_of_agopengps_boards_are_read(tmp_path):
