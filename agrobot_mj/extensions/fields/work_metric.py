@@ -3,6 +3,7 @@
 from typing import Any, ClassVar, Literal
 
 from agrobot_mj.core.signals import Column
+from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.metrics import Metric, RunView
 
 
@@ -21,19 +22,18 @@ class FieldWork(Metric):
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
         """Return the coverage and the excursions; an empty dict for another path or a run without motion."""
+        if not isinstance(view.path, FieldPlan) or not view.path.plan.ground:
+            return {}
         import shapely
 
         from agrobot_mj.core.errors import ScenarioError
         from agrobot_mj.extensions.fields.boom import Boom
         from agrobot_mj.extensions.fields.coverage import areas, excursion
         from agrobot_mj.extensions.fields.evaluation import FieldDrive
-        from agrobot_mj.extensions.fields.plan_path import FieldPlan
         from agrobot_mj.extensions.fields.planner.area import inside_laps
         from agrobot_mj.extensions.fields.planner.rig import outline_of
 
         log: Any = view.log
-        if not isinstance(view.path, FieldPlan) or not view.path.plan.ground:
-            return {}
         plan = view.path.plan
         whole = shapely.from_wkt(plan.ground)
         sections = max((len(one.sections) for one in plan.passes), default=1)
