@@ -188,6 +188,6 @@ def test_delayed_solutions_overtaken_by_newer_ones_are_dropped():
     state, late = gnss.init(1), NOMINAL._replace(gnss_latency_s=5.0)
     for k in range(400):
         state, _ = gnss.measure(state, truth(k * TICK_S), late, TICK_S)
-    assert len(state.pending) == 200
+    assert len(state.delivery.pending) == 200
     state, _ = gnss.measure(state, truth(20.0), NOMINAL, TICK_S)
-    assert len(state.pending) == 100
+    assert len(state.delivery.pending) == 100

@@ -296,7 +296,7 @@ def test_screening_uses_equal_points_for_every_seed_and_reports_noise(plan, tmp_
     found = importance(written(made, tmp_path / "out"))
     assert in_file(tmp_path / "out") == plain(found)
     assert found[0].unexplained > 0.5
-    head = "| number | 1: rank | 1: share of the variance | 1: slope | 1: Spearman |"
+    head = "| number | 1: rank | 1: fraction of the variance | 1: slope | 1: Spearman |"
     assert importance_table(found).startswith(head)
     axes = importance_figure(found, "xte_rms").axes[0]
     assert sorted(bar.get_y() + bar.get_height() / 2 for bar in axes.patches) == pytest.approx(axes.get_yticks())

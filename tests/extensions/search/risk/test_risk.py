@@ -216,7 +216,7 @@ def test_failure_from_a_missing_metric_is_reported(call, tmp_path):
         (["--until", "xte_abs_max > 1e999"], "is too large a number"),
         (["--until", f"xte_abs_max > {10**400}"], "is too large a number"),
         (["--until", "position_nees > 3"], "no signal is known for position_nees"),
-        (["--until", "xte_rms > 1", "--score", "rol"], "--score rol: no such signal"),
+        (["--until", "xte_rms > 1", "--score", "rol"], "--score rol: there is no such signal"),
         (["--until", "xte_rms > 1", "--set", "seed=9223372036854775800"], "seed"),
         (["--until", "xte_rms > 1", "--least", "2"], "--least must be between 0 and 1"),
     ],
