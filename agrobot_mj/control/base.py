@@ -146,7 +146,7 @@ class LawAround(GuidanceLaw):
     """Wrapped guidance law."""
 
     def using(self, controller: "YawController") -> GuidanceLaw:
-        """Return the law with the yaw controller passed to the wrapped law."""
+        """Return a copy of this law whose wrapped law uses the yaw controller."""
         inner = self.inner.using(controller)
         return self if inner is self.inner else self.model_copy(update={"inner": inner})
 

@@ -71,7 +71,7 @@ class Rejections(NamedTuple):
     """Accepted and rejected fixes."""
 
     accepted_t: float = 0.0
-    """Time of the last accepted fix [s]; start of the run before the first accepted fix."""
+    """Time of the last accepted fix [s]; before the first one, the start of the run."""
     probation: int = 0
     """Number of consecutive consistent fixes required before fixes count as accepted again after a restart."""
     position: int = 0

@@ -46,7 +46,7 @@ def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[obje
 
 
 def _same_past(ours: Scripted, theirs: Scripted, now: float) -> bool:
-    """Return whether two faults differ at most in an end that lies after `now` [s]."""
+    """Return whether two faults are equal, except possibly for an end time later than `now` [s]."""
     if type(ours) is not type(theirs) or ours.model_copy(update={"end_s": theirs.end_s}) != theirs:
         return False
     return ours.end_s == theirs.end_s or min(ours.last_s, theirs.last_s) > now

@@ -45,6 +45,6 @@ def naming(name: str) -> Iterator[None]:
 
 
 def check_tractors(scenarios: Iterable[Scenario]) -> None:
-    """Check the tractors of scenarios by `check_tractor`, once per distinct tractor."""
+    """Run `check_tractor` once for each distinct tractor of the scenarios."""
     for scenario in {tractor_key(scenario): scenario for scenario in scenarios}.values():
         check_tractor(scenario)

@@ -82,7 +82,7 @@ def _works(said: Mapping[str, Any]) -> bool:
 
 
 def _reverses(said: Mapping[str, Any]) -> bool:
-    """Return whether the tractor drives a line in reverse, from its properties."""
+    """Return whether the properties of a line specify driving in reverse."""
     direction = said.get("direction")
     if isinstance(direction, int | float):
         return direction < 0

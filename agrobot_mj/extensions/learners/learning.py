@@ -41,7 +41,7 @@ class PlaceLearner(LearningLaw):
     """Base of laws that learn a quantity over arc length."""
 
     map: LapMap = LapMap()
-    """Map over arc length and its learning rule."""
+    """Map of learned values over arc length, with its update rule."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Initial map: `learned.parquet` of a run on the same path. Default: none."""
     quantity: ClassVar[str]

@@ -176,7 +176,7 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return a scenario with guidance by a driver, in which all laws can take over. Raises `ScenarioError`."""
+    """Return the scenario with a human driver as guidance, from whom any law can take over. Raises `ScenarioError`."""
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):

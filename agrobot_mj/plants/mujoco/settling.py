@@ -43,7 +43,7 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Return the rotation (3, 3) of a tractor on a plane with this normal, heading `yaw` as seen from above [rad]."""
+    """Return the rotation matrix (3, 3) of a tractor on a plane with this normal; `yaw` is seen from above [rad]."""
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)

@@ -84,7 +84,7 @@ OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF
 USE_COLOURS = ((0.0, 0x4DF08AFF), (0.6, 0xFFC400FF), (0.95, 0xE02010FF))
-"""Minimum fraction of friction in use of each colour."""
+"""Lower limit of the friction utilisation shown in each colour [-]."""
 UNKNOWN_USE = 0.0
 
 

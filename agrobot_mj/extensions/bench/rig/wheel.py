@@ -48,7 +48,7 @@ class Reading(NamedTuple):
     fx: float
     """Forward force [N]."""
     fy: float
-    """Lateral force, to the left [N]."""
+    """Lateral force, left positive [N]."""
     mz: float
     """Moment about the vertical through the wheel centre, turning left positive [N m]."""
     load: float

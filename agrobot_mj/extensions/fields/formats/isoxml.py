@@ -83,7 +83,7 @@ def _heading(pattern: Element) -> float:
 
 
 def _through(point: Array, heading: float) -> Array:
-    """Return a line of LINE_M on both sides of a point in degrees, along a compass heading [rad]."""
+    """Return a line through a point in degrees that extends LINE_M to both sides along a compass heading [rad]."""
     origin = Origin(float(point[1]), float(point[0]))
     east, north = LINE_M * sin(heading), LINE_M * cos(heading)
     ends = [to_geodetic(origin, -east, -north), to_geodetic(origin, east, north)]

@@ -109,7 +109,7 @@ class _Sentences:
         return abs(apart) > RESET_S
 
     def _line_of(self, found: Sentence) -> int:
-        """Return the line number of a sentence, not before the one of the last call."""
+        """Return the line number of a sentence, searching from the line found by the previous call."""
         self._line += self.data[self._counted : found.at].count(b"\n")
         self._counted = found.at
         return self._line
