@@ -126,7 +126,7 @@ class Vehicle(NamedTuple):
 
 @stage
 def summed(s: Sums, m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Sums:
-    """Return the sums after a tick of `dt` [s]."""
+    """Return the dead-reckoning sums, advanced by one tick of length `dt` [s]."""
     wheels, fixes, fix_t = _speeds(s, m, fix)
     has_tilt = isfinite(m.roll + m.pitch)
     tilt = s.tilt.after(m.roll, m.pitch, dt) if has_tilt else s.tilt

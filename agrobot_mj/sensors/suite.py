@@ -324,7 +324,7 @@ class Suite:
     def _measure_others(
         self, state: SensorState, readings: dict[str, Any], truth: Truth, conditions: Conditions
     ) -> dict[str, Any]:
-        """Write the readings of the sensors that are not compiled into `readings`; return their states."""
+        """Evaluate the sensors without a compiled law: add their readings to `readings`, and return their states."""
         states = state.states.copy()
         if state.readings:
             readings |= {name: state.readings[name] for name in self.others}

@@ -10,6 +10,7 @@ from agrobot_mj.control.pid import (
     SpeedState,
     SteeringLoop,
     SteeringState,
+    clip,
     loops_step,
     wishes_of,
 )
@@ -52,5 +53,5 @@ class LowLevelLoops:
             return Drive(*drive)
         states.steering, voltage = other.update(states.steering, command.steer, steer, TICK_S)
         if command.steer_voltage is not None:
-            voltage = min(max(command.steer_voltage, 0.0), 2 * NEUTRAL_V)
+            voltage = clip(command.steer_voltage, 0.0, 2 * NEUTRAL_V)
         return Drive(voltage, *drive[1:])

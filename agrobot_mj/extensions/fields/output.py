@@ -19,7 +19,7 @@ from agrobot_mj.studies.style import write_figure
 def write_plan(folder: Path, field: Field, plan: Plan) -> None:
     """Write a plan, its map and its GeoJSON."""
     whole = whole_of(field)
-    write_json(folder / "field_plan.json", to_json(plan))
+    write_json(folder / PLAN_FILE, to_json(plan))
     write_json(folder / "plan.geojson", geojson(whole, plan, plane=field.plane))
     write_figure(folder / "plan.png", map_of, whole, plan)
 
