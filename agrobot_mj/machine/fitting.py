@@ -53,7 +53,8 @@ def _tyres(machine: Machine, hitched: HitchedBody | None) -> Iterator[str]:
     for load, wheel in zip(wheel_loads(machine.tractor, hitched), machine.tractor.wheels, strict=True):
         if load / wheel.stiffness > DEEPEST_SHARE * wheel.radius:
             deflects = f"deflects by {1e3 * load / wheel.stiffness:.0f} mm of its radius of {1e3 * wheel.radius:.0f} mm"
-            key = "stiffness_n_m" if wheel.size is None else "pressure_bar"
+            given = getattr(machine.tractor, f"{wheel.axle}_tyre_stiffness_n_m") is not None
+            key = "stiffness_n_m" if given else "pressure_bar"
             yield (f"tractor.{wheel.axle}_tyre_{key}: under {load:.0f} N the tyre {deflects}; increase it")
         yield from _overloaded(f"tractor.{wheel.axle}_wheel_radius_m", load, wheel, DENSEST_KPA)
     if hitched is not None and (drawn := hitched.axle) is not None:

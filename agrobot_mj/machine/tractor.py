@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import AfterValidator, Field, model_validator
 
 from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
-from agrobot_mj.machine.tyre_size import TyreSize, tyre_size
+from agrobot_mj.machine.tyre_size import TyreSize, nominal_size, tyre_size
 
 GRAVITY = 9.81
 """Gravitational acceleration, as MuJoCo's default [m/s2]."""
@@ -18,30 +18,6 @@ Body = Literal["open", "roll_bar", "cab", "robot"]
 """Appearance of a machine: a seat without roll bar, with roll bar or in a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
 """Minimum masses for a roll bar and for a cab in images [kg]. Assumed values."""
-
-
-class Springs(NamedTuple):
-    """Reference tyre for scaling stiffness and damping to larger and smaller tyres.
-
-    All tyres have the same shape and the same relative deflection: the stiffness scales with load divided by radius,
-    and the damping ratio at the carried load is constant.
-    """
-
-    load: float
-    """Static load [N]."""
-    radius: float
-    """Free radius [m]."""
-    stiffness: float
-    """Vertical stiffness [N/m]."""
-    damping: float
-    """Vertical damping [N s/m]."""
-
-    def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return vertical stiffness [N/m] and damping [N s/m]: given values, or values for a static load [N] and free
-        radius [m]."""
-        k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
-        c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
-        return k, c
 
 
 class AxleWheel(NamedTuple):
@@ -70,10 +46,8 @@ class AxleWheel(NamedTuple):
         return self.load / self.stiffness
 
 
-FRONT_TYRE = Springs(750.0 * GRAVITY * 0.38 / 2, 0.28, 1.2e5, 1200.0)
-"""Front tyre of the default tractor. Assumed value: deflection of 4 % of its radius, 15 % of critical damping."""
-REAR_TYRE = Springs(750.0 * GRAVITY * (1 - 0.38) / 2, 0.42, 1.6e5, 1800.0)
-"""Rear tyre of the default tractor. Assumed value: it deflects by 3 % of its radius, 15 % of critical damping."""
+DAMPING_RATIO = 0.15
+"""Damping of a tyre under its static load divided by critical damping [-]. Assumed value (0.05-0.2)."""
 AXLES = ("front", "rear")
 """Axles of a tractor, as the beginnings of their keys."""
 TyreCode = Annotated[str, Field(min_length=1, max_length=40)]
@@ -130,28 +104,27 @@ class TractorParameters(Spec):
     """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
     front_tyre: TyreCode | None = None
     """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. It replaces radius and width of the wheels,
-    and gives stiffness, section height and carcass with the pressure [Rhyne2005]. Default: none."""
+    and gives section height and carcass. Default: a bias tyre of radius and width of the wheels."""
     rear_tyre: TyreCode | None = None
     """Size code of the rear tyres, such as 520/85R42, as `front_tyre`. Default: none."""
     front_tyre_pressure_bar: PressureBar | None = None
-    """Inflation pressure of the front tyres, with `front_tyre` [bar]. Default: 0.6-2.4, for the static load at a
-    deflection of 20 % of the section height."""
+    """Inflation pressure of the front tyres [bar]. Default: 0.6-2.4, for the static load at a deflection of 20 % of the
+    section height."""
     rear_tyre_pressure_bar: PressureBar | None = None
-    """Inflation pressure of the rear tyres, with `rear_tyre` [bar]. Default: as for the front tyres."""
+    """Inflation pressure of the rear tyres [bar]. Default: as for the front tyres."""
     front_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one front tyre [N/m]. Default: from size code and pressure, without a code from static load
-    and radius: 1.2e5 here."""
+    """Vertical stiffness of one front tyre [N/m]. Default: from size and pressure [Rhyne2005], 7.6e4 here."""
     rear_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one rear tyre [N/m]. Default: as for the front tyres, 1.6e5 here."""
+    """Vertical stiffness of one rear tyre [N/m]. Default: as for the front tyres, 9.7e4 here."""
     front_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     rear_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Angle at which the oscillating front axle meets its stops, in both directions [deg]. Assumed value (8-12)."""
-    axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] | None = None
+    axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
     """Height of the front axle's pivot above the wheel centres, divided by the free radius of the front wheels [-].
-    Default: 5 cm on every machine, 0.18 radii of the compact tractor. Assumed value."""
+    Assumed value (0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model, in both directions [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
@@ -174,7 +147,7 @@ class TractorParameters(Spec):
         self.__dict__.update(self.following({"mass": mass, "length": length, "yaw_inertia": moment}).__dict__)
         for axle in AXLES:
             self._fit_tyre(axle)
-        if self.mjcf is not None and self.axle_pivot_radii is not None:
+        if self.mjcf is not None and self.axle_pivot_radii != compact["axle_pivot_radii"]:
             raise ValueError("axle_pivot_radii: the body of tractor.mjcf has its own pivot; omit axle_pivot_radii")
         taller = 2 * (self.rear_wheel_radius_m - compact["rear_wheel_radius_m"])
         fill(self, ["antenna_height_m"], compact["antenna_height_m"] + taller)
@@ -182,10 +155,7 @@ class TractorParameters(Spec):
 
     def _fit_tyre(self, axle: str) -> None:
         """Set radius and width of the wheels of an axle to those of its size code. Raises ValueError."""
-        code, bar = getattr(self, f"{axle}_tyre"), getattr(self, f"{axle}_tyre_pressure_bar")
-        if code is None:
-            if bar is not None:
-                raise ValueError(f"{axle}_tyre_pressure_bar: has no effect without a size; set {axle}_tyre")
+        if (code := getattr(self, f"{axle}_tyre")) is None:
             return
         if self.mjcf is not None:
             raise ValueError(f"{axle}_tyre: the body of tractor.mjcf has its own wheels; omit {axle}_tyre")
@@ -256,21 +226,24 @@ class TractorParameters(Spec):
     @property
     def front_wheel(self) -> AxleWheel:
         """Front wheel."""
-        return self._wheel("front", self.front_axle_load / 2, FRONT_TYRE)
+        return self._wheel("front", self.front_axle_load / 2)
 
     @property
     def rear_wheel(self) -> AxleWheel:
         """Rear wheel."""
-        return self._wheel("rear", self.rear_axle_load / 2, REAR_TYRE)
+        return self._wheel("rear", self.rear_axle_load / 2)
 
-    def _wheel(self, axle: str, load: float, reference: Springs) -> AxleWheel:
+    def _wheel(self, axle: str, load: float) -> AxleWheel:
         radius, width, mass = (getattr(self, f"{axle}_wheel_{key}") for key in ("radius_m", "width_m", "mass_kg"))
         keys = ("tyre", "tyre_pressure_bar", "tyre_stiffness_n_m", "tyre_damping_n_s_m")
         code, bar, k, c = (getattr(self, f"{axle}_{key}") for key in keys)
         size = None if code is None else tyre_size(code)
-        if size is not None and k is None:
-            k = size.stiffness(size.pressure(load) if bar is None else bar)
-        return AxleWheel(axle, radius, width, mass, load, *reference.under(load, radius, k, c), size)
+        if k is None:
+            fitted = size or nominal_size(radius, width)
+            k = fitted.stiffness(fitted.pressure(load) if bar is None else bar)
+        if c is None:
+            c = 2 * DAMPING_RATIO * sqrt(k * load / GRAVITY)
+        return AxleWheel(axle, radius, width, mass, load, k, c, size)
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:

@@ -1,4 +1,4 @@
-"""Dimensions and vertical stiffness of a tyre from its size code and inflation pressure.
+"""Dimensions and vertical stiffness of a tyre from its size and inflation pressure.
 
 Three types of codes are supported: metric (`520/85R42`, `IF 650/65R42`, `600/50-22.5`: section width [mm], section
 height / section width [%], rim [in]), inch (`18.4R38`, `6-12`, `11L-15`, `15.5/80-24`: section width and rim [in])
@@ -31,7 +31,11 @@ USUAL_DEFLECTION = 0.20
 """Deflection / section height that determines the pressure if it is not given [-]. Assumed value: 0.17-0.28 from
 published loaded radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
-"""Range of this pressure [bar]. Assumed value: range of the pressure tables of field tyres."""
+"""Range of this pressure [bar]. Assumed value: range of the pressure tables of field tyres. Light machines are at the
+minimum, where their tyres deflect less."""
+NOMINAL_ASPECT, NOMINAL_RIM = 0.75, 0.4
+"""Section height / section width [-], and minimum rim diameter / diameter [-], of a tyre without a size code. Assumed
+value: 0.7-0.9 and 0.4-0.65."""
 RANGES = {
     "section width": (0.08, 1.3, "m"),
     "section height / section width": (0.25, 1.1, ""),
@@ -84,6 +88,11 @@ class TyreSize(NamedTuple):
     def _shape(self) -> float:
         """Geometric mean of diameter and effective width [m]; [Rhyne2005]."""
         return sqrt((1.03 - 0.4 * self.section_height / self.width) * self.width * self.diameter)
+
+
+def nominal_size(radius: float, width: float) -> TyreSize:
+    """Return a bias tyre with a free radius and a section width [m]."""
+    return TyreSize(width, 2 * radius, 2 * max(radius - NOMINAL_ASPECT * width, NOMINAL_RIM * radius), False)
 
 
 def tyre_size(code: str) -> TyreSize:

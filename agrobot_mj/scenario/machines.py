@@ -44,7 +44,8 @@ def machine_tables(path: Path) -> dict[str, Any]:
     return data
 
 
-SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in ("stiffness_n_m", "damping_n_s_m"))
+TYRE_KEYS = ("pressure_bar", "stiffness_n_m", "damping_n_s_m")
+SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in TYRE_KEYS)
 """Keys that affect the height of the tractor body on its tyres."""
 EXACT = 1e-6
 """Maximum relative difference between a given value and the value of the body file [-]."""

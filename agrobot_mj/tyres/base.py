@@ -9,7 +9,7 @@ name in the union `Tyre`.
 
 from collections.abc import Iterator
 from math import sqrt
-from typing import Annotated, ClassVar, Literal, NamedTuple, Protocol, Self
+from typing import Annotated, ClassVar, NamedTuple, Protocol, Self
 
 from pydantic import Field
 
@@ -152,7 +152,7 @@ class Structure(NamedTuple):
     rolling_resistance: float = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length_m: float | None = 0.0
-    """Half contact length, lever arm of the scrubbing moment; 0: no moment, None: from static deflection [m]."""
+    """Half contact length; 0: no scrubbing moment, None: from static deflection [m]."""
     trail_m: float = 0.0
     """Pneumatic trail at small slip [m]."""
     cone_index_pa: float = 0.0
@@ -161,8 +161,6 @@ class Structure(NamedTuple):
     """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0: use `relaxation_radii` [-]."""
     bearing: Bearing = FIRM
     """Soil that sinks below the wheels and remembers it; firm ground by default."""
-    scrub_by_width: bool = False
-    """Whether the scrubbing moment follows from the width of the patch instead of its length."""
     load_follows: bool = False
     """Whether the load acts at the patch as the side force has moved it against the wheel."""
 
@@ -225,14 +223,11 @@ class CarcassTyre(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness [s]. Assumed value (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
-    """Half the contact length, lever arm of the scrubbing moment; 0 for no moment [m]. Default: from radius and static
-    deflection of each axle's tyres."""
-    scrub: Literal["length", "width"] = "length"
-    """Dimension of the contact patch from which the scrubbing moment follows. In a bend of curvature kappa: length 2 a,
-    10 N a^2 kappa, an assumed value; width b, K_x b^2 kappa / 12 of a brush, at most mu N b / sqrt(8) [Eaton2006]."""
-    load_follows_carcass: bool = False
+    """Half the contact length; 0 for no scrubbing moment [m]. Default: from radius and static deflection of each axle's
+    tyres."""
+    load_follows_carcass: bool = True
     """Whether the load acts at the patch as the side force has moved it against the wheel, which reduces the tip-over
-    angle. Default: below the wheel's centre plane."""
+    angle; otherwise below the wheel's centre plane."""
     sliding_anisotropy: Fraction = 0.0
     """Direction of the force of a sliding tyre: 0 opposite to the sliding velocity, 1 the direction of maximum
     dissipation, turned towards the higher grip [-]. Assumed value; 1 is the limit for lugs [Goyal1991]."""
@@ -243,6 +238,5 @@ class CarcassTyre(TyreBase):
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,
             carcass_share=(self.carcass_longitudinal, self.carcass_lateral),
-            scrub_by_width=self.scrub == "width",
             load_follows=self.load_follows_carcass,
         )

@@ -35,8 +35,6 @@ from agrobot_mj.tyres.patch import (
     soft_sign,
 )
 
-SLIDE = 0.1
-"""Twist at which the complete patch slides under static load [rad]. Assumed value."""
 TRAIL_SLIP = 0.1
 """Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value."""
 ROLLING = 0.2
@@ -74,7 +72,8 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         ],
         axis=1,
     )
-    twist, arms = twisting(structure, tractor, loads, patches, K[:, 0])
+    widths = np.array([wheel.width for wheel in four])
+    twist, twist_relaxation = brush(K[:, 0], patches, widths)
     return TyreSet(
         front=front,
         rear=rear,
@@ -84,7 +83,8 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
         relaxation=np.maximum(K / springs, SHORTEST),
         springs=springs,
         twist_stiffness=twist,
-        scrub_arm=arms,
+        twist_relaxation=twist_relaxation,
+        scrub_arm=widths / sqrt(8),
         load_follows=structure.load_follows,
         bristle_damping=structure.bristle_damping_s
         * (1.0 if any(structure.carcass_share) else structure.relaxation_radii / 1.5),
@@ -99,19 +99,17 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
     )
 
 
-def twisting(
-    structure: Structure, tractor: TractorParameters, loads: Array, patches: Array, K_x: Array
-) -> tuple[Array, Array]:
-    """Return the stiffness of the patches against turning [N m/rad] and the arm of the moment [m], shapes (4,).
+def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
+    """Return the stiffness of patches against turning [N m/rad] and the length over which rolling removes the twist
+    [m], for slip stiffnesses [N], half lengths and widths [m].
 
-    By width, a patch that rolls on a curvature has the longitudinal slip curvature times distance from its centre
-    plane: the moment of a brush of slip stiffness K_x is K_x b^2 / 12 times the curvature.
+    Bristles on an area 2 a times b with the slip stiffness K_x = 2 c a^2 have the stiffness 2 c a (a^2 / 3 + b^2 / 12)
+    at rest. Rolling on a curvature, they deflect by curvature times distance from the centre plane, averaged over the
+    patch: the moment is K_x b^2 / 12 times the curvature.
     """
-    if not structure.scrub_by_width:
-        return 2.0 / 3.0 * DRY_GRIP * loads * patches / SLIDE, patches
-    b = np.array([wheel.width for wheel in tractor.wheels for _ in range(2)])
-    rolls = patches > 0.0
-    return np.where(rolls, K_x * b**2 / 12 / (2 * np.where(rolls, patches, 1.0)), 0.0), 1.5 * b / sqrt(8)
+    half = np.where(a > 0.0, a, 1.0)
+    stiffness = np.where(a > 0.0, K_x * (half / 3 + b**2 / (12 * half)), 0.0)
+    return stiffness, b**2 * half / (4 * half**2 + b**2)
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
@@ -139,15 +137,13 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
     """Return the moment of the patch about the ground normal [N m]; the third bristle is its twist [rad].
 
-    The patch twists until its rim slides, and then holds two thirds of grip times load times the scrub arm. By length
-    the arm is the half length, and the rim slides under the static load at a bristle deflection of `SLIDE` times the
-    half length. Rolling removes the twist over the length of the patch.
+    The patch is a `brush` that slides at the moment mu N b / sqrt(8), with the width b [Eaton2006].
     """
-    a, stiffness = float(tyres.patch_half_length[i]), float(tyres.twist_stiffness[i])
+    stiffness = float(tyres.twist_stiffness[i])
     if stiffness <= 0.0:
         return 0.0
-    twist = relax(bristle[2], patch.turn, abs(patch.v_x), 2.0 * a, dt)
-    limit = 2.0 / 3.0 * DRY_GRIP * grip * load * float(tyres.scrub_arm[i]) / stiffness
+    twist = relax(bristle[2], patch.turn, abs(patch.v_x), float(tyres.twist_relaxation[i]), dt)
+    limit = DRY_GRIP * grip * load * float(tyres.scrub_arm[i]) / stiffness
     bristle[2] = min(max(twist, -limit), limit)
     return float(-stiffness * bristle[2])
 

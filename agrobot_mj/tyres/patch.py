@@ -52,9 +52,11 @@ class TyreSet(NamedTuple):
     springs: Array
     """Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]."""
     twist_stiffness: Array
-    """Stiffness of the patch against turning, shape (4,) [N m/rad]."""
+    """Stiffness of the patch against turning; 0 for no scrubbing moment, shape (4,) [N m/rad]."""
+    twist_relaxation: Array
+    """Length over which rolling removes the twist of the patch, shape (4,) [m]."""
     scrub_arm: Array
-    """1.5 times the maximum scrubbing moment divided by grip times load, shape (4,) [m]."""
+    """Maximum scrubbing moment divided by grip times load, shape (4,) [m]."""
     load_follows: bool
     """Whether the load acts at the patch as the side force has moved it against the wheel."""
     bristle_damping: float
@@ -62,7 +64,7 @@ class TyreSet(NamedTuple):
     rolling_resistance: float
     """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length: Array
-    """Half the contact length; 0 for no scrubbing moment, shape (4,) [m]."""
+    """Half the contact length, shape (4,) [m]."""
     trail: float
     """Pneumatic trail at small slip [m]."""
     cone_index: float

@@ -20,23 +20,19 @@ LARGE = TractorParameters(
 G = 9.81
 
 
-def test_default_tyre_stiffness_and_damping_equal_those_of_the_model():
-    assert (COMPACT.front_wheel.stiffness, COMPACT.rear_wheel.stiffness) == (1.2e5, 1.6e5)
-    assert (COMPACT.front_wheel.damping, COMPACT.rear_wheel.damping) == (1200.0, 1800.0)
+def test_default_tyres_of_a_light_tractor_have_the_minimum_pressure():
+    """0.6 bar in k = 0.00028 p sqrt((1.03 - 0.004 a) b d) + 3.45 [kgf/mm], with p in kPa, a in %, b and d in mm."""
+    for wheel, b, d in ((COMPACT.front_wheel, 160, 560), (COMPACT.rear_wheel, 240, 840)):
+        assert wheel.stiffness == pytest.approx(9806.65 * (0.00028 * 60 * sqrt((1.03 - 0.3) * b * d) + 3.45))
+        assert wheel.damping == pytest.approx(2 * 0.15 * sqrt(wheel.stiffness * wheel.load / G))
 
 
-def test_larger_tyre_has_the_same_deflection_relative_to_its_radius():
-    for small, large in (
-        (
-            COMPACT.front_wheel.load / COMPACT.front_wheel.stiffness / COMPACT.front_wheel_radius_m,
-            LARGE.front_wheel.load / LARGE.front_wheel.stiffness / LARGE.front_wheel_radius_m,
-        ),
-        (
-            COMPACT.rear_wheel.load / COMPACT.rear_wheel.stiffness / COMPACT.rear_wheel_radius_m,
-            LARGE.rear_wheel.load / LARGE.rear_wheel.stiffness / LARGE.rear_wheel_radius_m,
-        ),
-    ):
-        assert large == pytest.approx(small)
+def test_default_tyres_of_a_large_tractor_deflect_by_a_fifth():
+    """The section height is three quarters of the width."""
+    for wheel in TractorParameters(mass_kg=6000.0, wheelbase_m=2.8).wheels:
+        assert wheel.deflection == pytest.approx(0.2 * 0.75 * wheel.width)
+        assert 0.085 < wheel.deflection / wheel.radius < 0.1
+    assert TractorParameters(rear_tyre_pressure_bar=1.2).rear_wheel.stiffness > 1.5 * COMPACT.rear_wheel.stiffness
 
 
 def test_tyre_damping_ratio_is_independent_of_machine_size():

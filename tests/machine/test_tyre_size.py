@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.machine.fitting import fit_warnings
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
-from agrobot_mj.machine.tyre_size import tyre_size
+from agrobot_mj.machine.tyre_size import nominal_size, tyre_size
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.tyres import MagicFormula, Soil
 from agrobot_mj.tyres.laws import tyre_set
@@ -51,9 +51,9 @@ def test_unreadable_and_impossible_codes_name_key_and_fix(code):
     assert "tractor.rear_tyre: " in str(caught.value)
 
 
-def test_a_pressure_without_a_size_is_rejected():
-    with pytest.raises(ScenarioError, match=r"tractor.front_tyre_pressure_bar: .* set front_tyre"):
-        load_scenario("straight_line", {"tractor.front_tyre_pressure_bar": 1.2})
+def test_a_wide_tyre_without_a_code_keeps_room_for_its_rim():
+    size = nominal_size(0.3, 0.4)
+    assert (size.diameter, size.width, size.rim, size.radial) == pytest.approx((0.6, 0.4, 0.24, False))
 
 
 @pytest.mark.parametrize("keys", [{"rear_tyre": "9.5-16"}, {"axle_pivot_radii": 0.2}])

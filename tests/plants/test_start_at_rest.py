@@ -8,7 +8,7 @@ import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, Drive, Reference
 from agrobot_mj.machine import Machine
-from agrobot_mj.machine.tractor import GRAVITY
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.plants.mujoco.settling import TILT_DEG_S, Tilt, pose_on
 from agrobot_mj.scenario.loading import load_scenario
@@ -101,7 +101,8 @@ def test_gravity_is_vertical_after_settling():
 def test_wheel_without_load_above_a_pit_is_reported(capsys):
     heights = np.zeros((401, 401))
     heights[185:199, 202:222] = -0.6  # below the right front wheel
-    plant = MujocoPlant(Mujoco(), Machine(), Ground(-20.0, -20.0, 0.1, heights))
+    low = Machine(TractorParameters(cg_height_m=0.4, front_load_fraction=0.25))  # stays on three wheels
+    plant = MujocoPlant(Mujoco(), low, Ground(-20.0, -20.0, 0.1, heights))
     truth = plant.reset(Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     assert moving(truth) < 0.0005
     loads = plant.wheels().reshape(-1, 4)[LOAD]

@@ -11,7 +11,7 @@ from agrobot_mj.tyres.laws import carry, treads, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, WheelMotion, find_patch
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
-REAR, VERTICAL, RADIUS = 2, 1.6e5, 0.42
+REAR, VERTICAL, RADIUS = 2, TRACTOR.rear_wheel.stiffness, 0.42
 KEYS = {"carcass_lateral": 0.45, "carcass_longitudinal": 0.6, "bristle_damping_s": 0.0}
 TYRES = [MagicFormula(**KEYS), Soil(**KEYS), Ruts(**KEYS)]
 

@@ -13,8 +13,8 @@ from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, WheelMotion, find_patch
 
 LAWS = [law for law in every(Tyre) if law().judged]
-REAR, SUNK, SPEED = 2, 0.0144, 1.5
-RADIUS = TractorParameters().rear_wheel_radius_m
+REAR, SPEED = 2, 1.5
+RADIUS, SUNK = TractorParameters().rear_wheel_radius_m, TractorParameters().rear_wheel.deflection
 
 
 def ground(**properties):

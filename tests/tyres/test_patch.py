@@ -27,6 +27,7 @@ from agrobot_mj.tyres.patch import (
 
 FLAT, R, DT = Flat().ground(), 0.42, 0.002
 LAWS = [law for law in every(Tyre) if law().judged]
+TYRE = TractorParameters().rear_wheel
 REAR = 2
 """Index of the left rear tyre, whose free radius is R."""
 UP = (0.0, 0.0, 1.0)
@@ -190,8 +191,8 @@ def test_wheel_at_rest_resists_displacement_like_a_spring():
 def test_freely_rolling_wheel_has_only_its_vertical_load():
     wheel = Wheel()
     report = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (1.2, 0.0, 0.0), (0.0, 1.2 / r_e(0.02), 0.0), 500)
-    assert report == pytest.approx(np.array([1.6e5 * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
-    assert wheel.wrench == pytest.approx(np.array([0, 0, 3200, 0, 0, 0]), abs=1e-9)
+    assert report == pytest.approx(np.array([TYRE.stiffness * 0.02, 0, 0, 0, 0, 0]), abs=1e-9)
+    assert wheel.wrench == pytest.approx(np.array([0, 0, TYRE.stiffness * 0.02, 0, 0, 0]), abs=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -211,8 +212,8 @@ def test_wheel_load_is_a_spring_and_damper_force_that_is_never_negative(law):
     still = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), STILL, STILL)[LOAD]
     sinking = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0, 0, -0.5), STILL)[LOAD]
     leaving = wheel.step((0, 0, 0.40), (0.0, 1.0, 0.0), (0, 0, 5.0), STILL)[LOAD]
-    assert still == pytest.approx(1.6e5 * 0.02)
-    assert sinking - still == pytest.approx(1800 * 0.5)
+    assert still == pytest.approx(TYRE.stiffness * 0.02)
+    assert sinking - still == pytest.approx(TYRE.damping * 0.5)
     assert leaving == 0.0
     assert not wheel.wrench.any()
 

@@ -4,15 +4,15 @@ The drawbar pin allows yaw, pitch and roll between stops. The two tyres have the
 separate sizes and stiffness.
 """
 
-from math import radians
-from typing import Annotated, ClassVar, Literal
+from math import radians, sqrt
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.implements.base import Axle, HitchedBody, ImplementBase, Joint, Shape, Unevenness, box_inertia
 from agrobot_mj.machine.implements.draught import Tool
-from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, Springs, TractorParameters
+from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
@@ -24,6 +24,32 @@ PIN = (
     Joint("hitch_roll", (1.0, 0.0, 0.0), MIDDLE, SWING),
 )
 """Joints of the drawbar pin."""
+
+
+class Springs(NamedTuple):
+    """Reference tyre of a trailer for scaling stiffness and damping to larger and smaller tyres.
+
+    All tyres have the same shape and the same relative deflection: the stiffness scales with load divided by radius,
+    and the damping ratio at the carried load is constant.
+    """
+
+    load: float
+    """Static load [N]."""
+    radius: float
+    """Free radius [m]."""
+    stiffness: float
+    """Vertical stiffness [N/m]."""
+    damping: float
+    """Vertical damping [N s/m]."""
+
+    def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
+        """Return vertical stiffness [N/m] and damping [N s/m]: given values, or values for a static load [N] and free
+        radius [m]."""
+        k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
+        c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
+        return k, c
+
+
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
 """Tyre of the default trailer: deflects by 4 % of its radius, 15 % of critical damping. Assumed value (1e5-3e5 N/m)."""
 

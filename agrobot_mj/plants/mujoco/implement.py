@@ -113,9 +113,9 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
         return tyre_set(tyre, tractor)
     wheel = axle.wheel
     sizes = {"radius_m": wheel.radius, "width_m": wheel.width, "mass_kg": wheel.mass}
-    springs = {"stiffness_n_m": wheel.stiffness, "damping_n_s_m": wheel.damping}
+    springs: dict[str, float | None] = {"_stiffness_n_m": wheel.stiffness, "_damping_n_s_m": wheel.damping, "": None}
     wheels = {f"{end}_wheel_{name}": value for end in ("front", "rear") for name, value in sizes.items()}
-    tyres = {f"{end}_tyre_{name}": value for end in ("front", "rear") for name, value in springs.items()}
+    tyres = {f"{end}_tyre{name}": value for end in ("front", "rear") for name, value in springs.items()}
     weight = {"mass_kg": 4 * wheel.load / GRAVITY, "front_load_fraction": 0.5}
     whole = tyre_set(tyre.of_implement(), tractor.model_copy(update=wheels | tyres | weight))
     arrays: dict[str, Any] = {

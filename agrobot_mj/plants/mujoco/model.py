@@ -122,8 +122,7 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
     spec.body("front_axle").pos = [tractor.wheelbase_m, 0, front.radius - front.deflection]
     roll = tractor.axle_pivot_limit_deg  # angle unit of the file
     spec.joint("axle_roll").range = [-roll, roll]
-    if tractor.axle_pivot_radii is not None:
-        spec.joint("axle_roll").pos = [0, 0, tractor.axle_pivot_radii * front.radius]
+    spec.joint("axle_roll").pos = [0, 0, tractor.axle_pivot_radii * front.radius]
     for name, side in zip(WHEELS, (1, -1, 1, -1), strict=True):
         wheel = front if name[0] == "f" else rear
         body = spec.body(f"wheel_{name}")

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.machine.fitting import DEEPEST_SHARE
 
 BODIES = ("chassis", *(f"wheel_{w}" for w in WHEELS))
 SPINS = tuple(f"spin_{w}" for w in WHEELS)
@@ -24,7 +25,7 @@ RESERVED = ("implement", "wheel_il", "wheel_ir")
 ALONG, UPRIGHT = 0.999, 0.7
 """Minimum cosines of the axes of wheels and axle, and of the kingpins [-]: 2.5 and 45 deg."""
 PLACE_M, SHARE = 0.01, 0.05
-"""Maximum error of a position [m], and of a wheel's height divided by its radius [-]."""
+"""Maximum error of a position [m], and of a wheel centre above its free radius, divided by the radius [-]."""
 ASIDE = 0.1
 """Maximum distance of the centre of mass from the centre line, divided by the track width [-]."""
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
@@ -186,7 +187,7 @@ def _places(posed: Posed) -> Iterator[str]:
         )
     for end in ("f", "r"):
         height, radius = at[f"{end}l"][2], posed.size(f"{end}l")[0]
-        if abs(height - radius) > SHARE * radius:
+        if not -DEEPEST_SHARE * radius <= height - radius <= SHARE * radius:
             yield (
                 f"the origin of the chassis must be on the ground: 'wheel_{end}l' of radius {radius:.3f} m has its "
                 f"centre {height:.3f} m above it"

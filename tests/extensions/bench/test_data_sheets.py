@@ -1,9 +1,10 @@
 """Every shipped machine drives: the library, the figure eight under LQR, and its data sheet against closed forms."""
 
-from math import asin, atan, cos, degrees, pi, radians, sin, sqrt, tan
+from math import asin, atan, cos, degrees, pi, radians, sin, tan
 
 import pytest
 from scipy.optimize import brentq
+from tipping_statics import tipping_deg
 
 from agrobot_mj.core.resources import machine_files
 from agrobot_mj.extensions.bench.datasheet import data_sheet
@@ -17,8 +18,8 @@ class ClosedForms:
     """Numbers of a bare machine on the default tyres, from its keys and statics alone.
 
     The tyres are straight lines: cornering stiffness k per load at the static load, which changes by a quarter of the
-    change of load, rolling resistance rho, trail t, grip mu that falls by 8 % for a doubled load, and patches of half
-    the length sqrt(2 r d) under the deflection d.
+    change of load, rolling resistance rho, trail t, grip mu that falls by 8 % for a doubled load, and patches that
+    scrub as brushes of their width with a slip stiffness of ten times the load.
     """
 
     def __init__(self, machine):
@@ -31,8 +32,7 @@ class ClosedForms:
         self.l_r = self.L * p.front_load_fraction
         self.l_f = self.L - self.l_r
         self.R_f, self.R_r = p.front_wheel_radius_m, p.rear_wheel_radius_m
-        # a tyre deflects by the share of its radius that the compact tractor's does: 1398 N on 120 kN/m of 0.28 m
-        self.d_f, self.d_r = self.R_f * 1397.925 / 1.2e5 / 0.28, self.R_r * 2280.825 / 1.6e5 / 0.42
+        self.d_f, self.d_r = (wheel.deflection for wheel in p.wheels)
         self.limit = p.steer_limit
 
     def moved(self):
@@ -45,9 +45,10 @@ class ClosedForms:
         return degrees(v.pump_flow_l_min / 60e3 / (area * c.arm_m))
 
     def turning_radius(self):
-        """Sliding patches scrub against the turn; steered wheels drag outwards; both axles slip to hold it."""
-        half_f, half_r = sqrt(2 * self.R_f * self.d_f), sqrt(2 * self.R_r * self.d_r)
-        scrub = 2 / 3 * 0.75 * (self.N_f * half_f + self.N_r * half_r)
+        """Patches scrub against the turn; steered wheels drag outwards; both axles slip to hold it."""
+        p, curvature = self.s.tractor, tan(self.limit) / self.L
+        widths = self.N_f * p.front_wheel_width_m**2 + self.N_r * p.rear_wheel_width_m**2
+        scrub = 10 / 12 * widths * curvature
         drag = self.rho * self.N_f * sin(self.limit)
         F_f = (scrub / self.L + drag) / cos(self.limit)
         slip_f, slip_r = F_f / (self.k_f * self.N_f), scrub / self.L / (self.k_r * self.N_r)
@@ -63,20 +64,6 @@ class ClosedForms:
         C_r = self.k_r * (self.N_r + moved) * (1 - 0.25 * moved / self.N_r)
         lever = self.t + self.rho * self.h
         return degrees(self.m / self.L * ((self.l_r + lever) / C_f - (self.l_f - lever) / C_r))
-
-    def tip_over(self):
-        """Return the tipping angle about the line from lower rear tyre to axle pivot, less the tyre deflection."""
-        p, share = self.s.tractor, self.m / 750
-        m_f = 2 * p.front_wheel_mass_kg + 33.5 * share
-        m_b, pivot = self.m - m_f, self.R_f - self.d_f
-        x_b, z_b = (self.m * self.l_r - m_f * self.L) / m_b, (self.m * self.h - m_f * pivot) / m_b
-        k = self.N_r / 2 / self.d_r
-
-        def over(theta):
-            lean = self.N_r * cos(theta) / (k * self.T)
-            return m_b * (z_b - pivot * x_b / self.L) * (tan(theta) + lean) - self.T / 2 * self.m * self.l_f / self.L
-
-        return degrees(brentq(over, 0.05, 1.2))
 
     def holding(self):
         """The brake's 3.55 m/s2 [EU2015] at the free radius, on wheels that roll on R - d / 3."""
@@ -105,12 +92,13 @@ class ClosedForms:
         """Slip angle of the rear wheels across a slope, on the curve of Pacejka's formula.
 
         Gravity across, m g sin(theta), falls to the axles as in a bend; the axle's stiffness loses a quarter of the
-        square of the load that goes from wheel to wheel, h tan(theta) / T of either axle's.
+        square of the load that goes from wheel to wheel, (h + s) tan(theta) / T of either axle's, where s tan(theta) is
+        the side deflection of the carcass.
         """
         curve, lever = self.s.plant.tyre.rear.lateral, self.t + self.rho * self.h
         force = self.m * G * sin(grade) * (self.l_f - lever) / self.L
         load = (self.N_r + self.moved()) * cos(grade)
-        shifted = (2 * self.h * tan(grade) / self.T) ** 2
+        shifted = (2 * (self.h + self.d_r / 0.45) * tan(grade) / self.T) ** 2
         change = load / self.N_r - 1
         K = self.k_r * load * (1 - 0.25 * (change + shifted))
         D = curve.mu * load * (1 - 0.08 * (change + shifted))
@@ -130,7 +118,7 @@ class ClosedForms:
             "steering rate, right": self.steering_rate(),
             "steering rate, left": self.steering_rate(),
             "understeer gradient": self.understeer(),
-            "tip-over angle, sideways": self.tip_over(),
+            "tip-over angle, sideways": tipping_deg(self.s.tractor, True),
             "slope that the brake holds": self.holding(),
             "slope that it climbs": self.climbing(),
             "top speed": self.top_speed(),

@@ -11,14 +11,17 @@ from agrobot_mj.terrain import Flat
 from agrobot_mj.terrain.grid import Surface
 from agrobot_mj.tyres import Linear, MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.laws import tyre_set, wheel_step
-from agrobot_mj.tyres.patch import FORCE_Y, LOAD, WheelMotion
+from agrobot_mj.tyres.patch import FORCE_Y, WheelMotion
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 SCRUBBING = [MagicFormula(), Soil()]
 GRIP = 0.75
 """Friction under a scrubbing patch, as the tyres have it."""
-HALF_M = sqrt(2 * 0.28 * (750 * 9.81 * 0.38 / 2) / 1.2e5)
+SUNK = TRACTOR.front_wheel.deflection
+HALF_M = sqrt(2 * 0.28 * SUNK)
 """Half the chord that the static deflection of the front tyre cuts off [m]."""
+MOST = GRIP * TRACTOR.front_wheel.load * 0.16 / sqrt(8)
+"""Moment that turns a patch of 0.16 m width on the spot, by the rule of manufacturers of steering units [N m]."""
 
 
 class Turning:
@@ -33,8 +36,8 @@ class Turning:
         return np.array([self.step(turn, v) for turn in turns])
 
     def step(self, turn, v):
-        centre, axle = (0.0, 0.0, 0.268), (0.0, 1.0, 0.0)
-        rotation = (0.0, v / (0.28 - 0.012 / 3), turn)
+        centre, axle = (0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0)
+        rotation = (0.0, v / (0.28 - SUNK / 3), turn)
         motion = WheelMotion(centre, axle, (v, 0.0, 0.0), rotation)
         wheel_step(self.tyres, 0, GROUND, motion, DT, self.bristle, self.wrench, self.report)
         return float(self.wrench[5])
@@ -43,7 +46,8 @@ class Turning:
 def yawed(tyre, v, slip):
     """Moment of a wheel that rolls at `v` and slides left by the tangent `slip`, at rest bristles long ago."""
     wheel = Turning(tyre)
-    motion = ((0, 0, 0.268), (0.0, 1.0, 0.0), (v, v * slip if v > 0 else -v * slip, 0.0), (0.0, v / 0.276, 0.0))
+    velocity = (v, v * slip if v > 0 else -v * slip, 0.0)
+    motion = ((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), velocity, (0.0, v / (0.28 - SUNK / 3), 0.0))
     for _ in range(3000):
         wheel_step(wheel.tyres, 0, GROUND, WheelMotion(*motion), DT, wheel.bristle, wheel.wrench, wheel.report)
     return float(wheel.wrench[5])
@@ -62,7 +66,7 @@ def test_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 def test_wheel_rolling_straight_has_only_the_aligning_moment(way, slip):
     """Its side force times the trail, behind the patch as it travels."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
-    motion = WheelMotion((0, 0, 0.268), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / 0.276, 0.0))
+    motion = WheelMotion((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0))
     for _ in range(100):
         wheel_step(wheel.tyres, 0, GROUND, motion, 0.1, wheel.bristle, wheel.wrench, wheel.report)
     behind = way * trail * np.exp(-abs(slip) / 0.1)
@@ -82,8 +86,16 @@ def test_aligning_lever_equals_the_trail_at_small_slip_only():
 
 
 def test_aligning_moment_is_zero_without_a_trail():
-    for tyre in (MagicFormula(trail_m=0.0), Soil(), Linear()):
+    for tyre in (MagicFormula(trail_m=0.0, load_follows_carcass=False), Soil(load_follows_carcass=False), Linear()):
         assert Rig(tyre, TRACTOR).steady(Setting(1.0, 0.1, 0.05, 1400.0)).mz == pytest.approx(0.0, abs=1e-9)
+
+
+def test_drive_force_at_the_displaced_patch_turns_the_wheel():
+    """Its lever arm is the side force divided by the lateral stiffness of the carcass."""
+    reading = Rig(MagicFormula(trail_m=0.0), TRACTOR).steady(Setting(1.0, 0.1, 0.05, 1400.0))
+    arm = reading.fy / (0.45 * TRACTOR.front_wheel.stiffness)
+    assert abs(arm) > 0.01
+    assert reading.mz == pytest.approx(-arm * reading.fx, rel=1e-6)
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
@@ -91,10 +103,9 @@ def test_aligning_moment_is_zero_without_a_trail():
 def test_scrubbing_moment_opposes_turning_on_the_spot_and_is_limited(tyre, turn):
     wheel = Turning(tyre)
     moments = wheel.moments([turn] * 1000)
-    limit = 2 / 3 * GRIP * wheel.report[LOAD] * HALF_M
     assert (moments * turn < 0).all()
-    assert abs(moments[-1]) == pytest.approx(limit)
-    assert np.abs(moments).max() <= limit * (1 + 1e-9)
+    assert abs(moments[-1]) == pytest.approx(MOST)
+    assert np.abs(moments).max() <= MOST * (1 + 1e-9)
     assert (np.diff(np.abs(moments)) >= -1e-9).all()
 
 
@@ -105,7 +116,7 @@ def test_half_the_friction_halves_the_scrubbing_moment(tyre):
     assert wet.moments([1.0] * 1000)[-1] == pytest.approx(0.5 * dry.moments([1.0] * 1000)[-1])
     icy = Turning(tyre)
     surface = Surface(-100.0, -100.0, 200.0, np.full((1, 1), 0.25), np.zeros((1, 1)))
-    motion = WheelMotion((0.0, 0.0, 0.268), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    motion = WheelMotion((0.0, 0.0, 0.28 - SUNK), (0.0, 1.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     for _ in range(1000):
         wheel_step(icy.tyres, 0, GROUND._replace(surface=surface), motion, DT, icy.bristle, icy.wrench, icy.report)
     assert icy.wrench[5] == pytest.approx(0.25 * dry.wrench[5])
@@ -120,10 +131,10 @@ def test_stationary_wheel_keeps_its_torsional_deflection(tyre):
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_rolling_reduces_tyre_torsion_over_the_contact_patch_length(tyre):
+def test_rolling_reduces_tyre_torsion_over_a_part_of_the_patch(tyre):
     wheel, v = Turning(tyre), 1.0
     twisted = wheel.moments([0.5] * 50)[-1]
-    length = 2 * HALF_M
+    length = HALF_M * 0.16**2 / (4 * HALF_M**2 + 0.16**2)
     rolled = wheel.moments([0.0] * round(3 * length / v / DT), v)
     travelled = v * DT * np.arange(1, len(rolled) + 1)
     assert rolled == pytest.approx(twisted * np.exp(-travelled / length))
@@ -134,9 +145,10 @@ def test_rolling_reduces_tyre_torsion_over_the_contact_patch_length(tyre):
 def test_scrubbing_back_and_forth_dissipates_energy(tyre, v):
     t = DT * np.arange(5000)
     turns = 0.6 * np.sin(2 * np.pi * 0.5 * t)
-    moments = Turning(tyre).moments(turns, v)
+    wheel = Turning(tyre)
+    moments = wheel.moments(turns, v)
     work = DT * np.cumsum(moments * turns)
-    stored = 0.5 * 2 / 3 * GRIP * 1440.0 * HALF_M * 0.1
+    stored = 0.5 * MOST**2 / wheel.tyres.twist_stiffness[0]
     assert work[-1] < -2 * stored
     assert work.max() <= 1e-9
     assert (work[1000:] - work[:-1000] < 0).all()  # over each whole period
@@ -175,6 +187,6 @@ def test_contact_patch_length_is_the_chord_at_static_deflection(tyre):
     )
     front, rear = tyre_set(tyre, large).patch_half_length[[0, 2]]
     assert front == pytest.approx(sqrt(2 * 0.5 * (5200 * 9.81 * 0.38 / 2) / 3e5))
-    assert rear == pytest.approx(0.8 * sqrt(2 * (750 * 9.81 * 0.62 / 2) / 1.6e5 / 0.42))
+    assert rear == pytest.approx(sqrt(2 * 0.8 * (5200 * 9.81 * 0.62 / 2) / large.rear_wheel.stiffness))
     given = tyre.model_copy(update={"patch_half_length_m": 0.05})
     assert tyre_set(given, large).patch_half_length.tolist() == [0.05] * 4

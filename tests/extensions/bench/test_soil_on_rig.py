@@ -15,7 +15,10 @@ from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, WheelMotion
 
 TRACTOR = TractorParameters()
-SIZES = {FRONT: (0.16, 0.56, 0.28, 1.2e5), REAR: (0.24, 0.84, 0.42, 1.6e5)}
+SIZES = {
+    FRONT: (0.16, 0.56, 0.28, TRACTOR.front_wheel.stiffness),
+    REAR: (0.24, 0.84, 0.42, TRACTOR.rear_wheel.stiffness),
+}
 """Section width, diameter, radius [m] and stiffness [N/m] of the default tractor's tyres."""
 STATIC = {FRONT: TRACTOR.front_axle_load / 2, REAR: TRACTOR.rear_axle_load / 2}
 
@@ -59,7 +62,7 @@ def lateral(soil, wheel, W, alpha):
 def test_steady_pure_slip_force_equals_the_published_formula(ply, cone_index_kpa, wheel):
     soil = Soil(cone_index_kpa=cone_index_kpa, ply=ply)
     rig = Rig(soil, TRACTOR, wheel)
-    for load, speed in product((0.5 * STATIC[wheel], 1.6 * STATIC[wheel]), (0.5, 4.0)):
+    for load, speed in product((0.5 * STATIC[wheel], 1.6 * STATIC[wheel]), (1.0, 4.0)):
         for kappa in (-0.9, -0.2, -0.01, 0.0, 0.03, 0.3, 0.9):
             fx = rig.steady(Setting(speed, 0.0, kappa, load)).fx
             assert fx == pytest.approx(longitudinal(soil, wheel, load, kappa), rel=1e-9, abs=1e-9)
@@ -121,7 +124,7 @@ def test_motion_resistance_opposes_motion_in_both_directions():
         for _ in range(10):
             wheel_step(tyres, 0, ground, motion, 1.0, bristle, wrench, report)
         pushes.append(wrench[0])
-    assert pushes[0] == pytest.approx(longitudinal(Soil(), FRONT, 1200.0, 0.0), rel=1e-6)
+    assert pushes[0] == pytest.approx(longitudinal(Soil(), FRONT, 0.01 * TRACTOR.front_wheel.stiffness, 0.0), rel=1e-6)
     assert pushes[1] == pytest.approx(-pushes[0])
 
 
@@ -165,7 +168,8 @@ def test_braking_force_mirrors_driving_force_at_equal_slip():
 
 def test_dragged_wheel_without_rotation_slides_at_its_friction_limit():
     tyres, ground = tyre_set(Soil(), TRACTOR), Flat().ground()
-    dragged = WheelMotion((0.0, 0.0, 0.268), (0.0, 1.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.0))
+    centre = (0.0, 0.0, 0.28 - TRACTOR.front_wheel.deflection)
+    dragged = WheelMotion(centre, (0.0, 1.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.0))
     bristle, wrench, report, forces = np.zeros(3), np.zeros(6), np.zeros(6), []
     for _ in range(5000):
         wheel_step(tyres, 0, ground, dragged, 0.002, bristle, wrench, report)

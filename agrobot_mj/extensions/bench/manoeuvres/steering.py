@@ -119,8 +119,8 @@ def turning_pressure(plant: MujocoPlant, speed: float) -> float:
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
     """Check the steering pressure, parked and rolling."""
-    patch, front = plant.tyred.tyres.patch_half_length[0], plant.tractor.front_axle_load
-    twisting = 2 / 3 * DRY_GRIP * front * patch / Cylinder().displacement / 1e5
+    tyres, front = plant.tyred.tyres, plant.tractor.front_axle_load
+    patch, twisting = tyres.patch_half_length[0], DRY_GRIP * front * tyres.scrub_arm[0] / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
     still = m.about("pressure to turn the wheels, parked", tyre.kind, "bar")
     yield still.near(parked, twisting, 0.05) if patch > 0 else still.reported(parked)

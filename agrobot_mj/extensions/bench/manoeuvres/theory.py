@@ -9,10 +9,11 @@ The front axle is mounted on a roll pivot P, which transmits no roll moment with
 chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
 
     pivot     V = m_b g_n x_b / L (vertical),  H = m_b a x_b / L (lateral)          moments about the rear axle
-    rear      (N_rr - N_rl) T / 2 = G (a + g_n phi),  G = m_b (z_b - h_P x_b / L)   roll about the rear patches
-    tyres     N_rr - N_rl = k T phi                                                 roll phi on the tyre springs
-    front     (N_fr - N_fl) T / 2 = h_P F_f - (h_P - z_f) m_f a                     roll of the axle about P
+    rear      (N_rr - N_rl) T / 2 = G (a + g_n phi) + sum(N_i s_i)                     roll about the rear patches
+    tyres     N_rr - N_rl = k T phi,  G = m_b (z_b - h_P x_b / L)                   roll phi on the tyre springs
+    front     (N_fr - N_fl) T / 2 = h_P F_f - (h_P - z_f) m_f a + sum(N_i s_i)      roll of the axle about P
 
+The lateral force F_i moves a patch by s_i = F_i / c against its wheel, on the lateral stiffness c of the carcass.
 Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L. The
 resistance is larger on the more loaded side and turns the tractor towards it: M = (T / 2) sum(+-rho_i N_i). Pneumatic
 trails t_i add -t_i F_i. F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 then give the forces of both axles, and the tyre
@@ -35,13 +36,14 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import SPIN_GYRATION_2, tractor_spec
 from agrobot_mj.tyres import Linear, MagicFormula
 from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
-from agrobot_mj.tyres.laws import SLIDE, TRAIL_SLIP, tyre_set
+from agrobot_mj.tyres.laws import TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
 """Speed at which the tyre laws are evaluated [m/s], well above the speeds at which their terms fade out."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
+Pair = tuple[float, float]
 
 
 class Parts(NamedTuple):
@@ -105,19 +107,31 @@ class Tractor:
         """Return the load of wheel `i` on level ground [N]."""
         return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
 
-    def loads(self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False) -> Loads:
-        """Return the wheel loads for the front force F_f and a `shift` of load from the front to the rear axle [N]."""
+    def loads(
+        self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False, aside: Pair = (0.0, 0.0)
+    ) -> Loads:
+        """Return the wheel loads for the front force F_f and a `shift` of load from the front to the rear axle [N].
+
+        `aside` is the sum of load times displacement of the patches, of both axles [N m].
+        """
         p, b = self.p, self.parts
         L, T, k = p.wheelbase_m, p.track_m, p.rear_wheel.stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
         rise = (1 - g_n / GRAVITY) * p.rear_axle_load / (2 * k)
         G = b.body_kg * (b.body_z + rise - (b.pivot_z + rise) * b.body_x / L)
-        lean = (G + J_r) * a / (k * T**2 / 2 - G * g_n)
+        lean = ((G + J_r) * a + aside[1]) / (k * T**2 / 2 - G * g_n)
         front = p.mass_kg * g_n * p.cg_to_rear_axle / L - shift
         rear = p.mass_kg * g_n - front
-        over = (b.pivot_z * front_force - (b.pivot_z - b.front_z) * b.front_kg * a + J_f * a) / T
+        over = (b.pivot_z * front_force - (b.pivot_z - b.front_z) * b.front_kg * a + J_f * a + aside[0]) / T
         half = k * T * lean / 2
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
+
+    def aside(self, loads: Array, forces: Array) -> Pair:
+        """Return the sum of load times displacement of the patches of both axles under lateral forces [N m]."""
+        if not self.tyres.load_follows:
+            return 0.0, 0.0
+        moments = loads * forces / self.tyres.springs[:, 1]
+        return float(moments[:2].sum()), float(moments[2:].sum())
 
     def gyroscopes(self) -> tuple[float, float]:
         """Return the spin inertia divided by rolling radius, of both wheels of the front and the rear axle [kg m]."""
@@ -165,13 +179,21 @@ class Tractor:
         """Return the steady state for `a`, `g_n` [m/s2] on a path of `curvature` [1/m]; parked without `rolling`."""
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
-        front_force, shift, steer = p.mass_kg * a * l_r / L, 0.0, L * curvature
+        front_force, shift, steer, aside = p.mass_kg * a * l_r / L, 0.0, L * curvature, (0.0, 0.0)
         rear_force = p.mass_kg * a - front_force
-        for _ in range(40 if rolling else 1):
-            loads = self.loads(a, g_n, front_force, shift, curvature != 0.0)
+        for _ in range(40):
+            loads = self.loads(a, g_n, front_force, shift, curvature != 0.0, aside)
             N = loads.wheels
             front_slip = self.axle_slip((0, 1), N, front_force)
             rear_slip = self.axle_slip((2, 3), N, rear_force)
+            slips = (front_slip, front_slip, rear_slip, rear_slip)
+            # at rest the carcasses of an axle deflect equally
+            forces = [front_force / 2, front_force / 2, rear_force / 2, rear_force / 2]
+            if rolling:
+                forces = [self.lateral(i, slips[i], N[i]) for i in range(4)]
+            aside = self.aside(N, np.array(forces))
+            if not rolling:
+                continue
             against = np.array([self.resistance(i, N[i]) for i in range(4)])
             shift = float(against @ (self.tyres.radius - N / self.tyres.stiffness)) / L
             steer = L * curvature + front_slip - rear_slip
@@ -185,8 +207,9 @@ class Tractor:
 
     def scrub(self, loads: Array, curvature: float) -> float:
         """Return the moment of the patches against turning along a path of `curvature` [1/m], in N m."""
-        half = self.tyres.patch_half_length
-        return float(2 / 3 * DRY_GRIP * (loads * half * np.minimum(2 * half * abs(curvature) / SLIDE, 1.0)).sum())
+        t = self.tyres
+        rolls = t.twist_relaxation * t.twist_stiffness * abs(curvature)
+        return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())
 
     def trail(self, slip: float) -> float:
         """Return the pneumatic trail at a slip angle [m]."""
@@ -214,17 +237,19 @@ class Tractor:
     def tipping_deg(self) -> float:
         """Side slope at which the upper rear wheel leaves the ground [deg].
 
-        The tipping axis is the line from the lower rear patch to the pivot: with rigid tyres tan(grade) = (T / 2) (L -
-        x_b) / (L z_b - h_P x_b). The stops of the front axle are not reached at this slope. Beyond it they have no
-        effect: the tractor would balance on them at a roll angle of atan(T / 2 / h), smaller than this slope plus the
-        travel of the pivot.
+        The tipping axis is the line from the lower rear patch, which carries the complete side force, to the pivot:
+        with rigid tyres tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). The stops of the front axle are not
+        reached at this slope. Beyond it they have no effect: the tractor would balance on them at a roll angle of
+        atan(T / 2 / h), smaller than this slope plus the travel of the pivot.
         """
+
+        share, weight = self.p.cg_to_rear_axle / self.p.wheelbase_m, (1 - self.p.front_load_fraction) * self.p.mass_kg
 
         def upper_load(grade_deg: float) -> float:
             grade = radians(grade_deg)
             a, g_n = GRAVITY * sin(grade), GRAVITY * cos(grade)
-            share = self.p.cg_to_rear_axle / self.p.wheelbase_m
-            return float(self.loads(a, g_n, self.p.mass_kg * a * share).wheels[2])
+            aside = self.aside(np.array([0.0, 0.0, 0.0, weight * g_n]), np.array([0.0, 0.0, 0.0, weight * a]))
+            return float(self.loads(a, g_n, self.p.mass_kg * a * share, aside=aside).wheels[2])
 
         return float(brentq(upper_load, 1.0, 60.0))
 

@@ -1,0 +1,49 @@
+"""Static tip-over angles of a parked tractor, with its roll on the tyres, the yielding carcass and the pivot."""
+
+from math import cos, radians, sin, sqrt
+
+from scipy.optimize import brentq
+
+from agrobot_mj.extensions.bench.manoeuvres.theory import parts
+from agrobot_mj.machine.tractor import GRAVITY
+
+CARCASS = 0.45
+"""Lateral stiffness of the carcass divided by the vertical one."""
+
+
+def twist(wheel):
+    """Stiffness of a patch against turning [N m/rad]: bristles on 2 a times b, whose slip stiffness is 10 N."""
+    a = sqrt(2 * wheel.radius * wheel.deflection)
+    return 10 * wheel.load * (a / 3 + wheel.width**2 / (12 * a))
+
+
+def tipping_deg(tractor, carcass, hold=True):
+    """Slope from moments of the body about the line through the pivot and the middle of the rear patches [deg].
+
+    The rear, on one wheel, yields more to the side than the front. With `hold` the patches resist this yaw,
+    by a moment that also acts about the inclined line, and the brake holds the weight along the tractor at that wheel.
+    """
+    body, L, T, k = parts(tractor), tractor.wheelbase_m, tractor.track_m, tractor.rear_wheel.stiffness
+    on_front, on_rear = (
+        tractor.mass_kg * tractor.front_load_fraction,
+        tractor.mass_kg * (1 - tractor.front_load_fraction),
+    )
+    turning = 2 * twist(tractor.front_wheel) + twist(tractor.rear_wheel)
+    rear, front = CARCASS * k, 2 * CARCASS * tractor.front_wheel.stiffness
+
+    def righting(deg):
+        across, down = GRAVITY * sin(radians(deg)), GRAVITY * cos(radians(deg))
+        beside = T / 2 - (on_rear * across / rear if carcass else 0.0)
+        net = turning - tractor.mass_kg * across * beside if hold else 0.0
+        q = net / L**2
+        apart = across * (on_rear / rear - on_front / front) / (1 + q / rear + q / front)
+        yaw = apart / L if hold else 0.0
+        load = on_rear * down + tractor.mass_kg * across * yaw * tractor.cg_height_m / L
+        aside = (on_rear * across - q * apart) / rear if carcass else 0.0
+        rise = (on_rear * GRAVITY - load) / (2 * k)
+        arm = body.body_z - body.pivot_z * body.body_x / L + rise * (1 - body.body_x / L)
+        lean = load / (k * T)
+        held = net * yaw * body.pivot_z / L
+        return load * (T / 2 - aside) + held - body.body_kg * arm * (across + down * lean)
+
+    return brentq(righting, 1.0, 60.0)
