@@ -169,7 +169,8 @@ def test_grip_and_stiffness_per_load_decrease_with_load_to_a_minimum():
 @pytest.mark.parametrize("direction_deg", [0, 40, 90, 200])
 def test_dragged_wheel_without_rotation_slides_at_its_friction_limit(direction_deg):
     """The bristles break away at the peak: the force rises to the ellipse and stays there."""
-    tyres, penetration = tyre_set(DEFAULT, TRACTOR), 0.012
+    tyres = tyre_set(DEFAULT, TRACTOR)
+    penetration = 1440.0 / tyres.stiffness[0]
     way = radians(direction_deg)
     velocity = (0.05 * np.cos(way), 0.05 * np.sin(way), 0.0)
     bristle, wrench, report, used = np.zeros(3), np.zeros(6), np.zeros(6), []

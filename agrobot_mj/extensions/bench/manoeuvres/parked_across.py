@@ -4,13 +4,15 @@ A tractor is placed across a slope, in neutral, on sinking soil and on firm grou
 half, with masses scaled by the cube of the length, inertias by the fifth power and tyre stiffness by the square. At the
 start the tractor must be at rest, below half a millimetre per second. Then it must neither move nor sink further. Its
 lower wheels carry the fraction 1/2 + (h / b) tan(slope) of the load, with the height h of the centre of gravity and the
-track width b; roll on tyres and soil shifts the centre slightly further.
+track width b, plus that of the roll and the side deflection of the tyres, by the theory of the section on axle loads;
+roll on soil shifts the centre slightly further.
 """
 
 from collections.abc import Iterator
-from math import hypot, radians, tan
+from math import hypot
 
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tractor_of
+from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.plants import MujocoPlant
@@ -27,7 +29,7 @@ WATCHED_S = 20.0
 MOVES_MM, DIGS_MM = 0.1, 0.1
 """Maximum motion and sinkage at rest [mm]."""
 LEANS = 0.02
-"""Fraction of the load added by roll [-]."""
+"""Fraction of the load added by roll on soil [-]."""
 
 
 def run(m: Trial) -> Iterator[Check]:
@@ -41,7 +43,8 @@ def run(m: Trial) -> Iterator[Check]:
             size, share = f"{tractor.mass_kg:.0f} kg", float(loads[[1, 3]].sum() / loads.sum())
             speed = 1e3 * max(hypot(truth.speed, truth.lateral_speed), abs(truth.yaw_rate))
             moved, dug = 1e3 * hypot(later.x - truth.x, later.y - truth.y), 1e3 * (deepest(plant) - before)
-            theory = 0.5 + tractor.cg_height_m / tractor.track_m * tan(radians(GRADE_DEG))
+            balanced = Tractor(tractor, tyre).side_slope(GRADE_DEG, rolling=False).loads.wheels
+            theory = float(balanced[[1, 3]].sum() / balanced.sum())
             yield m.about(f"speed at the start, {size}", tyre.kind, "mm/s").below(speed, 1e3 * REST_M_S)
             yield m.about(f"way in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(moved, MOVES_MM)
             yield m.about(f"sinkage in {WATCHED_S:g} s, {size}", tyre.kind, "mm").below(dug, DIGS_MM)

@@ -111,10 +111,10 @@ def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def turning_pressure(plant: MujocoPlant, speed: float) -> float:
-    """Return the mean pressure while the wheels turn left at a steady rate [bar]."""
+    """Return the mean pressure while the wheels turn left at a steady rate and their patches slide [bar]."""
     driver = rolling(plant, speed)
-    driver.go_by_voltage(0.5, NEUTRAL_V + 2.0)
-    return float(np.mean(driver.pressures(1.0, NEUTRAL_V + 2.0))) / 1e5
+    driver.go_by_voltage(1.0, NEUTRAL_V + 2.0)
+    return float(np.mean(driver.pressures(0.5, NEUTRAL_V + 2.0))) / 1e5
 
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:

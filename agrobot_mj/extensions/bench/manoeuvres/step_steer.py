@@ -6,11 +6,13 @@ curvature.
 
 The response time is from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at once; the
 others over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw rate and then causes
-overshoot. For `linear`, the theory is the bicycle with relaxation for the measured steering angle:
+overshoot. For `linear`, the theory is the bicycle with relaxation and roll for the measured steering angle:
 
     sigma ds/dt = w - u s,   F = -C s,   w_f = v + l_f gamma - u delta,   w_r = v - l_r gamma
 
-with s the slip of an axle and w its sliding velocity.
+with s the slip of an axle and w its sliding velocity. The body (mass m_b) rolls by phi on the rear tyres about the line
+from the rear patches to the pivot of the front axle, which passes h below its centre. The front axle, whose pivot is
+h_P high, rolls on the front tyres, which increases its sigma by C_f h_P^2 / (k_f T^2 / 2).
 """
 
 from collections.abc import Iterator
@@ -24,9 +26,9 @@ from scipy.signal import lsim
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Array, Truth
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, Check, Trial, tyre_of
 from agrobot_mj.extensions.bench.manoeuvres.cornering import paper_gradient
-from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.extensions.bench.manoeuvres.theory import STOCK, Tractor, parts
 from agrobot_mj.machine.hydraulics import FULL_RANGE_V, Cylinder, Valve, valve_law, valve_step
-from agrobot_mj.machine.tractor import TractorParameters
+from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.driver import Driver
 from agrobot_mj.tyres import Linear
 
@@ -115,22 +117,34 @@ def theory(kind: str) -> float | None:
 
 
 def relaxed_bicycle(steer: Array) -> Array:
-    """Return the yaw rate [rad/s] of the bicycle on `linear` tyres with relaxation, at each tick, for `steer` [rad]."""
-    p, tyre, u = TractorParameters(), Linear(), SPEED_M_S
+    """Return the yaw rate [rad/s] of the bicycle on `linear` tyres with relaxation and roll, at each tick, for `steer`
+    [rad]."""
+    p, tyre, u, b = TractorParameters(), Linear(), SPEED_M_S, parts(STOCK)
     m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle
     C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
     s_f, s_r = (tyre.relaxation_radii * radius for radius in (p.front_wheel_radius_m, p.rear_wheel_radius_m))
-    A = np.array(
+    (k_f, k_r), c_r = (
+        (wheel.stiffness * p.track_m**2 / 2 for wheel in p.wheels),
+        p.rear_wheel.damping * p.track_m**2 / 2,
+    )
+    s_f += C_f * b.pivot_z**2 / k_f
+    h = b.body_z - b.pivot_z * b.body_x / p.wheelbase_m
+    G, x = b.body_kg * h, b.body_x - l_r
+    # states v, gamma, phi, dphi/dt, and the slips of both axles
+    masses = np.array([[m, 0, 0, -G], [0, I_z, 0, -G * x], [0, 0, 1, 0], [-G, -G * x, 0, p.roll_inertia_kg_m2 + G * h]])
+    loads = np.array(
         [
-            [0, -u, -C_f / m, -C_r / m],
-            [0, 0, -l_f * C_f / I_z, l_r * C_r / I_z],
-            [1 / s_f, l_f / s_f, -u / s_f, 0],
-            [1 / s_r, -l_r / s_r, 0, -u / s_r],
+            [0, -m * u, 0, 0, -C_f, -C_r],
+            [0, 0, 0, 0, -l_f * C_f, l_r * C_r],
+            [0, 0, 0, 1, 0, 0],
+            [0, G * u, GRAVITY * G - k_r, -c_r, 0, 0],
         ]
     )
-    B = np.array([[0], [0], [-u / s_f], [0]])
+    slips = [[1 / s_f, l_f / s_f, 0, 0, -u / s_f, 0], [1 / s_r, -l_r / s_r, 0, 0, 0, -u / s_r]]
+    A = np.vstack([np.linalg.solve(masses, loads), slips])
+    B = np.array([[0], [0], [0], [0], [-u / s_f], [0]])
     t = TICK_S * np.arange(steer.size)
-    _, _, states = lsim((A, B, np.eye(4), np.zeros((4, 1))), steer, t)
+    _, _, states = lsim((A, B, np.eye(6), np.zeros((6, 1))), steer, t)
     yaw_rate: Array = states[:, 1]
     return yaw_rate
 

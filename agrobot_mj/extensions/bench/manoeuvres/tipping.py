@@ -62,8 +62,8 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Ti
 
 def run(m: Trial) -> Iterator[Check]:
     """Check the tipping slope on every tyre. Quick mode: tipping to one side only."""
-    wanted = Tractor().tipping_deg
     for tyre in tyres():
+        wanted = Tractor(tyre=tyre).tipping_deg
         for left_side_up in (True,) if m.quick else (True, False):
             ended, side = tilt(m.mujoco(tyre)[0], left_side_up), "right" if left_side_up else "left"
             if ended.slid_deg is not None:

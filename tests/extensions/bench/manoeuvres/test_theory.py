@@ -38,7 +38,11 @@ def test_tractor_on_rigid_tyres_tips_about_line_from_tyre_to_axle_pivot():
     rigid = atan(STIFF.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))
     tips = Tractor(STIFF).tipping_deg
     assert tips == pytest.approx(degrees(rigid), abs=0.01)
-    assert 1.0 < tips - Tractor().tipping_deg < 1.6  # it leans on its tyres
+    leans = tips - Tractor().tipping_deg  # it leans on its tyres
+    assert 1.6 < leans < 2.6
+    ends = {"front": T.front_wheel, "rear": T.rear_wheel}
+    harder = TractorParameters(**{f"{end}_tyre_stiffness_n_m": 2 * wheel.stiffness for end, wheel in ends.items()})
+    assert tips - Tractor(harder).tipping_deg == pytest.approx(leans / 2, rel=0.05)
     assert tips < degrees(atan(T.track_m / 2 / T.cg_height_m)) - 5
 
 
