@@ -3,7 +3,7 @@
 Parked on 15 degrees, the wheel loads must equal the static loads. Facing uphill and downhill, these follow from moments
 about an axle, with the pitch due to tyre deflection. Across the slope, they follow from moments about the line through
 the pivot of the front axle, which transfers the complete roll moment of the body to the rear wheels, with the roll due
-to rear tyre deflection.
+to rear tyre deflection and the side deflection of the carcasses.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ import numpy as np
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.extensions.bench.manoeuvres.base import Check, Trial, tyres
 from agrobot_mj.extensions.bench.manoeuvres.parking import FACING, GRADE_DEG
-from agrobot_mj.extensions.bench.manoeuvres.theory import Tractor
+from agrobot_mj.extensions.bench.manoeuvres.theory import LINEAR, Tractor
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.driver import hold
 from agrobot_mj.terrain import Slope
@@ -41,23 +41,24 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 def run(m: Trial) -> Iterator[Check]:
     """Check the loads on every tyre. Quick mode is identical."""
     for tyre in tyres():
+        theory_tyre = tyre if tyre.judged else LINEAR
         for facing, direction in FACING.items():
             plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction))
             reports = [plant.wheels()[:4].copy() for _ in hold(plant, SETTLED_S + WATCHED_S)]
             carried: Array = np.array(reports[round(SETTLED_S / TICK_S) :]).mean(axis=0)
-            for name, measured, theory in _compare(plant.tractor, facing, carried):
+            for name, measured, theory in _compare(Tractor(plant.tractor, theory_tyre), facing, carried):
                 about = m.about(f"{name}, {facing} on {GRADE_DEG:g} deg", tyre.kind, "N")
                 yield about.near(measured, theory, BAND).judged(tyre.judged)
 
 
-def _compare(tractor: TractorParameters, facing: str, carried: Array) -> list[tuple[str, float, float]]:
+def _compare(tractor: Tractor, facing: str, carried: Array) -> list[tuple[str, float, float]]:
     """Return the name of the wheel, its measured load and its static load [N]."""
     if facing == "across":
-        wanted = Tractor(tractor).side_slope(GRADE_DEG, rolling=False).loads.wheels
+        wanted = tractor.side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [
             ("front axle", carried[:2].sum(), wanted[:2].sum()),
             ("lower rear wheel", carried[3], wanted[3]),
             ("upper rear wheel", carried[2], wanted[2]),
         ]
-    front, rear = facing_uphill(tractor, radians(GRADE_DEG) * (1 if facing == "uphill" else -1))
+    front, rear = facing_uphill(tractor.p, radians(GRADE_DEG) * (1 if facing == "uphill" else -1))
     return [("front axle", carried[:2].sum(), front), ("rear axle", carried[2:].sum(), rear)]
