@@ -8,6 +8,7 @@ import pytest
 
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, Drive, PointMass, Reference
 from agrobot_mj.core.spec import every
+from agrobot_mj.extensions.bench.manoeuvres.theory import parts
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
@@ -93,8 +94,10 @@ def test_payload_on_the_left_loads_left_wheels_and_rolls_the_tractor():
     under = Under(NOMINAL._replace(payload=(TANK,)))
     roll = under.wait(4.0).roll
     load = under.report()[LOAD]
-    height = (TRACTOR.mass_kg * TRACTOR.cg_height_m + TANK.kg * TANK.up) / (TRACTOR.mass_kg + TANK.kg)
-    moment = GRAVITY * (TANK.kg * TANK.left + (TRACTOR.mass_kg + TANK.kg) * height * np.sin(-roll))
+    body = parts(TRACTOR)  # which rolls about the line from the rear patches to the pivot, without the front axle
+    slope = body.pivot_z / L
+    leaning = body.body_kg * (body.body_z - slope * body.body_x) + TANK.kg * (TANK.up - slope * TANK.ahead)
+    moment = GRAVITY * (TANK.kg * TANK.left + leaning * np.sin(-roll))
     assert roll < 0
     assert (load[::2].sum() - load[1::2].sum()) * T / 2 == pytest.approx(moment, rel=0.01)
 
@@ -168,7 +171,8 @@ def test_drawbar_pull_increases_slip_torque_and_rear_load(tyre, pull):
     assert forward.sum() == pytest.approx(pull, rel=0.01)
     height = TRACTOR.hitch_height_m + 2 / 3 * sunk  # above the line of the tyres' effective radius
     assert (free - report)[LOAD, :2].sum() == pytest.approx(pull * height / L, rel=0.03)
-    assert load.sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY, rel=2e-3)
+    down = pull * abs(np.sin(trace.mean("pitch", 2.0)))  # the pull acts along the tractor, whose nose rises
+    assert load.sum() == pytest.approx(TRACTOR.mass_kg * GRAVITY + down, rel=1e-3)
 
     tyres = tyre_set(tyre, TRACTOR)
     footing = Footing(1.0, tyres.cone_index)
@@ -303,8 +307,10 @@ def test_soft_tyre_has_less_stiffness_and_more_rolling_resistance():
     for under in (sound, soft):
         under.drive(1.2, 18.0)
         push.append(np.mean([under.driver.go(0.05) and under.plant.actuation()[2] for _ in range(40)]))
-    rolling = 0.05 * TRACTOR.rear_axle_load * 0.6 * TRACTOR.rear_wheel_radius_m
-    assert push[1] - push[0] == pytest.approx(rolling, rel=0.06)
+    resists = 0.05 * TRACTOR.mass_kg * GRAVITY, 0.05 * (TRACTOR.mass_kg * GRAVITY + 0.6 * TRACTOR.rear_axle_load)
+    sunk = [TRACTOR.rear_axle_load / (2 * share * TRACTOR.rear_wheel.stiffness) for share in (1.0, 0.4)]
+    rolling = [F * (TRACTOR.rear_wheel_radius_m - d / 3) for F, d in zip(resists, sunk, strict=True)]
+    assert push[1] - push[0] == pytest.approx(rolling[1] - rolling[0], rel=0.06)
     windy = [Under(c._replace(side_force=500.0)) for c in (NOMINAL, both)]
     wind = [under.drive(1.2, 25.0, track_course()).mean("yaw", 3.0) for under in windy]
     assert wind[1] / wind[0] == pytest.approx(1 / 0.4, rel=0.1)
