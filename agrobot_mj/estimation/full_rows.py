@@ -34,8 +34,9 @@ from agrobot_mj.estimation.full_model import (
 )
 from agrobot_mj.machine.tractor import GRAVITY
 
-STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.02)
-"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: compliant tyres."""
+STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.3)
+"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: on its carcasses, a starting
+tractor turns at up to 0.4 deg/s before its wheels rotate."""
 
 
 class FixRows(NamedTuple):

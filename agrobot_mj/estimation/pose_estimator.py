@@ -8,7 +8,7 @@ magnitude, it has a sign and no bias at standstill. Subclasses define their keys
 
 from functools import lru_cache
 from math import cos, exp, isfinite, nan, radians, sin, tan
-from typing import Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -54,6 +54,8 @@ class EstimatorState(NamedTuple):
 class PoseEstimator(StateEstimator):
     """Velocity KF and pose filter; subclasses define `pose_filter`, and `beliefs` for additional states."""
 
+    sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
+
     backend: Literal["compiled", "filterpy"] = "compiled"
     """Implementation of both filters: compiled, or `KalmanFilter` and `ExtendedKalmanFilter` of filterpy."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
@@ -77,7 +79,8 @@ class PoseEstimator(StateEstimator):
     position_walk_m_rt_s: Positive = 0.01
     """Random walk of the EKF's position [m/sqrt(s)]. Assumed value, GNSS velocity noise 0.007 plus oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
-    """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors."""
+    """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors, whose effect
+    decreases with the wheelbase."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
