@@ -7,9 +7,6 @@ from scipy.optimize import brentq
 from agrobot_mj.extensions.bench.manoeuvres.theory import parts
 from agrobot_mj.machine.tractor import GRAVITY
 
-CARCASS = 0.45
-"""Lateral stiffness of the carcass divided by the vertical one."""
-
 
 def twist(wheel):
     """Stiffness of a patch against turning [N m/rad]: bristles on 2 a times b, whose slip stiffness is 10 N."""
@@ -17,8 +14,10 @@ def twist(wheel):
     return 10 * wheel.load * (a / 3 + wheel.width**2 / (12 * a))
 
 
-def tipping_deg(tractor, carcass, hold=True):
+def tipping_deg(tractor, carcass, hold=True, share=0.45):
     """Slope from moments of the body about the line through the pivot and the middle of the rear patches [deg].
+
+    The lateral stiffness of the carcass is `share` of the vertical one; with `carcass` the load follows it.
 
     The rear, on one wheel, yields more to the side than the front. With `hold` the patches resist this yaw,
     by a moment that also acts about the inclined line, and the brake holds the weight along the tractor at that wheel.
@@ -29,7 +28,7 @@ def tipping_deg(tractor, carcass, hold=True):
         tractor.mass_kg * (1 - tractor.front_load_fraction),
     )
     turning = 2 * twist(tractor.front_wheel) + twist(tractor.rear_wheel)
-    rear, front = CARCASS * k, 2 * CARCASS * tractor.front_wheel.stiffness
+    rear, front = share * k, 2 * share * tractor.front_wheel.stiffness
 
     def righting(deg):
         across, down = GRAVITY * sin(radians(deg)), GRAVITY * cos(radians(deg))

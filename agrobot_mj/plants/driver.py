@@ -87,10 +87,12 @@ class Driver:
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Return the pedal voltage [V]: PI from speed to pedal position, then proportional with a step."""
-        error = self.speed - self.truth.speed
-        wanted = self.speed / self.full_speed + 0.1 * error + self.integral
-        self.integral += 0.1 * error * TICK_S
+        """Return the pedal voltage [V]: PI from speed to pedal position, then proportional with a step.
+
+        The proportional part uses the wheel speed, which does not contain the surge of the tractor on its carcasses.
+        """
+        wanted = self.speed / self.full_speed + 0.1 * (self.speed - self.truth.wheel_speed) + self.integral
+        self.integral += 0.1 * (self.speed - self.truth.speed) * TICK_S
         push = 10.0 * (wanted - self.truth.pedal)
         return NEUTRAL_V + push + copysign(0.3, push)
 

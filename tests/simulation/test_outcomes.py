@@ -11,6 +11,7 @@ from agrobot_mj.control.cascade import Cascade
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Command, Reference
 from agrobot_mj.machine import Machine
+from agrobot_mj.machine.driveline import Driveline
 from agrobot_mj.plants import Mujoco, MujocoPlant
 from agrobot_mj.plants.driver import Driver
 from agrobot_mj.simulation.loop import Loop
@@ -275,8 +276,8 @@ def test_bump_below_upper_wheels_causes_rollover_on_a_safe_slope(height, outcome
     nodes = 0.1 * np.arange(-150, 151)
     x, y = np.meshgrid(nodes, nodes)
     bump = height * np.exp(-(((x - 4.0) / 0.4) ** 2)) * (y > 0.1)
-    ground = Ground(-15.0, -15.0, 0.1, np.tan(np.radians(26)) * y + bump)
-    plant = MujocoPlant(Mujoco(), Machine(), ground)
+    ground = Ground(-15.0, -15.0, 0.1, np.tan(np.radians(24)) * y + bump)
+    plant = MujocoPlant(Mujoco(), Machine(driveline=Driveline(differential_lock=True)), ground)
     driver = Driver(plant, plant.reset(Reference(0, 0, 0, 0, 0, 0)), 2.5)  # at 2 m/s it is held at the foot of the bump
     for _ in range(200):
         if plant.trouble() is not None or driver.truth.x > 7.0:

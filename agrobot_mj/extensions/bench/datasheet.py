@@ -35,8 +35,9 @@ from agrobot_mj.terrain import Flat, Ground
 from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
-CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.001
-"""Speeds for turning and climbing, for steering, and above which braked wheels count as slipping [m/s]."""
+CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
+"""Speeds for turning and climbing, for steering, and above which braked wheels count as slipping [m/s]. An axle that
+reaches its brake torque first moves at 1-4 mm/s while the carcasses of the other deflect."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle [wheelbases], and maximum speed on it [m/s]; at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0

@@ -43,13 +43,18 @@ class TiltTest(NamedTuple):
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
-    """Tilt gravity up to `last_deg` until the tractor rolls over or slides off; return the result."""
+    """Tilt gravity up to `last_deg` until the tractor rolls over or slides off; return the result.
+
+    The slope remains across the tractor, which yaws by some degrees on its tyres.
+    """
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
-    start, grade, lifted = plant.truth(), 0.0, 0.0
+    start = truth = plant.truth()
+    grade = lifted = 0.0
     while grade < last_deg:
         grade += TICK_S * (QUICKLY_DEG_S if grade < FROM_DEG else SLOWLY_DEG_S)
         across = radians(grade)
-        plant.model.opt.gravity[:] = 0.0, -side * GRAVITY * sin(across), -GRAVITY * cos(across)
+        aside = side * GRAVITY * sin(across)
+        plant.model.opt.gravity[:] = aside * sin(truth.yaw), -aside * cos(truth.yaw), -GRAVITY * cos(across)
         truth = plant.advance(REST)
         if plant.trouble() == "rolled_over":
             return TiltTest(lifted, None)
