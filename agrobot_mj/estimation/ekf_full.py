@@ -65,12 +65,12 @@ class EkfFull(StateEstimator):
     """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, as for the sensor."""
     lean_sigma_deg: NonNegative = 0.1
     """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
-    roll_deg_s2_m: NonNegative = 0.25
-    """Unmeasured roll in a bend per specific side force [deg s2/m]. Assumed value: 0.2-0.3 on firm ground and tilled
-    soil, 0.5 in ruts."""
+    roll_deg_s2_m: NonNegative = 0.4
+    """Unmeasured roll in a bend per specific side force [deg s2/m]. Assumed value: 0.4 on firm ground and tilled soil,
+    0.6 in ruts."""
     pitch_deg: float = -0.3
     """Unmeasured mean pitch on level ground, positive nose down [deg]. Assumed value: rear wheels and implements lower
-    the rear by 0.03 deg (firm ground), 0.3 deg (carried implement) or 0.6 deg (ruts)."""
+    the rear by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
     pitch_sigma_deg: NonNegative = 0.3
     """Standard deviation of the error of `pitch_deg`, or of the measured pitch [deg]. Assumed value, as for
     `pitch_deg`."""
