@@ -97,14 +97,17 @@ class Stuck(LineFault):
 
 
 class Delayed(LineFault):
-    """Delayed signal: a loaded bus, cold oil, a sticking pilot valve.
+    """Delayed signal: a loaded bus, a filter, cold oil, a sticking pilot valve.
 
     At the start of the delay the last value is repeated.
     """
 
-    kind: Literal["valve_delay", "pedal_valve_delay"]
+    kind: Literal[
+        "steering_pot_delay", "gyro_delay", "wheel_speed_delay", "heading_delay", "valve_delay", "pedal_valve_delay"
+    ]
     delay_s: Latency = 0.5
-    """Delay added to the delay of the valve, in whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus)."""
+    """Delay added to the delay of valve or receiver, in whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus;
+    0.05-0.3 for filters)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay the signal of the line."""

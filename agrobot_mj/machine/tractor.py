@@ -128,7 +128,11 @@ class TractorParameters(Spec):
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model, in both directions [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
-    """Height of the GNSS antenna above level ground, vertically above the rear axle [m]. Paper, section V-A."""
+    """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
+    antenna_ahead_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Distance of the GNSS antenna ahead of the rear axle [m]. Paper, section V-A; up to 1 on a cab roof."""
+    antenna_left_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Lateral offset of the GNSS antenna, left positive [m]. Paper, section V-A; up to 0.5 on a cab roof."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
@@ -244,6 +248,11 @@ class TractorParameters(Spec):
         if c is None:
             c = 2 * DAMPING_RATIO * sqrt(k * load / GRAVITY)
         return AxleWheel(axle, radius, width, mass, load, k, c, size)
+
+    @property
+    def antenna(self) -> tuple[float, float, float]:
+        """Position of the GNSS antenna ahead, to the left and above the ground below the rear axle [m]."""
+        return self.antenna_ahead_m, self.antenna_left_m, self.antenna_height_m
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:

@@ -2,10 +2,10 @@
 
 The error, true minus estimated CG, is a sum of contributions in the frame of the true heading. The contribution of each
 cause is computed from the log and the assumptions of the estimator. The causes are: lateral shift of the antenna above
-R (its height times the sine of the uncompensated roll), a wrong heading at the lever arm of the CG, latency and error
-of the fixes, and all errors during times without a fix or with a float solution. The fraction of a cause is the sum
-over the ticks of its contribution times the error, divided by the sum of the squared error. The fractions of all causes
-and of the filter add up to 1.
+R (its height times the sine of the uncompensated roll), a wrong configured antenna position, a wrong heading at the
+lever arm of the CG, latency and error of the fixes, and all errors during times without a fix or with a float solution.
+The fraction of a cause is the sum over the ticks of its contribution times the error, divided by the sum of the squared
+error. The fractions of all causes and of the filter add up to 1.
 """
 
 from typing import Any
@@ -18,7 +18,7 @@ from agrobot_mj.metrics.base import RunView
 
 LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "heading error", "GNSS latency"
 GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
-ON_IMPLEMENT = "antenna on the implement"
+ON_IMPLEMENT, PLACE = "antenna on the implement", "configured antenna position"
 MAIN = 0.5
 """Minimum fraction of the error for a cause to be reported, more than all other causes together [-]."""
 SMALLEST_M = 1e-3
@@ -50,7 +50,9 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
     )
     assumed, compensated = _assumed_tilt(view)
     missed = _foot(column("roll"), column("pitch")) - _foot(*assumed)
-    antenna = rear + tractor.antenna_height_m * _foot(column("roll"), column("pitch"))
+    arm = complex(tractor.antenna_ahead_m, tractor.antenna_left_m)
+    configured = complex(*s.sensors.gnss.configured(arm.real, arm.imag))
+    antenna = rear + arm + tractor.antenna_height_m * _foot(column("roll"), column("pitch"))
     measured = _delayed(antenna / turned, _latency(view)) * turned
     fix = turned * (column("gnss_x") + 1j * column("gnss_y"))
     error, quality = cg - cg_hat, column("gnss_quality")
@@ -60,6 +62,8 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
         LATENCY: antenna - measured,
         GNSS: np.nan_to_num(measured - fix),
     }
+    if configured != arm:
+        with_fix[PLACE] = np.full(len(error), configured - arm)
     if s.implement.receiver:
         with_fix = {HEADING: with_fix[HEADING], ON_IMPLEMENT: error - with_fix[HEADING]}
     found = {name: np.where(quality == Quality.FIX, part, 0.0) for name, part in with_fix.items()}

@@ -276,6 +276,8 @@ class BicyclePlant(RunningPlant):
         u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
         dx, dy = from_heading(yaw, -l_r, 0.0)
         vx, vy = from_heading(yaw, u, v - l_r * gamma)
+        ahead, left, up = self.tractor.antenna
+        arm_x, arm_y = from_heading(yaw, ahead, left)
         return Truth(
             t=self.ticks * self.tick_s,
             x=x,
@@ -291,8 +293,8 @@ class BicyclePlant(RunningPlant):
             pedal=float(self.drive_memory.pedal[0]),
             rear_x=x + dx,
             rear_y=y + dy,
-            antenna=(x + dx, y + dy, self.tractor.antenna_height_m),
-            antenna_velocity=(vx, vy, 0.0),
+            antenna=(x + dx + arm_x, y + dy + arm_y, up),
+            antenna_velocity=(vx - gamma * arm_y, vy + gamma * arm_x, 0.0),
             steer_samples=self.samples[0].copy(),
             pedal_samples=self.samples[1].copy(),
             knuckle_samples=self._knuckles(self.samples[0]),

@@ -189,6 +189,11 @@ def _contradictions(s: Tables) -> list[str]:
     if s.implement.receiver and s.implement.kind == "none":
         found.append('implement.receiver: the scenario has no implement; set implement.kind = "mounted" or "drawn"')
     found += [
+        f"sensors.gnss.{key}: the antenna is on the implement (implement.receiver = true); omit {key}"
+        for key in ("configured_ahead_m", "configured_left_m")
+        if s.implement.receiver and getattr(s.sensors.gnss, key) is not None
+    ]
+    found += [
         f"{table}.{why} needs sensors.{name}.enabled = true"
         for table, needs in (("estimator", s.estimator.needs), ("guidance", s.guidance.needs))
         for name, why in needs.items()

@@ -24,6 +24,7 @@ from agrobot_mj.sensors.canopy import Canopy, CanopyState
 from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaLaw, antenna_heading
 
 FLOAT = Quality.FLOAT
+AntennaPlace = Annotated[float, Field(ge=-20, le=20)]
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
@@ -220,10 +221,21 @@ class Gnss(Sensor):
     """Number of solutions per second, at intervals of whole ticks [Hz]. Assumed value (5-20 for guidance)."""
     latency_s: Latency = 0.0
     """Latency of a solution in whole ticks [s]. Assumed value: below a tick in receivers, up to 0.2 over radio."""
+    configured_ahead_m: AntennaPlace | None = None
+    """Distance of the antenna ahead of the rear axle as configured in the on-board computer [m]. Default: the true
+    `tractor.antenna_ahead_m`."""
+    configured_left_m: AntennaPlace | None = None
+    """Lateral offset of the antenna as configured in the on-board computer, left positive [m]. Default: the true
+    `tractor.antenna_left_m`."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading. Default: absent."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
     """Parts of the field with an obstructed sky, `[[sensors.gnss.canopy]]`."""
+
+    def configured(self, ahead: float, left: float) -> tuple[float, float]:
+        """Return the configured distances of the antenna ahead and to the left for the true ones [m]."""
+        given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
+        return ahead if given_ahead is None else given_ahead, left if given_left is None else given_left
 
     @property
     def columns(self) -> tuple[Column, ...]:

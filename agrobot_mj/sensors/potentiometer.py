@@ -6,7 +6,7 @@ or pedal positions, samples in degrees. A tick may have any number of physics st
 """
 
 from functools import lru_cache
-from math import pi
+from math import pi, radians
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -112,7 +112,8 @@ class SteeringPotentiometer(Potentiometer):
     """Potentiometer at the virtual front wheel of the bicycle model or at one knuckle; `[sensors.steering_pot]`.
 
     At a knuckle the sensor measures the angle of this wheel, which by Ackermann is larger on the inside of a bend. The
-    rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order (delta / 45 deg)^3.
+    rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order (delta / 45 deg)^3. The
+    on-board computer may have a wrong centre, and a wrong scale of each side.
     """
 
     place = "steering_pot"
@@ -123,14 +124,21 @@ class SteeringPotentiometer(Potentiometer):
     """Error at 45 deg with the same sign on both sides: a rod that is not square when straight ahead [deg]."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Error at 45 deg with opposite signs on both sides: levers of unequal length [deg]."""
+    centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    """Reading in straight driving: a wrong centre in the on-board computer [deg]."""
+    scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
+    """Angle from the centre divided by the true angle to the left: a wrong scale in the on-board computer [-]."""
+    scale_right: Annotated[float, Field(ge=0.2, le=5)] = 1.0
+    """Angle from the centre divided by the true angle to the right [-]."""
 
     def characteristic(self, delta: Array) -> Array:
         """Return the readings for true angles (n,), without noise [rad]."""
-        if self.second_order_deg == 0.0 and self.third_order_deg == 0.0:
-            return delta
-        share = delta / FULL_LOCK
-        error: Array = np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
-        return delta + error
+        if self.second_order_deg != 0.0 or self.third_order_deg != 0.0:
+            share = delta / FULL_LOCK
+            delta = delta + np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
+        if self.scale_left != 1.0 or self.scale_right != 1.0:
+            delta = delta * np.where(delta > 0.0, self.scale_left, self.scale_right)
+        return delta + radians(self.centre_deg) if self.centre_deg else delta
 
     def seen(self, truth: Truth) -> Array:
         """Return the readings without noise for the angles of the measured wheel, left positive, shape (n,) [rad]."""

@@ -15,7 +15,7 @@ import numpy as np
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics import RunView
 from agrobot_mj.metrics.base import rms
-from agrobot_mj.metrics.estimate_error import FLOAT, HEADING, LATENCY, LEAN, LOSS, cause_of
+from agrobot_mj.metrics.estimate_error import FLOAT, HEADING, LATENCY, LEAN, LOSS, PLACE, cause_of
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
@@ -34,6 +34,7 @@ REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY
 """Keys and values that reduce the estimation error, by cause of the error."""
 MOUNTING = "antenna mounting"
 CALIBRATE = "calibrate sensors.gnss.dual_antenna.mounting_deg"
+MEASURE = "measure the antenna position and set sensors.gnss.configured_ahead_m and configured_left_m"
 
 
 def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, str]:
@@ -79,6 +80,8 @@ def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
     """Return a cause and its remedy as text; the remedy is empty if it is already set or does not apply."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
+    if cause == PLACE:
+        return cause, MEASURE
     given = s.model_dump(include={"sensors", "estimator"})
     keys = {key: value for key, value in REMEDIES.get(cause, {}).items() if _value(given, key) != value}
     try:

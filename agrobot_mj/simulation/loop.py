@@ -43,7 +43,7 @@ from agrobot_mj.simulation.checks import Reception, Stage, check_report, read_on
 from agrobot_mj.simulation.columns import Tick
 from agrobot_mj.simulation.feasibility import naming
 from agrobot_mj.simulation.low_level import LowLevelLoops
-from agrobot_mj.simulation.receiver import ImplementReceiver
+from agrobot_mj.simulation.receiver import MountedReceiver
 from agrobot_mj.terrain import height_and_gradient
 
 
@@ -85,7 +85,7 @@ class Stages:
     conditions: Conditions
     """Faults and disturbances of the present tick."""
     sensors: Reception
-    receiver: ImplementReceiver
+    receiver: MountedReceiver
     """GNSS antenna as configured in the on-board computer."""
     estimator: Any
     guidance: Any
@@ -119,7 +119,7 @@ class Loop:
             faults=faults,
             conditions=conditions,
             sensors=Reception(s.sensors.init(s.seed)),
-            receiver=ImplementReceiver(self.towed.antenna, s.tractor.wheelbase_m, truth.yaw),
+            receiver=MountedReceiver(self._arm(), s.tractor.wheelbase_m, truth.yaw, t=truth.t),
             estimator=s.estimator.init(truth.rear_x, truth.rear_y, truth.yaw, s.tractor),
             guidance=self.guidance.init(),
             supervisor=self.supervisor.init(),
@@ -133,6 +133,13 @@ class Loop:
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
         """Parts that report columns, each with a function that returns its state from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
+
+    def _arm(self) -> tuple[float, float]:
+        """Return the configured distances of the antenna ahead and to the left of the rear axle [m]."""
+        s = self.scenario
+        if behind := self.towed.antenna:
+            return -behind, 0.0
+        return s.sensors.gnss.configured(s.tractor.antenna_ahead_m, s.tractor.antenna_left_m)
 
     def tick(self, command: Command | None = None) -> Tick:
         """Compute one tick up to the valve voltages, with the command of the guidance law or an external command.
@@ -174,8 +181,10 @@ class Loop:
         state.guidance, command = self.law.update(state.guidance, situation, TICK_S)
         if state.brake.share and self.guidance.follows_path and self._stands(command, situation.reference):
             command = command._replace(steer=situation.steer, steer_voltage=NEUTRAL_V)
+        # an antenna on the implement swings with the hitch angle, for which the supervisor accounts
+        at_axle = measured if self.towed.antenna else state.receiver.reduced(measured)
         state.supervisor, command = self.supervisor.update(
-            state.supervisor, situation, measured, command, state.speed.reference, TICK_S
+            state.supervisor, situation, at_axle, command, state.speed.reference, TICK_S
         )
         return command
 

@@ -14,6 +14,7 @@ from agrobot_mj.metrics.attribution import parts_of
 from agrobot_mj.metrics.crosstrack import cross_track
 from agrobot_mj.metrics.estimate_error import FLOAT, GNSS, HEADING, LATENCY, LEAN, LOSS, UNIT, cause_of, contributions
 from agrobot_mj.paths import Circle, LaneChange, Line
+from agrobot_mj.sensors.gnss import Gnss
 from agrobot_mj.simulation.columns import COLUMNS
 from agrobot_mj.simulation.diagnosis import attribution
 
@@ -30,8 +31,10 @@ class LoggedRun:
             path=path or Line(heading_deg=90.0),
             duration_s=None,
             fault=fault,
-            tractor=SimpleNamespace(antenna_height_m=ANTENNA_M, cg_height_m=CG_M),
-            sensors=SimpleNamespace(gnss=SimpleNamespace(latency_s=latency_s)),
+            tractor=SimpleNamespace(
+                antenna_height_m=ANTENNA_M, antenna_ahead_m=0.0, antenna_left_m=0.0, cg_height_m=CG_M
+            ),
+            sensors=SimpleNamespace(gnss=Gnss(latency_s=latency_s)),
             estimator=SimpleNamespace(terrain_compensation=compensated),
             implement=SimpleNamespace(receiver=False),
         )

@@ -133,3 +133,9 @@ def test_knuckle_sensor_measures_its_wheel_through_its_calibration(side):
         readings.append(degrees(measured.steer))
     assert readings[0] == pytest.approx(wheel, abs=0.02)
     assert readings[1] - readings[0] == pytest.approx(2.0 * (wheel / 45) ** 2 - 3.0 * (wheel / 45) ** 3, abs=0.02)
+
+
+def test_pot_with_two_scales_reads_each_side_about_its_centre():
+    pot = SteeringPotentiometer(centre_deg=2.0, scale_left=0.8, scale_right=1.25)
+    seen = np.degrees(pot.characteristic(np.radians([-20.0, 0.0, 10.0])))
+    assert seen == pytest.approx([-23.0, 2.0, 10.0])

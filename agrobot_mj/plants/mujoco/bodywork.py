@@ -328,7 +328,8 @@ def _robot(o: Outline, t: TractorParameters) -> Iterator[Panel]:
 
 def _antenna(o: Outline, t: TractorParameters) -> Iterator[Panel]:
     x, _, z = o.bar
-    if (height := t.antenna_height_m) > z:
-        start = {"cab": (0.0, 0.0, z), "robot": (0.0, 0.0, z - 0.1)}.get(t.style, (x, 0.0, z))
-        yield _tube("antenna_mast", start, (0.0, 0.0, height - 0.04), 0.015)
-    yield Panel("antenna_dome", "ellipsoid", (0.09, 0.09, 0.04), (0.0, 0.0, height - 0.02), "signal")
+    ahead, left, height = t.antenna
+    if height > z:
+        start = {"cab": (ahead, left, z), "robot": (ahead, left, z - 0.1)}.get(t.style, (x, 0.0, z))
+        yield _tube("antenna_mast", start, (ahead, left, height - 0.04), 0.015)
+    yield Panel("antenna_dome", "ellipsoid", (0.09, 0.09, 0.04), (ahead, left, height - 0.02), "signal")

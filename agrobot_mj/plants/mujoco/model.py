@@ -58,7 +58,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
     steer.frictionloss = machine.linkage.friction_n_m
     if machine.linkage.friction_n_m > 0:
         steer.solimp_friction = STICKING
-    spec.site("antenna").pos = [0, 0, tractor.antenna_height_m]
+    spec.site("antenna").pos = tractor.antenna
     return spec
 
 

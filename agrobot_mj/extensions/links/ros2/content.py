@@ -85,8 +85,8 @@ class Site(NamedTuple):
     """Scenario data used by the messages."""
 
     origin: Origin
-    antenna_up: float
-    """Height of the antenna above the CG on level ground [m]."""
+    antenna: tuple[float, float, float]
+    """Position of the antenna in `base_link`: ahead, to the left and up [m]."""
     cg_height: float
     """Height of the CG above the ground [m]."""
     cg_to_rear_axle: float
@@ -110,7 +110,7 @@ def site_of(scenario: Scenario) -> Site:
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
     return Site(
         Origin(keys.origin_lat_deg, keys.origin_lon_deg),
-        tractor.antenna_height_m - tractor.cg_height_m,
+        tractor.antenna,
         tractor.cg_height_m,
         tractor.cg_to_rear_axle,
         tractor.rear_wheel_radius_m,
@@ -160,7 +160,7 @@ def fix(s: TickSample, site: Site, at: Content) -> Content:
         "status": {"status": status, "service": SERVICES},
         "latitude": latitude,
         "longitude": longitude,
-        "altitude": s.z + site.antenna_up if status != NO_FIX else nan,
+        "altitude": s.z + site.antenna[2] - site.cg_height if status != NO_FIX else nan,
         "position_covariance": _diagonal(variance, variance, UP_SIGMA**2 * variance),
         "position_covariance_type": 2 if status != NO_FIX else 0,
     }
@@ -223,8 +223,7 @@ def frames(s: TickSample, site: Site, at: Content) -> Content:
 
 def fixed_frames(site: Site, at: Content) -> Content:
     """Return `tf2_msgs/TFMessage` with the position of the antenna frame `gnss` in `base_link`."""
-    antenna = vector(0.0, 0.0, site.antenna_up + site.cg_height)
-    return {"transforms": [_transform(at, "base_link", "gnss", antenna, quaternion(0.0, 0.0, 0.0))]}
+    return {"transforms": [_transform(at, "base_link", "gnss", vector(*site.antenna), quaternion(0.0, 0.0, 0.0))]}
 
 
 def request(s: TickSample) -> Content:
