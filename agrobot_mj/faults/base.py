@@ -11,7 +11,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class Scripted(Spec):
-    """Fault with its time window; a kind overrides `apply`, and `init` if it has a state."""
+    """Base class of faults with a time window; a kind overrides `apply`, and also `init` if the fault has a state."""
 
     machine: ClassVar[bool] = False
     """Whether the fault acts on the body or the tyres of the tractor, which the bicycle plant does not model."""
@@ -39,11 +39,11 @@ class Scripted(Spec):
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Return whether `t` [s] is in the time window, without its end, within the rounding of tick times."""
+        """Return whether the fault acts at `t` [s]: from its start, with a tolerance for rounding, until its end."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the fraction of a fault that grows linearly to 1 over `ramp_s` [s] from its start [-]."""
+        """Return the strength at `t` [s], which grows linearly from 0 at the start to 1 after `ramp_s` [s] [-]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
@@ -55,5 +55,5 @@ class Scripted(Spec):
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return state and changed conditions for the tick of length `dt` [s] that begins at `t` [s], while active."""
+        """Return the new state and the conditions changed by the active fault, for the tick of `dt` [s] from `t` on."""
         raise NotImplementedError

@@ -1,6 +1,6 @@
 """Faults of the GNSS solution: missing, float, without corrections, offset, repeated or late.
 
-Sizes and durations from [Jones2026] are those of the logs in docs/extensions/logs/real_machine.md.
+Sizes and durations with the source [Jones2026] were measured in the logs of docs/extensions/logs/real_machine.md.
 """
 
 from typing import Annotated, Literal, NamedTuple
@@ -26,7 +26,7 @@ def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
 
 
 class GnssLoss(Scripted):
-    """Missing GNSS solution: trees, a bridge, an unplugged antenna."""
+    """Missing GNSS solution, caused by trees, a bridge or an unplugged antenna."""
 
     kind: Literal["gnss_loss"] = "gnss_loss"
 
@@ -36,7 +36,7 @@ class GnssLoss(Scripted):
 
 
 class GnssJump(Scripted):
-    """Constant position offset: ambiguities fixed to wrong integers, another base station."""
+    """Constant position offset, caused by ambiguities fixed to wrong integers or by another base station."""
 
     kind: Literal["gnss_jump"] = "gnss_jump"
     east_m: Metres = 0.0
@@ -45,12 +45,12 @@ class GnssJump(Scripted):
     """Offset to the north [m]. Assumed value (0.2-5: several wavelengths, a wrong base station position)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset to the position; quality and velocity are those of a valid solution."""
+        """Add the offset to the position; quality and velocity do not change."""
         return None, shifted(conditions, self.east_m, self.north_m)
 
 
 class GnssDrift(Scripted):
-    """Position offset that grows linearly: outdated corrections, interference, spoofing."""
+    """Position offset that grows linearly, caused by outdated corrections, interference or spoofing."""
 
     kind: Literal["gnss_drift"] = "gnss_drift"
     east_m_s: Rate = 0.0
@@ -61,7 +61,7 @@ class GnssDrift(Scripted):
     """Reported velocity: the correct one (`sound`), or the velocity of the `drifting` position, as in spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset at the end of the tick to the position; the quality is that of a valid solution."""
+        """Add the offset at the end of the tick to the position; the quality does not change."""
         time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
@@ -70,14 +70,14 @@ class GnssDrift(Scripted):
 
 
 class GnssFrozen(Scripted):
-    """Last position repeated with current time stamps: crashed firmware, a stalled bus gateway."""
+    """Last position repeated with current time stamps, caused by crashed firmware or a stalled bus gateway."""
 
     kind: Literal["gnss_frozen"] = "gnss_frozen"
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
     """Reported velocity: `nothing` for zero, the last `velocity`, or the current one (`live_velocity`)."""
     quality: Literal["fix", "dgps"] = "fix"
     """Reported quality. With `dgps` and `live_velocity` the heading from two antennas continues with fixed ambiguities,
-    as for 37 s of a tractor at rest [Jones2026]."""
+    as observed for 37 s on a tractor at rest [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the position."""
@@ -87,15 +87,15 @@ class GnssFrozen(Scripted):
 
 
 class GnssDgps(Scripted):
-    """Solution without carrier phases (2 in GGA): late or unsuitable corrections.
+    """Solution without carrier phases (quality 2 in GGA), caused by late or unsuitable corrections.
 
-    The position drifts from the fixed solution. The heading from two antennas, which needs no base station, continues.
+    The position drifts away from the fixed solution. The heading from two antennas needs no corrections and continues.
     """
 
     kind: Literal["gnss_dgps"] = "gnss_dgps"
     wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the position drift per axis, in its steady state [m]. Assumed value (0.02-0.4: up to 0.59
-    at rest, 0.05 and up to 0.2 at the end of 1.4 s while driving [Jones2026])."""
+    """Standard deviation of the position drift per axis, in its steady state [m]. Assumed value (0.02-0.4). Measured
+    drift: up to 0.59 at rest, typically 0.05 and at most 0.2 after 1.4 s of driving [Jones2026]."""
     wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
     """Correlation time of the position drift [s]. Assumed value (1-10)."""
 
@@ -112,9 +112,9 @@ class GnssDgps(Scripted):
 
 
 class GnssLatency(Scripted):
-    """Increased latency of the solutions: a slow radio link, a busy receiver.
+    """Increased latency of the solutions, caused by a slow radio link or a busy receiver.
 
-    While the latency starts nothing arrives; when it ends, overtaken solutions are lost.
+    After the start of the fault no solution arrives for `latency_s`; at its end, overtaken solutions are lost.
     """
 
     kind: Literal["gnss_latency"] = "gnss_latency"
@@ -141,7 +141,7 @@ class FloatState(NamedTuple):
 
 
 class GnssFloat(Scripted):
-    """Float solution with a jumping position offset: near trees, or with a weak correction signal.
+    """Float solution with a jumping position offset, as near trees or with a weak correction signal.
 
     The solution has the error of a float solution (`float_sigma_m` and related keys of `[sensors.gnss]`). The fault
     defines when solutions are float, and adds an offset that jumps when the receiver selects other ambiguities. Times
@@ -155,8 +155,8 @@ class GnssFloat(Scripted):
     jump_interval_s: Interval = 20.0
     """Mean time between jumps [s]. Assumed value (5-60)."""
     flicker_s: Interval | None = None
-    """Mean duration of float, and of fix, for a receiver that repeatedly loses its fix near trees [s]. Default: float
-    at all times. Assumed value if set (0.5-10)."""
+    """Mean duration of float intervals, and of fixed intervals, if the receiver repeatedly loses its fix [s]. Default:
+    float at all times. Assumed value near trees (0.5-10)."""
 
     def init(self, generator: Generator) -> FloatState:
         """Return the initial state: float, with a first offset."""

@@ -1,7 +1,7 @@
-"""Faults of a line from a sensor or to a valve; `core.lines` computes the distorted signal.
+"""Faults of the signal line from a sensor or to a valve; `core.lines` computes the distorted signal.
 
-The kind consists of the line, a field of `Conditions`, and the effect: `gyro_stuck`. Stuck, scaled, delayed and lost
-signals are the same on every line; an offset has the unit of its line.
+The name of a kind consists of the line, which is a field of `Conditions`, and the effect, as in `gyro_stuck`. Stuck,
+scaled, delayed and lost signals are defined equally for all lines; an offset has the unit of its line.
 """
 
 from math import radians
@@ -15,7 +15,7 @@ from agrobot_mj.faults.base import Scripted
 
 
 class LineFault(Scripted):
-    """Fault of one line; an effect overrides `apply` and calls `distorted`."""
+    """Base class of faults of one line; a subclass overrides `apply` and calls `distorted`."""
 
     signals: ClassVar = {
         "steering_pot": "measured steering angle",
@@ -47,7 +47,7 @@ class LineFault(Scripted):
 
 
 class Scaled(LineFault):
-    """Scaled signal: a wrong parameter, a shunt, another tyre; negative for reversed wires or a wrong sign.
+    """Scaled signal, caused by a wrong parameter, a shunt or another tyre; negative for reversed wires or a wrong sign.
 
     The scale multiplies a measurement, or the valve voltage relative to neutral.
     """
@@ -63,7 +63,7 @@ class Scaled(LineFault):
         "pedal_valve_scale",
     ]
     scale: Annotated[float, Field(ge=-10, le=10)] = -1.0
-    """Signal divided by the true value [-]. Assumed value: reversed sign; 0.5-2 for a wrong parameter."""
+    """Signal divided by the true value [-]. Assumed value: -1, a reversed sign; 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Scale the signal of the line."""
@@ -71,7 +71,7 @@ class Scaled(LineFault):
 
 
 class Stuck(LineFault):
-    """Stuck signal, at its last value or at zero: a frozen bus message, a broken shaft, a jammed spool.
+    """Signal stuck at its last value or at zero, caused by a frozen bus message, a broken shaft or a jammed spool.
 
     A line that is stuck from the start of a run repeats the first value. A valve with a stuck line keeps its spool
     position; at zero it has no flow.
@@ -89,7 +89,7 @@ class Stuck(LineFault):
         "pedal_valve_stuck",
     ]
     value: Literal["last", "zero"] = "last"
-    """Stuck value: the `last` one or `zero`."""
+    """Value of the stuck signal: its `last` value or `zero`."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Freeze the signal of the line."""
@@ -115,10 +115,10 @@ class Delayed(LineFault):
 
 
 class Lost(LineFault):
-    """Missing signal, detected by the tractor's computer: a cut wire, a sensor without power.
+    """Missing signal, caused by a cut wire or a sensor without power; the tractor's computer detects the loss.
 
-    For a missing heading from two antennas the position remains valid. Of 672 losses in an hour half lasted 0.2 s, one
-    in twenty 0.6 s and the longest 3.4 s [Jones2026].
+    If the heading from two antennas is missing, the position remains valid. Of 672 losses of heading in an hour half
+    lasted 0.2 s, one in twenty lasted 0.6 s, and the longest lasted 3.4 s [Jones2026].
     """
 
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
@@ -129,7 +129,7 @@ class Lost(LineFault):
 
 
 class Bias(LineFault):
-    """Measurement with an offset; each kind has a key `bias` followed by the unit."""
+    """Base class of measurement offsets; each kind has a key `bias` with the unit as a suffix."""
 
     ramp_s: NonNegative = 0.0
     """Time over which the offset grows linearly from zero; 0 for an immediate offset [s]."""
@@ -172,9 +172,9 @@ class GyroBias(Bias):
 
 
 class AttitudeBias(Bias):
-    """Offset of the signal: an accelerometer during warm-up, a displaced bracket.
+    """Offset of the measured roll or pitch, caused by an accelerometer during warm-up or a displaced bracket.
 
-    With a ramp the signal drifts.
+    With a ramp the measurement drifts.
     """
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
@@ -183,7 +183,7 @@ class AttitudeBias(Bias):
 
 
 class HeadingBias(Bias):
-    """Offset of the heading from two antennas: ambiguities fixed to wrong integers, a displaced antenna."""
+    """Offset of the heading from two antennas, caused by wrongly fixed ambiguities or a displaced antenna."""
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0

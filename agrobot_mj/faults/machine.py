@@ -42,7 +42,7 @@ class ValveWear(Scripted):
 
 
 class Friction(Scripted):
-    """Scaled friction of all ground, such as rain or drying dew. The tyre `linear` has no friction limit."""
+    """Scaled friction of all ground, as after rain or dew. The tyre law `linear` has no friction limit."""
 
     machine = True
 
@@ -73,7 +73,7 @@ class SoftTyre(Scripted):
 
     @property
     def subject(self) -> str:
-        """Kind and wheel; several tyres may be soft at the same time."""
+        """Kind and wheel: faults of different wheels may overlap in time."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -94,7 +94,7 @@ class Payload(Scripted):
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
     """Mass; negative for removed ballast [kg]. Assumed value (50-300 for a tank; -100-0 for removed front weights)."""
     ahead_m: Metres = -0.6
-    """Distance ahead of the rear axle [m]. Assumed value: three-point hitch; 2.2 front loader, 1.7 front weights."""
+    """Distance ahead of the rear axle [m]. Assumed value: at the three-point hitch; 2.2 for a front loader."""
     left_m: Metres = 0.0
     """Lateral offset, left positive [m]."""
     up_m: NonNegative = 0.7
@@ -102,7 +102,7 @@ class Payload(Scripted):
 
     @property
     def subject(self) -> str:
-        """Kind and position; payloads at different positions may act at the same time."""
+        """Kind and position: payloads at different positions may overlap in time."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property
@@ -111,13 +111,13 @@ class Payload(Scripted):
         return PointMass(self.mass_kg, self.ahead_m, self.left_m, self.up_m)
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the mass to the payload."""
+        """Add the point mass to the payloads of the tick."""
         added = (self.load,) if self.mass_kg else ()
         return None, conditions._replace(payload=conditions.payload + added)
 
 
 class Drawbar(Scripted):
-    """Pull at the hitch against the motion, from a plough, cultivator or trailer; constant or varying with the soil.
+    """Pull of a plough, cultivator or trailer at the hitch, against the motion; constant or varying with the soil.
 
     The varying pull has a log-normal distribution: it is never negative and keeps its mean.
     """
@@ -126,18 +126,18 @@ class Drawbar(Scripted):
 
     kind: Literal["drawbar"] = "drawbar"
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
-    """Mean pull [N]. Assumed value (500-3000): light cultivator, a fifth of the weight; the grip ends near 4000."""
+    """Mean pull [N]. Assumed value (500-3000): a light cultivator, a fifth of the weight; the tyres hold about 4000."""
     noise_share: Spread = 0.0
     """Standard deviation of the pull divided by its mean [-]. Assumed value: 0; 0.1-0.3 in soil."""
     noise_time_s: Positive = 0.5
-    """Correlation time of the pull [s]. Assumed value: half a metre of soil at 1 m/s."""
+    """Correlation time of the pull [s]. Assumed value: a correlation length of 0.5 m in the soil, driven at 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
         """Return the variation of the pull sampled from its stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the pull to the drawbar force."""
+        """Add the varying pull to the drawbar force."""
         spread = log1p(self.noise_share**2)
         pull = self.pull_n * exp(sqrt(spread) * state.value[0] - spread / 2)
         return state.after(dt, self.noise_time_s), conditions._replace(drawbar=conditions.drawbar + pull)
@@ -161,6 +161,6 @@ class SideForce(Scripted):
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the force to the side force."""
+        """Add the force, with its gusts, to the side force on the CG."""
         force = self.force_n * (1.0 + self.gust_share * state.value[0])
         return state.after(dt, self.gust_time_s), conditions._replace(side_force=conditions.side_force + force)

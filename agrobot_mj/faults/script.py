@@ -16,7 +16,7 @@ class Script(NamedTuple):
     """Faults of a scenario, with the methods `init` and `update` of a stage."""
 
     faults: Sequence[Scripted]
-    """Faults in the order of the file, in which they are applied."""
+    """Faults in the order of the scenario file, which is the order of their application."""
     seed: int
 
     def init(self) -> ScriptState:
@@ -24,7 +24,7 @@ class Script(NamedTuple):
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return state and conditions for the tick of length `dt` [s] from `t` [s] on; call once per tick, in order."""
+        """Return the new states and the conditions of the tick of `dt` [s] from `t` [s] on; call once per tick."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -53,7 +53,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return all sets of payloads carried in the run, each with the index of the fault that starts or ends it."""
+    """Return each set of payloads carried in the run, with the index of the fault that starts or ends the set."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):
