@@ -25,7 +25,7 @@ METRICS: list[Metric] = [
     BrakedDrift(),
 ]
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
-"""Units of link metrics without a unit in their names."""
+"""Units of the metrics of a linked host whose names contain no unit."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 """Units of metrics by the suffix of their names."""
 

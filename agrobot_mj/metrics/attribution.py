@@ -3,8 +3,8 @@
     true CG - path = (true CG - estimated CG) + (estimated CG - path)
 
 Each difference is measured across the path, left positive. All differences use one osculating circle of the path, at
-the point nearest to the true CG. The parts therefore add up to the cross-track error in every tick. Their root mean
-squares add up only if the parts are uncorrelated; large parts of opposite sign may cancel.
+the point nearest to the true CG. The parts therefore add up to the cross-track error in every tick. Their mean squares
+add up only if the parts are uncorrelated; large parts of opposite sign may cancel.
 
 The actuator is inside the guidance loop. Its effect on the cross-track error [m] depends on the gains of the law. The
 metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
@@ -19,7 +19,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.metrics.base import Metric, RunView, mean, rms
 
 NEAR_M = 0.5
-"""Maximum distance between true and estimated CG for a shared osculating circle [m]. Assumed value: ten samples."""
+"""Maximum distance between true and estimated CG for a shared osculating circle [m]. Assumed value."""
 
 
 class ErrorParts(NamedTuple):

@@ -25,7 +25,7 @@ RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 class HasPath(Protocol):
-    """Part of a scenario that the metrics use."""
+    """Protocol with the attributes of a scenario that metrics use."""
 
     @property
     def path(self) -> Path:
@@ -39,7 +39,7 @@ class HasPath(Protocol):
 
 
 class LogLike(Protocol):
-    """Part of a log that metrics and figures use."""
+    """Protocol with the attributes of a log that metrics and figures use."""
 
     @property
     def scenario(self) -> HasPath:
@@ -73,7 +73,7 @@ class RunView:
 
     @cached_property
     def turns(self) -> list[slice]:
-        """Rows of the log of each turn that the run reached."""
+        """Log rows of each turn of the path that the run reached."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]

@@ -1,8 +1,8 @@
 """Position of a point relative to a path: signed offset, and time at which the reference passes the nearest point.
 
 The search covers WINDOW_M before and after the nearest point of the previous row, so that the tractor may be far behind
-the reference. It starts at the reference for the first row, and after the nearest point was lost. Only the leg of the
-current time is searched, see `paths.route`. Left is relative to the heading of the path, also in reverse.
+the reference. For the first row, and after the nearest point was lost, the search starts at the reference. Only the leg
+(between two cusps) of the current time is searched, see `paths.route`. Left is relative to the heading of the path.
 """
 
 from math import inf

@@ -28,7 +28,7 @@ Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the main cause of the estimation error, lateral if `across`, otherwise horizontal; empty without one."""
+    """Return the main cause of the lateral error if `across`, otherwise of the horizontal error; empty without one."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
@@ -82,7 +82,7 @@ def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
 
 
 def _foot(roll: Array, pitch: Array) -> Vectors:
-    """Return the horizontal position of a point 1 m above R, fixed to the tilted body [-]."""
+    """Return the horizontal shift of a point above the rear axle due to body tilt, per metre of height [-]."""
     found: Vectors = np.sin(pitch) * np.cos(roll) - 1j * np.sin(roll)
     return found
 

@@ -15,8 +15,8 @@ LAST_S = 10.0
 LATE_M = 1.0
 """Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: 1 s at 1 m/s."""
 SLOW, LOSING_M = 0.95, 0.5
-"""Fraction of the reference speed below which a slow tractor is reported [-], if it is at least LOSING_M behind the
-reference [m]. Assumed values: every run starts from rest."""
+"""Fraction of the reference speed below which a slow tractor is reported [-], if its distance behind the reference is
+above LOSING_M [m]. Assumed values: starting from rest causes a small lag in every run."""
 
 
 class Lag(NamedTuple):
@@ -31,7 +31,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text about the lag; empty within the limits LATE_M, LOSING_M and SLOW."""
+        """Text about the lag for messages; empty for a lag within the limits LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")

@@ -26,7 +26,7 @@ COMPLETE = 0.99
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass: stations along the first pass, errors and `line` positive to its left."""
+    """Driven part of a pass. Stations lie along the first pass; errors and `line` are positive to its left."""
 
     line: float
     """Lateral position of the planned pass [m]."""

@@ -13,9 +13,9 @@ from agrobot_mj.metrics.base import Metric, RunView
 OFF_M = 1.0
 """Distance from the path above which the tractor has left the path [m]."""
 SLOWEST_M_S = 0.5
-"""Minimum divisor of `safety.overspeed`, which is relative to the speed command [m/s]."""
+"""Minimum speed command used as the divisor of `safety.overspeed` [m/s]."""
 MEMORY = 40
-"""Number of ticks over which the maximum command is taken [-]: two seconds, the stopping time of the tractor."""
+"""Number of recent ticks whose maximum command is compared with the speed [-]: two seconds, the stopping time."""
 
 
 class Safety(Metric):
@@ -70,7 +70,7 @@ def _recent(commanded: Array) -> Array:
 
 
 LEAST_M = 0.001
-"""Drift above which the motion of a parked tractor is reported [m]. Assumed value: three times the normal drift."""
+"""Distance above which the drift of a parked tractor is reported [m]. Assumed value: three times the normal drift."""
 
 
 class BrakedDrift(Metric):

@@ -52,14 +52,13 @@ def without_errors(row: Row) -> dict[str, Any]:
 
 
 def failures(rows: Sequence[Row]) -> str:
-    """Return number and outcomes of failed runs, as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty if all
-    succeeded."""
+    """Return a text about failed runs, such as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty without any."""
     failed = [row for row in rows if not succeeded(row)]
     return f"{len(failed)} of {len(rows)}: {reasons(failed)}" if failed else ""
 
 
 def reasons(rows: Iterable[Row]) -> str:
-    """Return the distinct outcomes with count and reason as text, most frequent first."""
+    """Return a text with count, outcome and reason of runs, most frequent first."""
     ends: dict[str, list[Row]] = {}
     for row in rows:
         # Outcomes whose reasons differ only in their numbers are counted together.

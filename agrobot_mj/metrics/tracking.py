@@ -27,7 +27,7 @@ from agrobot_mj.metrics.base import (
 )
 
 COMPLETE = 0.99
-"""Minimum fraction of a complete turn that the run must cover."""
+"""Minimum fraction of a turn that a run must cover for the turn to be complete [-]."""
 
 
 class Tracking(Metric):
@@ -94,7 +94,7 @@ class NetworkShare(Metric):
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return one fraction per turn: 0 without network, None for a turn with fewer than LEAST ticks."""
+        """Return one fraction per turn: 0 without a network, None for a turn with fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 
