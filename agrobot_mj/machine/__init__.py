@@ -10,7 +10,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class Machine(NamedTuple):
-    """Tractor, actuators and implement: the input of every plant in addition to its own model."""
+    """Parameters of tractor, actuators and implement, which all plants use in addition to their own parameters."""
 
     tractor: TractorParameters = TractorParameters()
     """Geometry and masses."""

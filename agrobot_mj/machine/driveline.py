@@ -1,7 +1,7 @@
-"""Pedal valve, hydrostatic drive and brake: valve voltage to pedal position to the rim speed set by the pump.
+"""Pedal valve, hydrostatic drive and brake: from valve voltage through pedal position to the rim speed of the wheels.
 
 The input is 0-12 V, neutral at 6 V. The electro-mechanical valve moves the pedal at a rate with dead band, gain and
-limit; without power a spring returns the pedal. The pedal sets the displacement of the pump, with a first-order lag.
+limit; without power a spring returns the pedal. The pump displacement follows the pedal with a first-order lag.
 The output is the rim speed that corresponds to the oil flow. The MuJoCo plant adds the spring of the trapped oil and
 the differential; the bicycle plant uses the rim speed as vehicle speed. All numbers are assumed values for the
 two-pedal hydrostat of a compact tractor in its low range. Default values of torque, stiffness, damping and brake scale
@@ -20,14 +20,14 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
-"""Drive of the compact tractor. Assumed values: torque above the grip on firm ground; 75 % of an 18.6 kW engine."""
+"""Drive of the compact tractor. Assumed values: torque above the grip on firm ground; 75 % of an engine of 18.6 kW."""
 BRAKING_M_S2 = 3.55
 """Deceleration of the tractor's mass by the brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The
 brake holds 21 deg, twice the 18 % required of parking brakes."""
 
 
 ReleaseDeg = Annotated[float, Field(gt=0, le=60)]
-"""Steering angle [deg]."""
+"""Steering angle at which a lock or a drive is released [deg]."""
 
 
 class Driveline(Spec):
@@ -57,24 +57,24 @@ class Driveline(Spec):
     """Fraction of the braking force at the front wheels [-]. Default: rear brakes only, as on compact tractors. Assumed
     value: 0.5 with a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
     connected: bool = True
-    """Whether the range gear is engaged; without it the wheels roll freely."""
+    """Whether the range gear is engaged; with the gear in neutral the wheels roll freely."""
     differential_lock: bool = False
     """Whether the rear differential is locked, so that both rear wheels turn at the same speed."""
     front_wheel_drive: bool = False
     """Whether the front axle is also driven, mechanically, through an open front differential."""
     lock_release_deg: ReleaseDeg | None = None
-    """Steering angle above which the differential lock is released, and engaged again 3 deg below [deg]. Default: never
-    released. Assumed value (5-15)."""
+    """Steering angle above which the differential lock is released; it engages again 3 deg below this angle [deg].
+    Default: never released. Assumed value (5-15)."""
     front_release_deg: ReleaseDeg | None = None
-    """Steering angle above which the front-wheel drive is released, and engaged again 3 deg below [deg]. Default: never
-    released. Assumed value (20-30)."""
+    """Steering angle above which the front-wheel drive is released; it engages again 3 deg below this angle [deg].
+    Default: never released. Assumed value (20-30)."""
     front_engage_slip: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """Slip of the rear wheels at which the front-wheel drive engages, and releases at half of it [-]. Default: engaged
-    at any slip. Assumed value (0.05-0.15)."""
+    """Slip of the rear wheels at which the front-wheel drive engages; it is released at half this slip [-]. Default:
+    engaged at any slip. Assumed value (0.05-0.15)."""
     motor_front_share: Annotated[float, Field(ge=0.01, le=0.99)] | None = None
-    """Fraction of the drive torque at the front wheels of a machine with one motor per wheel; both motors of an axle
-    have the same torque, as a differential has. Default: no motors at the front wheels. Assumed value: 0.5 for robots
-    with equal wheels."""
+    """Fraction of the drive torque at the front wheels of a machine with one motor per wheel [-]. Both motors of an
+    axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value: 0.5
+    for robots with equal wheels."""
     engine_droop: Annotated[float, Field(ge=0, le=0.3)] = 0.0
     """Relative decrease of the rim speed from no load to the full power of the engine [-]. Default: constant speed.
     Assumed value (0.05-0.1) for mechanical governors."""

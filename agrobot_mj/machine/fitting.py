@@ -1,8 +1,8 @@
-"""Size of a machine relative to the compact tractor, and plausibility of its parts for its weight.
+"""Size of a machine relative to the compact tractor, and limits for parts that are plausible at its weight.
 
 Each part of a scenario lists in `sized` the keys that scale with the size, and their exponents: a look-ahead distance
-scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide: values outside are
-far from any production machine.
+scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide: no production
+machine has values outside.
 """
 
 from collections.abc import Iterator
@@ -24,14 +24,14 @@ LIGHTEST_KN_M3 = 4.0
 HIGHEST_BAR = 250.0
 """Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common."""
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum pull of a working tractor, and minimum pull from its power at speed, divided by weight [-]. Assumed values:
-rolling resistance alone needs 0.05-0.07."""
+"""Minimum pull at the torque limit, and minimum pull at the power limit and path speed, divided by the weight [-].
+Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Yield a warning for each part that does not fit the weight, for a path `speed` [m/s]; `scrubs`: tyres scrub."""
+    """Yield a warning for each part implausible for weight or path `speed` [m/s]; `scrubs` includes the steering."""
     hitched = machine.implement.hitched(machine.tractor)
     yield from _light(machine.tractor)
     yield from _tyres(machine, hitched)
@@ -117,5 +117,5 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the turning radius of the rear axle at the steering limit, at most the compact tractor's limit [m]."""
+    """Return the turning radius of the rear axle at the steering limit, with at most the limit of `COMPACT` [m]."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -1,4 +1,4 @@
-"""Electro-hydraulic steering: valve voltage to oil flow to steering rate.
+"""Electro-hydraulic steering: from valve voltage through oil flow to steering rate.
 
 The input is 0-12 V, neutral at 6 V; the output is a flow in m3/s, positive to the left. A transport delay and a
 first-order spool lag precede the static map: dead band, a gain for each direction, saturation at the pump flow. The
@@ -32,11 +32,11 @@ FULL_RANGE_V = 12.0
 LITRE_PER_MINUTE = 1e-3 / 60
 """Conversion factor from l/min to m3/s [m3/s per l/min]."""
 RELIEF_MARGIN = 3.0
-"""Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: twice the front axle
-load, times 1.5 for rough ground and stops; 100 bar on a cylinder of this class."""
+"""Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
+times 1.5 for rough ground and end stops; gives 100 bar for a cylinder of this class."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
-"""Oil column and linkage of the default tractor [N m/rad, N m s/rad]. Assumed values: oil of about 2e5 in series with
-linkage and hoses of about 7e4."""
+"""Stiffness [N m/rad] and damping [N m s/rad] of the steering of the default tractor. Assumed values: oil column of
+about 2e5 in series with linkage and hoses of about 7e4."""
 
 
 class Valve(Spec):
@@ -54,9 +54,9 @@ class Valve(Spec):
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
     """Half width of the dead band about neutral [V]. Assumed value, 3.3 % of the range (3-10 % in the literature)."""
     gain_left_l_min_v: Positive = 3.2
-    """Flow per volt outside the dead band, steering left [l/(min V)]. Assumed value: full flow at about 4 V."""
+    """Flow per volt outside the dead band, steering left [l/(min V)]. Assumed value: full flow 4 V from neutral."""
     gain_right_l_min_v: Positive = 2.8
-    """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less, rod side."""
+    """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less than to the left."""
     pump_flow_l_min: Positive = 12.0
     """Pump flow, at which the valve saturates in both directions [l/min]. Paper, section V-B."""
     section_flow_l_min: Positive | None = None

@@ -25,14 +25,14 @@ class Linkage(Spec):
     """Scrub radius: distance on the ground from the kingpin axis outwards to the centre plane of the wheel [m]. Assumed
     value: none; 0.02-0.08 for compact tractors."""
     kingpin_inclination_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Inward inclination of the kingpin tops [deg]. Assumed value: none; 5-10 for tractors."""
+    """Inward inclination of the kingpin tops [deg]. Assumed value: 0; 5-10 for tractors."""
     caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
-    """Caster: backward inclination of the kingpin tops [deg]. Assumed value: none; 0-5 for tractors."""
+    """Caster: backward inclination of the kingpin tops [deg]. Assumed value: 0; 0-5 for tractors."""
     backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Total play between cylinder and wheels, at the wheel [deg]. Assumed value: none; 0.3-1 for good joints, 2-4 for
+    """Total play between cylinder and wheels, at the wheel [deg]. Assumed value: 0; 0.3-1 for good joints, 2-4 for
     worn ones."""
     friction_n_m: NonNegative = 0.0
-    """Friction torque of kingpins and seals, sum of both wheels [N m]. Assumed value: none; 5-20 for tractors."""
+    """Friction torque of kingpins and seals, sum of both wheels [N m]. Assumed value: 0; 5-20 for tractors."""
 
     @property
     def moved(self) -> bool:

@@ -88,8 +88,7 @@ class TractorParameters(Spec):
     roll_inertia_kg_m2: Positive = 120.0
     """Roll inertia I_x of the complete tractor about its CG [kg m2]. Assumed value (80-160; gyration radius 0.4 m)."""
     pitch_inertia_kg_m2: Positive = 340.0
-    """Pitch inertia I_y of the complete tractor about its CG [kg m2]. Assumed value (280-400; gyration radius 0.67
-    m)."""
+    """Pitch inertia I_y of the tractor about its CG [kg m2]. Assumed value (280-400): gyration radius of 0.67 m."""
     front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
     """Free radius of a front wheel [m]. Assumed value: tyre of class 6-12."""
     rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42

@@ -78,8 +78,7 @@ class TyreSize(NamedTuple):
         return KGF_MM * (0.00028 * 100.0 * pressure_bar * 1e3 * self._shape + 3.45)
 
     def pressure(self, load: float) -> float:
-        """Return the pressure at which a load [N] deflects the tyre by `USUAL_DEFLECTION`, limited to the range of
-        pressure tables [bar]."""
+        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], from `LEAST_BAR` to `MOST_BAR`."""
         k = load / (USUAL_DEFLECTION * self.section_height)
         bar = (k / KGF_MM - 3.45) / (0.00028 * 100.0 * 1e3 * self._shape)
         return min(max(bar, LEAST_BAR), MOST_BAR)

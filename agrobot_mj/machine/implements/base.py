@@ -1,4 +1,4 @@
-"""Base class of implements: a kind describes the body at the hitch as data from which a plant builds it.
+"""Base class of implements: each kind describes the body at the hitch as data from which a plant builds a model.
 
 `ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; kinds differ only in these data. Positions are
 relative to the hitch of the tractor (x ahead, y left, z up), with tractor and implement in line on level ground [m].
@@ -46,7 +46,7 @@ class DepthWheel(NamedTuple):
     """Wheel that carries the frame of a floating implement."""
 
     at: Place = (0.0, 0.0, 0.0)
-    """Lowest point of the wheel when it just touches the ground."""
+    """Lowest point of the unloaded wheel in contact with the ground."""
     stiffness: float = 0.0
     """Vertical stiffness; 0 without a depth wheel [N/m]."""
     damping: float = 0.0
@@ -65,7 +65,7 @@ class Unevenness(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Box for images."""
+    """Box that represents a part in images."""
 
     name: str
     half: Place
@@ -149,7 +149,7 @@ def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
 
 
 def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
-    """Return how far a point sinks under a `load` [N], for a rigid tractor on elastic tyres [m].
+    """Return the sinkage of a point under a `load` [N], for a rigid tractor on elastic tyres [m].
 
     `at` and `behind` are the distances of the point and of the load behind the rear axle [m].
     """

@@ -21,8 +21,7 @@ Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")
 """Soil textures in the order F_1, F_2, F_3."""
 DEEPEST = 2.0
-"""Depth divided by intended depth above which the draught is constant, because the frame rides on the soil [-]. Assumed
-value."""
+"""Depth / intended depth above which the draught is constant, as the frame slides on the soil [-]. Assumed value."""
 
 
 class Draught(NamedTuple):
@@ -50,9 +49,9 @@ TOOLS: dict[str, Draught] = {
     "row_crop_planter": Draught(500.0, 0.0, 0.0, (1.0, 1.0, 1.0), False, 0.25),
     "grain_drill": Draught(400.0, 0.0, 0.0, (1.0, 1.0, 1.0), False, 0.25),
 }
-"""Draught parameters of each tool. The width is in metres for plough and disc harrow (tandem, primary tillage), in
-tools for chisel plough (straight points, primary tillage) and field cultivator (secondary tillage), in rows for planter
-(mounted, seeding only) and drill (press wheels, below 2.4 m). Assumed value: ASABE D497, from memory."""
+"""Draught parameters of each tool. W is in metres for plough and disc harrow (tandem, primary tillage), the number of
+tools for chisel plough (straight points, primary tillage) and field cultivator (secondary tillage), the number of rows
+for planter (mounted, seeding only) and drill (press wheels, below 2.4 m). Assumed value: ASABE D497, from memory."""
 
 
 class ToolLaw(NamedTuple):

@@ -51,7 +51,7 @@ class Springs(NamedTuple):
 
 
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
-"""Tyre of the default trailer: deflects by 4 % of its radius, 15 % of critical damping. Assumed value (1e5-3e5 N/m)."""
+"""Tyre of the default trailer. Assumed value (1e5-3e5 N/m): 4 % deflection, 15 % of critical damping."""
 
 
 class Drawn(ImplementBase):
