@@ -1,7 +1,7 @@
 """Reference paths: position and speed of the CG as functions of time.
 
 `base.py` defines the interface of all paths. `line`, `circle` and `figure_eight` have a constant speed after a ramp.
-The speed of the other paths (`Timed`) is computed from limits. A `Parallel` also has `passes_s`.
+The speed of the other paths (`Timed`) is computed from limits. Parallel passes (`Parallel`) also have `passes_s`.
 """
 
 from typing import Annotated

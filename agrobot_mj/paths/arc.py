@@ -23,9 +23,9 @@ RAMP_S = 4.0
 """Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/s2 up to 1.2 m/s."""
 
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
-"""Nodes [-] of the five-point Gauss-Legendre rule from the middle outwards, with their weights [-]."""
+"""Pairs of node and weight [-] of the five-point Gauss-Legendre rule, from the middle node outwards."""
 MAX_HALF_TURN = 0.2
-"""Maximum heading change over half a segment for quadrature with `NODES` [rad]; relative error below 1e-10."""
+"""Maximum heading change over half a segment integrated with `NODES` [rad]; the relative error is below 1e-10."""
 
 
 class Pose(NamedTuple):
@@ -40,7 +40,7 @@ class Pose(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Point of a path, used in messages."""
+    """Point of a path for use in messages."""
 
     x: float
     """East coordinate [m]."""
@@ -95,25 +95,25 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return the time [s] for the distance covered by `t` [s] at full speed, and speed / full speed at `t` [-]."""
+    """Return distance / full speed [s] and speed / full speed [-] of the reference at time `t` [s]."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] of a position, given as travel time at full speed `moved` [s]; the inverse of `progress`."""
+    """Return the time [s] at which distance / full speed is `moved` [s]; the inverse of `progress`."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """Return start and end of `count` laps [s]; `duration` of a lap and `run_in` are times at full speed [s]."""
+    """Return start and end of `count` laps [s]; `duration` (of one lap) and `run_in` are times at full speed [s]."""
     times = [time_at(run_in + k * duration, ramp) for k in range(count + 1)]
     return tuple(pairwise(times))
 
 
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
-    """Return the reference of a point at `pose` with `speed` [m/s], negative in reverse."""
+    """Return the reference for a point at `pose` that moves with `speed` [m/s], negative in reverse."""
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)
     yaw = pi if yaw == -pi else yaw  # an angle just above pi may round to -pi
     return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature, sharpness * speed)

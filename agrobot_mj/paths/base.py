@@ -6,8 +6,8 @@ in `paths/__init__.py`.
 
 Requirements:
 
-- `at(t)` returns a reference for every finite `t`. Before 0 the reference rests at the start; after `duration_s` it
-continues (next lap, or straight). `at` is called in every tick and must take microseconds: precompute slow parts.
+- `at(t)` returns a reference for every finite `t`. Before 0 the reference rests at the start; after `duration_s` the
+reference continues (next lap, or straight). `at` runs in every tick and must take microseconds: precompute slow parts.
 - Position is continuous, and velocity is its derivative along the heading (negative in reverse).
 - The heading is continuous; its rate is speed times curvature. The curvature may have steps if the kind documents them.
 """
@@ -30,7 +30,7 @@ MAX_SAMPLES = 1000
 
 
 class PathOutline(NamedTuple):
-    """Samples of a path in order of time, arrays of shape (n,); two samples at the same point mark a curvature step."""
+    """Samples of a path in order of time, shape (n,) each; a curvature step is two samples at the same point."""
 
     t: Array
     """Time [s]."""
@@ -96,7 +96,7 @@ class ReferencePath(Spec):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about what was changed in the path's file."""
+        """Sentences about changes to the data in the file of the path."""
         return ()
 
     @property
@@ -106,7 +106,7 @@ class ReferencePath(Spec):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap for separate metrics [s]. Default: one lap, the whole path."""
+        """Start and end of each lap, evaluated separately by the metrics [s]. Default: one lap, the complete path."""
         return ((0.0, self.duration_s),)
 
     @property

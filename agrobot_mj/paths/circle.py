@@ -1,8 +1,8 @@
 """Circle at constant speed after a ramp, starting at the origin with heading east.
 
 The centre is at (0, radius) for left turns and at (0, -radius) for right turns. The reference continues after the last
-lap. With transition = "clothoid", a clothoid leads from a straight heading into the circle before the first lap starts
-at the origin. Without the clothoid the wheels must be turned at standstill.
+lap. With transition = "clothoid", the path begins with a clothoid of increasing curvature, which ends at the origin,
+where the first lap starts. Without the clothoid the wheels must be turned at standstill.
 """
 
 from functools import lru_cache
@@ -30,7 +30,7 @@ class Circle(Transitions, ReferencePath):
     radius_m: Positive = 10.0
     """Radius of the circle [m]. Assumed value, as for the arcs of the figure-eight."""
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest [s]; 0: none. Assumed value, as for the figure-eight."""
+    """Duration of the acceleration from rest; 0 for no ramp [s]. Assumed value, as for `figure_eight`."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]."""
     direction: Literal["left", "right"] = "left"

@@ -20,13 +20,13 @@ from agrobot_mj.paths.track import STEP_M, Course, Piece, chain
 from agrobot_mj.paths.transition import Bend, Transitions, bend
 
 ARC_FRACTION = 0.8
-"""Maximum fraction of a corner's space for the arc; the remainder is for the clothoids [-]."""
+"""Maximum fraction of a corner's space used by the arc [-]; the clothoids use the remainder."""
 MIN_ANGLE = 1e-9
 """Minimum angle of a corner; smaller angles are ignored [rad]."""
 MAX_ANGLE = pi - 0.02
 """Maximum angle of a corner; larger angles are reversals [rad]."""
 MAX_SHARPNESS = 1e6
-"""Maximum sharpness of a clothoid, practically a step of the curvature [1/m2]."""
+"""Maximum sharpness of a clothoid: the curvature is then practically a step [1/m2]."""
 
 
 class Rounding(NamedTuple):
@@ -35,7 +35,7 @@ class Rounding(NamedTuple):
     radius: float
     """Radius of corners with a large angle [m]."""
     tolerance: float
-    """Maximum distance between an arc and its waypoint, used to increase the radius of a corner [m]."""
+    """Distance between a waypoint and its arc up to which the arc is widened beyond `radius` [m]."""
     speed: float
     """Maximum speed of the path [m/s]."""
     lateral: float
@@ -59,7 +59,7 @@ class Corner(NamedTuple):
 
 
 def rounded(points: Array, closed: bool, how: Rounding) -> Course:
-    """Return one lap along the polyline `points`, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
+    """Return the course of one lap along the polyline `points`, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
     legs = np.diff(points[:, :2], axis=0)
     lengths, yaws = np.hypot(*legs.T).tolist(), np.arctan2(legs[:, 1], legs[:, 0]).tolist()
     speeds = points[:, 2].tolist() if points.shape[1] == 3 else None

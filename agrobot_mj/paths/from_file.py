@@ -12,12 +12,12 @@ Content = TypeVar("Content")
 
 
 class FromFile(Timed):
-    """Path along the content of a file; subclasses define `file`, `max_bytes` and `course`."""
+    """Base class of paths along the lines of a file; subclasses define `file`, `max_bytes` and `course`."""
 
     reads_file: ClassVar[bool] = True
     """Always True: the course is read from a file."""
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """Endings of the file; empty for any ending."""
+    """Accepted endings of the file name; empty for any ending."""
     max_bytes: ClassVar[int]
     """Maximum size of the file [bytes]."""
     if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class FromFile(Timed):
         super().check()
 
     def content(self, read: Callable[[Stamp], Content]) -> Content:
-        """Return the content of the file from `read`. Raise ValueError if it is invalid."""
+        """Return the result of `read` for the stamp of the file. Raise ValueError if the file is invalid."""
         try:
             self._stamp = self._stamp or stamped(self.file, self.suffixes, self.max_bytes)
             return read(self._stamp)

@@ -1,7 +1,7 @@
 """Headland turns: from the end of a pass to the start of the next pass in the opposite direction.
 
 - Quarters: two quarter bends joined by a straight, for passes at a sufficient distance.
-- `omega`: a bulb of three bends of equal radius: away from the next pass, round, and away again.
+- `omega`: a bulb of three bends of equal radius: away from the next pass, around towards it, and into the pass.
 - `k`: three bends of equal radius: forward through the first part of the turn, in reverse with the wheels turned to the
 other side, and forward into the next pass. The middle bend has a cusp at both ends. The turn is as long as a half turn
 and needs a headland as wide as one radius.
@@ -24,12 +24,12 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
 
 ROUNDING = 1e-9
-"""Tolerated relative shortfall of the distance between passes, for rounding errors [-]."""
+"""Tolerance for rounding errors in comparisons of the distance between passes, divided by this distance [-]."""
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 def half_turn_width(radius: float, sharpness: float) -> float:
-    """Return the distance between two passes joined by a single half-turn bend [m]."""
+    """Return the distance between two passes that a single bend through 180 degrees joins [m]."""
     return 2 * bend(pi, radius, sharpness).centre[1]
 
 
@@ -37,8 +37,8 @@ def half_turn_width(radius: float, sharpness: float) -> float:
 def headland_turn(left: float, shape: str, radius: float, sharpness: float, speed: float) -> tuple[Piece, ...]:
     """Return the turn to the opposite pass `left` metres to the left, with the maximum speed `speed` [m/s].
 
-    `shape` applies to passes too close for quarters. `radius` [m] is the radius of the arcs, `sharpness` [1/m2] that of
-    the clothoids.
+    `shape` (`omega` or `k`) applies to passes that are too close for two quarter bends. `radius` [m] is the radius of
+    the arcs, `sharpness` [1/m2] the sharpness of the clothoids.
     """
     away, quarter = abs(left), bend(pi / 2, radius, sharpness)
     if away >= 2 * quarter.tangent * (1 - ROUNDING):

@@ -1,6 +1,6 @@
 """Lane change: straight, transition to a parallel line, straight; optionally back again (double lane change).
 
-The shape follows the tracks of [ISO2018], as a line to follow instead of a lane between cones. Along the length of the
+The shape follows the tracks of [ISO2018], but defines a line instead of a lane between cones. Along the length of the
 change, the offset divided by its final value is 10 u^3 - 15 u^4 + 6 u^5 (u from 0 to 1). The curvature is zero at both
 ends.
 """
@@ -23,11 +23,11 @@ class LaneChange(Timed):
 
     kind: Literal["lane_change"] = "lane_change"
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
-    """Distance to the other line, positive left [m]. Assumed value (2-4), a lane or three times the track."""
+    """Distance to the other line, positive left [m]. Assumed value (2-4): a traffic lane, or three track widths."""
     change_m: Positive = 12.0
     """Length of the change along the line [m]. Assumed value (8-20); bend radius of 8.8 m with the default offset."""
     straight_m: Positive = 20.0
-    """Length of each straight before, between and after changes [m]. Assumed value (10-30); oscillations decay."""
+    """Length of each straight before, between and after changes [m]. Assumed value (10-30): oscillations decay."""
     double: bool = False
     """Whether the path returns to the first line."""
     heading_deg: float = 0.0

@@ -1,8 +1,8 @@
 """Manoeuvre: a sequence of straights, arcs and clothoids, forward or in reverse.
 
-Each `[[path.piece]]` starts at the end of the previous segment with the same heading. With `reverse = true` the tractor
-stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction of the turned wheels,
-so that the heading rotates to the right in reverse on an arc to the left. The curvature may have steps between
+Each segment (`[[path.piece]]`) starts at the end of the previous one with the same heading. With `reverse = true` the
+tractor stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction of the turned
+wheels: in reverse on an arc to the left, the heading rotates to the right. The curvature may have steps between
 segments; a clothoid from 0 to the curvature of an arc avoids a step.
 
 In the default manoeuvre the tractor passes a row and reverses into it.
@@ -23,7 +23,7 @@ Curvature = Annotated[float, Field(ge=-10, le=10)]
 
 
 class CoursePiece(Spec):
-    """Base class of the segments of a manoeuvre; subclasses define `shape`."""
+    """Base class of the segments of a manoeuvre; a kind defines `shape`."""
 
     kind: str
     reverse: bool = False
@@ -96,7 +96,7 @@ INTO_A_ROW = (
     StraightPiece(length_m=2.0),
     StraightPiece(length_m=22.0, reverse=True),
 )
-"""Default manoeuvre: a left corner, then straight in reverse past the corner into the row on its other side."""
+"""Default manoeuvre: the tractor drives around a left corner and reverses, straight, into the row opposite."""
 
 
 class Manoeuvre(Timed):

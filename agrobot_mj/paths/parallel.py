@@ -1,11 +1,11 @@
 """Field work: parallel straight passes in alternating directions, with a turn at each end.
 
 A subclass of `Parallel` defines the direction of the first pass and the side of the others. `headland.py` defines the
-turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn width are skipped and completed later: the
-tractor advances by n passes and returns by n + 1, with n = turn width / swath rounded up, in blocks of 2 n + 1.
+turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn width are skipped and driven later: the tractor
+advances by n passes and returns by n + 1, with n = turn width / swath rounded up, in blocks of 2 n + 1.
 
-The field ends where the passes end: turns are outside. After the last pass the tractor continues straight. `passes_s`
-has the time interval of each pass without its first `run_in_m` metres, in which errors caused by the turn decay.
+The field ends at the ends of the passes; the turns are outside. After the last pass the tractor continues straight.
+`passes_s` contains the time interval of each pass without its first `run_in_m` metres, where turn errors decay.
 """
 
 from collections.abc import Iterator
@@ -24,12 +24,12 @@ from agrobot_mj.paths.transition import Transitions
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 LEAVE_M = 5.0
-"""Straight distance after the last pass, in which a lagging tractor completes the pass [m]."""
+"""Straight distance after the last pass, which lets a tractor behind its reference complete the pass [m]."""
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Transitions, Timed):
-    """Parallel passes; subclasses define their direction. Default width and radius depend on the machine."""
+    """Base class of parallel passes; a kind defines their direction. Width and turn radius default to the machine's."""
 
     sized: ClassVar = {**Transitions.sized, "swath_m": {"width": 1}, "turn_radius_m": {"turn": 1}}
     radius_key: ClassVar = "turn_radius_m"
@@ -44,14 +44,14 @@ class Parallel(Transitions, Timed):
     turn: Literal["u", "omega", "k"] = "omega"
     """Shape of turns between close passes: skipped passes (`u`), a bulb (`omega`), or three arcs (`k`)."""
     turn_radius_m: Positive = 3.0
-    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4); the
-    steering angle is 25 deg, half of the maximum."""
+    """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4); 3 m need a
+    steering angle of 25 deg, half of the maximum."""
     turn_speed_m_s: Speed = 1.0
     """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2), typical of drivers."""
     cusp_pause_s: NonNegative = 2.0
     """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4), to change gear and turn the wheels."""
     run_in_m: NonNegative = 20.0
-    """Start of each pass excluded from `passes_s`, at most half of the pass [m]. Assumed value (10-30)."""
+    """Initial length of each pass excluded from `passes_s`, at most half of the pass [m]. Assumed value (10-30)."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start of the first pass [m]."""
     start_y_m: Coordinate = 0.0
@@ -64,7 +64,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Return the passes in the order of travel, numbered across the field from the first."""
+        """Numbers of the passes in the order of travel, counted across the field from the first pass."""
         width = half_turn_width(self.turn_radius_m, self.sharpness(self.turn_speed_m_s))
         across = ceil(width / self.swath_m - 1e-9)
         if self.turn != "u" or across <= 1:
@@ -106,7 +106,7 @@ class Parallel(Transitions, Timed):
 
 
 def skipping(count: int, across: int) -> Iterator[int]:
-    """Yield an order of `count` passes, at least 2 `across` + 1; consecutive passes are at least `across` apart.
+    """Yield the numbers of `count` (at least 2 `across` + 1) passes in an order with steps of at least `across` passes.
 
     Blocks of 2 `across` + 1 advance by `across`, or return by `across` + 1; the remaining passes alternate between two
     halves.

@@ -1,4 +1,4 @@
-"""Speed profile of a course: the maximum speed from rest within all limits, and the resulting reference.
+"""Speed profile of a course: the maximum speed within all limits after a start from rest, and the reference.
 
 The limits are `speed_m_s` of the path, the speed of each segment, the lateral acceleration v^2 kappa and the
 acceleration along the path. The speed is zero at cusps. Between two joints the squared speed is linear in the distance,
@@ -23,7 +23,7 @@ Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 
 
 def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | None = None) -> Array:
-    """Return the maximum speeds from rest at the joints of segments of `lengths` [m], shape (n,) to (n + 1,) [m/s].
+    """Return the maximum speeds at the n + 1 joints of n segments of `lengths` [m], starting from rest, (n + 1,) [m/s].
 
     `limits` [m/s], shape (n,), apply to whole segments. The speed changes by at most `acceleration` [m/s2], and is zero
     at the inner joints marked in `stops`, shape (n - 1,).
@@ -32,8 +32,8 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
     if stops is not None:
         between = np.where(stops, 0.0, between)
     bounds = np.concatenate(([0.0], between, limits[-1:])) ** 2
-    # v^2 as a function of distance has the acceleration as its slope. Without this slope, each limit acts forward
-    # (then backward) as a running minimum.
+    # The slope of v^2 over the distance is twice the acceleration. After subtraction of this slope, each limit acts
+    # forward (then backward) as a running minimum.
     gained = 2 * acceleration * np.concatenate(([0.0], np.cumsum(lengths)))
     rising = np.minimum.accumulate(bounds - gained) + gained
     falling = np.minimum.accumulate((bounds + gained)[::-1])[::-1] - gained
@@ -41,7 +41,7 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
 
 
 class TimedCourse:
-    """Course with the time of each joint."""
+    """Course with the time at which the reference passes each joint."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
         course = course.divided()
@@ -95,7 +95,7 @@ class TimedCourse:
         return PathOutline(t, east, north, ends(self.course.curvatures, self.course.ends), speed)
 
     def at(self, t: float) -> Reference:
-        """Return the reference at any time `t` [s]."""
+        """Return the reference at time `t` [s], also before the start and after the end."""
         if t <= 0.0:
             return reference(self._poses[0], self._curvatures[0], 0.0)
         k = bisect_right(self._starts, t) - 1
@@ -138,7 +138,7 @@ class Timed(ReferencePath):
 
     @property
     def motion(self) -> TimedCourse:
-        """Course with its times, computed once."""
+        """Course with the times of its joints, computed once."""
         return _motion(self)
 
     @property
@@ -161,7 +161,7 @@ class Timed(ReferencePath):
         return self.motion.outline()
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]; it continues straight after the end."""
+        """Return the reference at time `t` [s]; the reference continues straight after the end."""
         return _motion(self).at(t)
 
 

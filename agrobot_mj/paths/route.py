@@ -1,10 +1,10 @@
 """Nearest point of a path and the path ahead of it, for guidance laws and metrics.
 
-A path is a function of time. `SampledRoute` samples it every STEP_M along its length, as far as queries require. The
-nearest point is searched in a window around a given arc length (usually the last result), so that the result never
-switches to another branch of a crossing or to an adjacent swath. The path is extended from the nearest sample by its
-osculating circle, which is exact on lines and arcs. Reversals divide a path into legs; a query is restricted to the leg
-of its time. Later sampling never changes the result of a query.
+A path is a function of time. `SampledRoute` samples the path every STEP_M along its length, as far as queries require.
+The nearest point is searched in a window around a given arc length (usually the last result), so that the result never
+switches to another branch of a crossing or to an adjacent swath. Near a sample the path is its osculating circle, which
+is exact on lines and arcs. Cusps divide a path into legs; a query is restricted to the leg that is driven at the time
+of the query. Later sampling never changes the result of a query.
 """
 
 from bisect import bisect_right
@@ -25,19 +25,19 @@ STEP_M = 0.05
 WINDOW_M = 4.0
 """Half-width of the search window around the given arc length [m]."""
 ROUNDING_M = 1e-6
-"""Extension of a leg at both ends, to include rounding errors but no samples of the adjacent leg [m]."""
+"""Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]."""
 CHUNK_S = 20.0
-"""Time interval in which samples are added [s]."""
+"""Time interval of the samples added at a time [s]."""
 BEND = 1.4
-"""Maximum heading change of the path from the middle of the window to each end [rad]; below a right angle."""
+"""Maximum heading change of the path from the middle of the search window to each end, below a right angle [rad]."""
 BEYOND_S = 3600.0
-"""Maximum time sampled after the duration of the path for an arc length that may never be reached [s]."""
+"""Time after the end of the path up to which samples are added to reach a required arc length [s]."""
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0
 """Grid spacing for comparing headings, and minimum lap length [m]."""
 MAX_DIFFERENCE = 0.01
-"""Maximum difference of the headings of two laps (one minus mean cosine), as a fraction of its maximum [-]. Assumed
-value: excludes the exit from the field after the last pass."""
+"""Maximum heading difference of two laps (one minus mean cosine), divided by its maximum over all lap lengths [-].
+Assumed value: excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8
 """Minimum heading change of a path with laps [rad]. Assumed value (45 deg)."""
 
@@ -87,10 +87,10 @@ shared(on_arc)
 def _search(
     samples: Array, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Return the number of the sample nearest to (x, y), and whether it is inside the searched range.
+    """Return the number of the sample nearest to (x, y), and whether it is inside the searched range, not at its end.
 
-    The range extends by `window` and a heading change of BEND from the arc length `near`, within `low` to `high` of the
-    leg.
+    The range extends by `window` [m], and at most a heading change of BEND, from the arc length `near` [m], and is
+    limited to the leg from `low` to `high` [m].
     """
     s, turned = samples[:, S], samples[:, TURNED]
     middle = min(int(np.searchsorted(s, near)), len(s) - 1)
@@ -109,7 +109,7 @@ def _search(
 
 @stage
 def _nearest(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y) [m], around the arc length `near` within `low` to `high` [m]."""
+    """Return the path point nearest to (x, y) [m], searched around arc length `near` from `low` to `high` [m]."""
     k, inside = _search(samples, x, y, near, low, high, WINDOW_M)
     a = _sample_at(samples, k)
     limit = STEP_M if inside else WINDOW_M
@@ -129,7 +129,7 @@ def _ahead(samples: Matrix, s: float) -> PathPoint:
 
 @stage
 def _curvatures(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
-    """Return the curvature of the last sample before each arc length, 0 before the start, and the longest of them."""
+    """Return the curvature of the last sample before each arc length (0 before the start), and the maximum length."""
     found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
     for i in range(distances.size):
         most = max(most, distances[i])
@@ -147,7 +147,6 @@ def _curvatures(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
 
 @jit
 def _sample_at(samples: Matrix, k: int) -> Sample:
-    """Return sample number `k`."""
     a = samples[k]
     return Sample(a[T], a[X], a[Y], a[YAW], a[CURVATURE], a[SPEED], a[S], a[TURNED], a[DIRECTION])
 
@@ -185,7 +184,7 @@ class SampledRoute:
         return self._leg_starts[k], self._leg_starts[k + 1] if k + 1 < len(self._leg_starts) else inf
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the path point nearest to (x, y) [m], around arc length `near` [m] on the leg of time `t` [s]."""
+        """Return the path point nearest to (x, y) [m] around arc length `near` [m], on the leg driven at `t` [s]."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         if self._end < near + WINDOW_M:
@@ -193,7 +192,7 @@ class SampledRoute:
         return _nearest(self._samples, x, y, near, low, high)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
-        """Return the number of the sample nearest to (x, y) [m], and whether it is inside the searched range."""
+        """Return the number of the sample nearest to (x, y) [m] and whether it is inside the range, see `_search`."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + window)
@@ -241,7 +240,7 @@ class SampledRoute:
         return found
 
     def _grow(self, until: float = CHUNK_S, beyond: float = -inf) -> bool:
-        """Sample the path at least until `until` [s] and beyond the arc length `beyond` [m]; return whether it grew."""
+        """Sample the path up to time `until` [s] and arc length `beyond` [m]; return whether samples were added."""
         before = self._until
         # the duration is last, because it is slow to compute for many laps and rarely needed
         while self._until < until or (self._end < beyond and self._until < self.path.duration_s + BEYOND_S):

@@ -1,4 +1,4 @@
-"""Course: path geometry without timing, as a chain of arcs and clothoids travelled forward or in reverse.
+"""Course: geometry of a path without time, as a chain of arcs and clothoids travelled forward or in reverse.
 
 The curvature of a segment is constant or changes linearly: straights, arcs and clothoids are segments. Other curves are
 approximated by chains of short arcs with the heading of the curve at each joint, so that every course is exactly
@@ -117,7 +117,7 @@ class Course(NamedTuple):
         return np.abs(ends), np.angle(ends)
 
     def divided(self) -> "Course":
-        """Return the course divided into segments of at most STEP_M."""
+        """Return the same course divided into segments of at most STEP_M."""
         parts = np.maximum(np.ceil(self.lengths / STEP_M), 1).astype(int)
         stops = np.concatenate(([False], self.cusps, [False]))
         if stops.any():
@@ -143,7 +143,7 @@ class Course(NamedTuple):
 
 
 def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
-    """Return the course of these segments without those of zero length; it stops at cusps for `pause` [s]."""
+    """Return the course of these segments, except segments of zero length, with a stop of `pause` [s] at each cusp."""
     kept = [piece for piece in pieces if piece.length > 1e-9]
     if pause > 0:
         kept = list(_with_pauses(kept, pause))
@@ -175,8 +175,8 @@ def samples(length: float) -> int:
 def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Course:
     """Return the course along a curve given by close points x, y [m] and its headings `yaw` [rad], each of shape (n,).
 
-    Arcs join consecutive points; `speeds` [m/s], shape (n - 1,), are the limits on the arcs. The distance from the
-    curve is of the order of the squared spacing times the change of curvature.
+    Arcs join consecutive points; `speeds` [m/s], shape (n - 1,), are the speed limits on the arcs. The deviation from
+    the curve is of the order of the squared spacing times the change of curvature.
     """
     yaw = np.unwrap(yaw)
     turned = np.diff(yaw)

@@ -5,9 +5,9 @@ angle delta = atan(L kappa) of a bicycle with wheelbase L then has the rate
 
   d(delta)/dt = L sharpness v / (1 + (L kappa)^2) <= L sharpness v.
 
-With sharpness = steering rate / (L v), the steering rate is at its limit only at the start of a bend. A bend is an
-entry clothoid, an arc, and the mirrored exit clothoid. If the angle is too small to reach the radius, the two clothoids
-meet. Without transitions (infinite sharpness) the bend is only the arc.
+With sharpness = steering rate / (L v), the steering rate reaches its limit only at the start of a bend. A bend consists
+of an entry clothoid, an arc, and the mirrored exit clothoid. If the angle is too small to reach the radius of the arc,
+the two clothoids meet. Without transitions (infinite sharpness) the bend is only the arc.
 """
 
 from math import cos, inf, isinf, radians, sin, sqrt
@@ -31,7 +31,7 @@ class Transitions(Spec):
     steer_rate_deg_s: SteerRate = 15.0
     """Maximum steering rate on clothoids [deg/s]. Assumed value (10-20), 60 % of the valve's maximum."""
     wheelbase_m: Positive = 1.40
-    """Wheelbase for which `steer_rate_deg_s` is computed [m]. Default: that of the tractor."""
+    """Wheelbase for which `steer_rate_deg_s` is computed [m]. Default: wheelbase of the tractor."""
 
     def sharpness(self, speed: float) -> float:
         """Return the change of curvature per metre of a bend at `speed` [m/s]; infinite without transitions [1/m2]."""
@@ -45,12 +45,12 @@ class Transitions(Spec):
 
 
 class Bend(NamedTuple):
-    """Bend through an angle, symmetric about its middle, in the frame of its start."""
+    """Bend through an angle, symmetric about its middle; coordinates are relative to its start."""
 
     angle: float
     """Change of heading along the bend [rad]."""
     radius: float
-    """Radius of the arc, or at the joint of the clothoids if there is no arc [m]."""
+    """Radius of the arc, or radius at the joint of the clothoids of a bend without arc [m]."""
     sharpness: float
     """Change of curvature per metre in the clothoids; infinite without clothoids [1/m2]."""
     arc: float
@@ -74,7 +74,7 @@ class Bend(NamedTuple):
 
     @property
     def tangent(self) -> float:
-        """Distance from the start of the bend to the corner that it rounds, for angles below pi [m]."""
+        """Distance from the start of the bend to the corner rounded by the bend, for angles below pi [m]."""
         ahead, aside = self.centre
         return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
 
@@ -98,7 +98,7 @@ def bend(angle: float, radius: float, sharpness: float) -> Bend:
 
 
 def spiral(length: float, curvature: float) -> tuple[float, float, float]:
-    """Return the end of a clothoid that starts straight: ahead [m], to the side [m], and heading change [rad]."""
+    """Return the end of a clothoid with zero initial curvature: distances ahead and to the side [m], heading [rad]."""
     # Series of the Fresnel integrals: cos and sin of turned * (s / length)^2, integrated term by term.
     turned = curvature * length / 2
     term, x, y = length, 0.0, 0.0

@@ -1,8 +1,8 @@
 """Path through the waypoints of a file: straight legs with rounded corners, or a smoothing spline.
 
 `corners = "fillet"`: The legs between waypoints are exactly straight, and `fillet.py` rounds the corners. A corner is
-the widest arc within `smoothing_m` of its waypoint, or an arc of `corner_radius_m` if that is wider. The path thus cuts
-corners with a large angle, and follows a series of small-angle corners as a smooth curve.
+the widest arc within `smoothing_m` of its waypoint, or an arc of `corner_radius_m` if this arc is wider. The path thus
+cuts corners with a large angle, and follows a series of small-angle corners as a smooth curve.
 
 `corners = "spline"`: The path is the smoothest cubic spline [Dierckx1993] with a root mean square distance of at most
 `smoothing_m` from the waypoints; with 0 it passes through all waypoints. Its curvature is continuous, but it oscillates
@@ -11,8 +11,8 @@ about a straight row next to a corner.
 An open path runs from the first to the last waypoint. A closed path joins the last to the first (a repeated first row
 at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first leg, after
 the corner at the first waypoint. A third column limits the speed, linearly interpolated between waypoints, in addition
-to `speed_m_s`. Repeated points and the scatter of a standstill are left out, and a recorded track whose noise is too
-sharp to steer becomes a spline. A curvature that the tractor cannot follow is an error that names the location.
+to `speed_m_s`. Repeated points and the scatter at standstill are omitted. A recorded track with noise that the tractor
+cannot follow becomes a spline. A curvature that the tractor cannot follow is an error that names the location.
 
 Waypoints from a file of positions: CSV, KML, GeoJSON, GPX, a file of an AgOpenGPS field, or a shapefile.
 
@@ -51,7 +51,7 @@ class Track(NamedTuple):
     points: Array
     """Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
     notes: tuple[str, ...]
-    """Sentences about columns, shapes and points that were left out, and about a shift."""
+    """Sentences about omitted columns, shapes and points, and about a shift of the coordinates."""
 
 
 @lru_cache(maxsize=8)
@@ -106,15 +106,15 @@ def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
 DENSE_M, FEWEST_POINTS = 1.0, 20
 """Maximum median distance between the points of a recorded track [m], and minimum number of points."""
 TIGHTEST = 0.4
-"""Radius of the tightest bend of a recorded track, divided by that of a corner [-]. Assumed value: near full lock."""
+"""Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value: near full steering lock."""
 WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
-"""Factor from one trial of the smoothing to the next [-], and minimum and maximum smoothing [m]."""
+"""Factor between successive smoothing distances in a search [-], and minimum and maximum of this distance [m]."""
 THIRD_DIFFERENCE = 20.0 * np.log(2.0)
-"""Median squared third difference of positions with white noise, divided by their mean square noise [-]."""
+"""Median squared third difference of positions with white noise, divided by the mean square of the noise [-]."""
 
 
 def smooth(points: Array, smoothing: float, closed: bool) -> Course:
-    """Return one lap along the spline through `points`, shape (n, 2 or 3)."""
+    """Return one lap along the spline through `points`, shape (n, 2 or 3), within `smoothing` [m] (rms)."""
     from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
 
     x, y = points[:, 0], points[:, 1]
@@ -132,23 +132,23 @@ def smooth(points: Array, smoothing: float, closed: bool) -> Course:
 
 
 def is_recorded(points: Array) -> bool:
-    """Return whether waypoints, shape (n, 2 or 3), are as close as those of a recorded track."""
+    """Return whether the spacing of waypoints, shape (n, 2 or 3), indicates a recorded track."""
     if len(points) < FEWEST_POINTS:
         return False
     return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < DENSE_M
 
 
 def noise(points: Array) -> float:
-    """Return the root mean square position noise of a recorded track, shape (n, 2 or 3) [m]."""
+    """Return the root mean square position noise [m] of a recorded track of shape (n, 2 or 3)."""
     third = np.diff(points[:, :2], n=3, axis=0)
     return float(np.sqrt(np.median((third**2).sum(axis=1)) / THIRD_DIFFERENCE))
 
 
 def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
-    """Return the spline with the least smoothing at which a recorded track can be driven, and that smoothing [m].
+    """Return the spline through a recorded track with the minimum smoothing that the tractor can follow.
 
-    The smoothing is at least the noise of the track. A track can be driven if its bends have a radius of at least
-    TIGHTEST times `radius` [m].
+    The second result is the smoothing [m], at least the noise of the track. The tractor can follow bends with a radius
+    of at least TIGHTEST times `radius` [m].
     """
     amount = max(noise(points), LEAST_M)
     found = smooth(points, amount, closed), amount
@@ -175,7 +175,7 @@ class Waypoints(Transitions, FromFile):
     """Corner type: straight legs with rounded corners (`fillet`), or a smoothing spline (`spline`)."""
     corner_radius_m: Positive = 4.0
     """Radius of corners with a large angle, smaller if the legs are too short [m]. Default: proportional to the turning
-    circle of the machine. Assumed value (2.5-10); the steering angle is 19 deg."""
+    circle of the machine. Assumed value (2.5-10); 4 m need a steering angle of 19 deg."""
     smoothing_m: Annotated[float, Field(ge=0, le=1000)] = 0.05
     """Maximum distance from the waypoints at small-angle corners, or root mean square distance of a spline [m]. Assumed
     value (0-0.5), twice the noise of RTK-GNSS."""
@@ -188,7 +188,7 @@ class Waypoints(Transitions, FromFile):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about what was changed in the file."""
+        """Sentences about changes to the data in the file."""
         return (*self._track().notes, *_lap(self)[1])
 
     def _track(self) -> Track:

@@ -1,7 +1,7 @@
 """Files of an AgOpenGPS field: Boundary.txt, Headland.txt, TrackLines.txt, Tram.txt, RecPath.txt and Field.txt.
 
 Points consist of east, north and compass heading [rad] in a local plane, whose geographic position is in Field.txt.
-Numbers may have decimal commas; a row then has twice as many comma-separated values.
+Numbers may have decimal commas; a row then has twice as many cells separated by commas.
 """
 
 import re
@@ -24,7 +24,7 @@ HEADS = {
     "$Tram": "tram",
     "$RecPath": "recorded",
 }
-"""First lines of the files, and the role of their shapes."""
+"""Role of the shapes in a file, by the first line of the file."""
 LINE_M = 1000.0
 """Length of an AB line on each side of its points [m], as in exports of AgOpenGPS."""
 AB_LINE, PIVOT = 2, 64
@@ -34,7 +34,7 @@ WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
 
 
 class _Lines:
-    """Lines of a file, read one after another."""
+    """Lines of a text file, read one after another."""
 
     def __init__(self, text: str) -> None:
         self.lines = [line.strip() for line in text.splitlines()]
@@ -70,11 +70,11 @@ class _Lines:
         return found[:count]
 
     def points(self) -> Array:
-        """Return a counted list of points, shape (n, 2) [m]."""
+        """Read a line with the number of points, then the points; return the points, shape (n, 2) [m]."""
         return self.table()[:, :2]
 
     def table(self, width: int = 2) -> Array:
-        """Return a counted list of rows of `width` numbers, shape (n, width)."""
+        """Read a line with the number of rows, then rows of `width` numbers; return the rows, shape (n, width)."""
         count = self.count()
         if count > len(self.lines) - self.at:
             raise ValueError(f"line {self.at}: it announces {count} points, more than the file has; export it again")
@@ -82,7 +82,7 @@ class _Lines:
 
 
 def comma_numbers(line: str, count: int) -> list[float]:
-    """Return the numbers of a line; pairs of integers are joined where a decimal comma has split them."""
+    """Return up to `count` numbers of a line; two integers become one number if they are split by a decimal comma."""
     cells = [cell.strip() for cell in line.split(",")]
     if len(cells) >= 2 * count and not any("." in cell for cell in cells):
         pairs = list(zip(cells[::2], cells[1::2], strict=False))
@@ -95,7 +95,7 @@ def comma_numbers(line: str, count: int) -> list[float]:
 
 
 def read_agopengps(text: str) -> ShapeFile:
-    """Return the shapes of one file of a field. Raise ValueError if it is damaged or of another type."""
+    """Return the shapes in the text of one field file. Raise ValueError for damaged text or another file type."""
     lines = _Lines(text)
     while lines and lines.peek() not in HEADS:
         lines.next()
@@ -162,7 +162,7 @@ def _tram(lines: _Lines) -> Iterator[Polyline]:
 
 
 def _recorded(lines: _Lines) -> Iterator[Polyline]:
-    """Yield the recorded path of RecPath.txt: east, north, heading, speed [km/h], state of the button."""
+    """Yield the recorded path of RecPath.txt, with rows of east, north, heading, speed [km/h] and button state."""
     rows = lines.table(4)
     if len(rows):
         yield Polyline(rows[:, :2], False, "recorded", "recorded path", {"speed": rows[:, 3] / 3.6})

@@ -15,13 +15,13 @@ CLOSEST_M = 0.001
 SHORT_M = 1.0
 """Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre."""
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Distances between points that are tried for thinning a track with a standstill [m]."""
+"""Minimum distances between points evaluated in this order for thinning a track with a standstill [m]."""
 BACK = np.cos(np.radians(100.0))
-"""Cosine of the change of direction above which a track turns back [-]."""
+"""Cosine of the change of direction, 100 degrees, above which a track turns back [-]."""
 OUTLYING = 3.0
-"""Distance of an outlier from the others, divided by their extent [-]. Assumed value."""
+"""Minimum distance of an outlier from the median of the other points, divided by their extent [-]. Assumed value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5
-"""Maximum number of outliers, and minimum number of points for a search of outliers."""
+"""Maximum number of outliers, and minimum number of points for a detection of outliers."""
 
 
 def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:

@@ -1,4 +1,4 @@
-"""GeoJSON and fiboa files: polygons, lines and points in longitude and latitude (RFC 7946), or in another system."""
+"""GeoJSON and fiboa files: polygons, lines and points in degrees (RFC 7946) or in another coordinate system."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
-"""Properties with one number for each point of a line."""
+"""Names of properties that contain one number for each point of a line."""
 
 
 def read_geojson(text: str) -> ShapeFile:
@@ -52,14 +52,14 @@ def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _crs(content: Mapping[str, Any]) -> str:
-    """Return the coordinate system of the older member `crs`; degrees if missing."""
+    """Return the coordinate system in the member `crs` of older GeoJSON files; degrees if the member is missing."""
     named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))
     code = re.search(r"EPSG:+(\d+)$", named)
     return f"EPSG:{code[1]}" if code else DEGREES
 
 
 def of_geometry(geometry: Any, properties: Mapping[str, Any]) -> Iterator[Polyline]:
-    """Yield the shapes of a GeoJSON geometry."""
+    """Yield the shapes of a GeoJSON geometry; `properties` are the properties of its feature."""
     kind, parts = _mapping(geometry).get("type"), _mapping(geometry).get("coordinates")
     name = next((str(properties[key]) for key in NAME_KEYS if properties.get(key)), "")
     role = str(properties.get("role", ""))

@@ -1,8 +1,8 @@
 """Conversion of the coordinates of files to a local plane in metres, x east and y north.
 
 Degrees use the plane of `core.geodesy` with the middle of the file as its origin. Coordinates of a named system, such
-as EPSG:25832, become degrees first (pyproj), so that all files of a place share one plane. Metres of an unknown system
-are unchanged, or shifted to the middle of the file if they are far from their origin.
+as EPSG:25832, become degrees first (pyproj), so that all files of a field share one plane. Coordinates in metres of an
+unknown system are unchanged, or shifted to the middle of the file if they are far from their origin.
 """
 
 from collections.abc import Callable, Iterable
@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, ShapeFile
 
 FAR_M = 2000.0
-"""Distance from the origin above which metres belong to a map grid [m]. Assumed value: wider than a field."""
+"""Distance from the origin above which coordinates belong to a map grid [m]. Assumed value: larger than a field."""
 LARGEST_M = 100e3
 """Maximum extent of a file [m]."""
 
@@ -24,8 +24,8 @@ LARGEST_M = 100e3
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
     """Return the shapes of a file in metres of a local plane.
 
-    `crs` names the coordinate system of a file without one. `plane` is the result for another file with the plane to
-    use. Raise ValueError if the coordinates do not belong to the system.
+    `crs` names the coordinate system of a file that contains no system. `plane` is the result for another file, whose
+    plane is used. Raise ValueError if the coordinates do not belong to the system.
     """
     if not any(len(shape.points) for shape in file.shapes):
         raise ValueError("the file contains no positions; export it again")
@@ -40,7 +40,7 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
 
 
 def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: LocalShapes | None) -> LocalShapes:
-    """Return shapes in degrees, continuous over the antimeridian, in metres."""
+    """Convert shapes in degrees, with longitudes continuous over the antimeridian, to metres of a local plane."""
     if plane is not None and plane.origin is None:
         raise ValueError("the file has geographic coordinates, but the field does not; use one coordinate system")
     lon, lat = np.vstack([shape.points for shape in shapes]).T
@@ -86,7 +86,7 @@ def _converter(crs: str) -> Callable[[Array], Array]:
 
 
 def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
-    """Return the whole metres to subtract from coordinates far from their origin; (0, 0) for nearby coordinates."""
+    """Return the offset [m] to subtract from coordinates far from their origin, (0, 0) for coordinates near it."""
     points = np.vstack([shape.points for shape in shapes if len(shape.points)])
     if np.hypot(*points.T).min() <= FAR_M:
         return 0.0, 0.0

@@ -1,4 +1,4 @@
-"""Reading of position files: the type is recognised by the content, or by the file ending if that is ambiguous."""
+"""Reading of position files, whose type is recognised by their first characters; other text files are tables."""
 
 import csv
 from collections.abc import Callable
@@ -17,7 +17,7 @@ MAX_BYTES = 100_000_000
 """Maximum size of a file [bytes]."""
 SHP = b"\x00\x00\x27\x0a"
 HEAD_CHARACTERS = 2000
-"""Number of characters from which the type of a text file is recognised."""
+"""Number of first characters used to recognise the type of a text file."""
 TextReader = Callable[[str], ShapeFile]
 Readers = dict[str, tuple[Callable[[str], bool], TextReader]]
 READERS: Readers = {
@@ -26,7 +26,7 @@ READERS: Readers = {
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "["), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
-"""Readers of text files, each with a test of the first characters; other files are read as tables."""
+"""Readers of text files by type, each with a test of the first characters; other files are read as tables."""
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:

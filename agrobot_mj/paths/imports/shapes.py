@@ -1,4 +1,4 @@
-"""Shapes of a file: polylines, rings and rows of points, in the coordinates of the file or in a local plane."""
+"""Shapes of a file: polylines, rings and sequences of points, in the coordinates of the file or in a local plane."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ DEGREES = "EPSG:4326"
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """Polyline, ring or row of points."""
+    """Polyline, ring or sequence of points."""
 
     points: Array
     """Points, shape (n, 2): east then north [m], or longitude then latitude [deg]."""
@@ -27,20 +27,20 @@ class Polyline:
     """Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other."""
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
-    """Further values of each point, shape (n,) each: speed [m/s], working [-], direction [-], row of a table."""
+    """Further values per point by name, shape (n,) each: speed [m/s], working [-], direction [-], table row."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeFile:
-    """Shapes in the coordinates of their file."""
+    """Shapes of one file in the coordinates of this file."""
 
     shapes: tuple[Polyline, ...]
     """Shapes in the order of the file; a hole follows the ring around it."""
     crs: str = ""
     """Coordinate system, for example EPSG:4326 for degrees; empty for metres of an unknown system."""
     origin: Origin | None = None
-    """Geographic position of the point (0, 0) of a file in local metres."""
+    """Geographic position of the point (0, 0) if the coordinates are local metres; None if unknown."""
     name: str = ""
     notes: tuple[str, ...] = ()
     """Sentences about omitted or repaired shapes."""
@@ -61,7 +61,7 @@ class LocalShapes:
     """Geographic position of x = y = 0; None if unknown."""
     crs: str = ""
     shift: tuple[float, float] = (0.0, 0.0)
-    """East and north subtracted from the metres of the file [m]."""
+    """East and north offsets subtracted from the coordinates of the file [m]."""
     name: str = ""
     notes: tuple[str, ...] = ()
     """Sentences about omitted, repaired or shifted shapes."""

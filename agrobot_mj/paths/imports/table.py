@@ -1,9 +1,9 @@
 """Positions from a CSV file, by column names.
 
-The first row of words names the columns: x and y, or east and north, in metres; or lat and lon in degrees. Further
-columns that are read are speed, working and direction; others, such as a heading, are ignored. A file without names
-has the columns x, y[, speed]. Columns are separated by commas, semicolons or tabs; numbers with decimal commas need
-semicolons or tabs. Every error is a ValueError that names the row, as numbered in an editor, and the fix.
+A first row of words names the columns: x and y, or east and north, in metres; or lat and lon in degrees. The columns
+speed, working and direction are also read; other columns, such as a heading, are ignored. A file without names has the
+columns x, y[, speed]. Columns are separated by commas, semicolons or tabs; numbers with decimal commas need semicolons
+or tabs. Every error is a ValueError that names the row, as numbered in an editor, and the fix.
 """
 
 import csv
@@ -27,30 +27,30 @@ NAMES = {
     "working": ("working", "work", "implement", "on"),
     "direction": ("direction", "gear"),
 }
-"""Names of each column, without units, in lower case."""
+"""Accepted names of each column, without units, in lower case."""
 UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}
-"""Factors from units of a speed to m/s."""
+"""Conversion factors to m/s, by unit of speed."""
 UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mph|kn))\s*$")
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
 SMALLEST_M = 1.0
-"""Extent below which numbers in columns of metres are considered to be degrees [m]."""
+"""Extent of the points below which values in columns of metres are considered to be degrees [m]."""
 MOST_DEGREES = 180.0
 """Maximum absolute longitude [deg]."""
 
 
 class TableColumn(NamedTuple):
-    """Column that is read."""
+    """Column of a CSV file that contains a known quantity."""
 
     name: str
     place: int
     factor: float = 1.0
-    """Factor from the unit of the column to m/s; 1 for other quantities."""
+    """Conversion factor from the unit of a speed column to m/s; 1 for other quantities."""
 
 
 def read_table(text: str) -> ShapeFile:
-    """Return the row of points of a CSV file. Raise ValueError, naming the row, if it is invalid."""
+    """Return the points in the text of a CSV file as one shape. Raise ValueError naming the invalid row."""
     lines = text.splitlines()
     split = _separator(lines)
     rows = _rows(lines, split)
