@@ -1,4 +1,4 @@
-"""Interface of a running plant, and its time steps."""
+"""Interface of a running plant (simulated tractor), and its time steps."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
@@ -22,7 +22,7 @@ def write(arrays: tuple[AnyArray, ...], saved: tuple[AnyArray, ...]) -> None:
 
 
 class Clock(NamedTuple):
-    """Physics step of a plant and number of physics steps per tick."""
+    """Duration of a physics step of a plant, and number of physics steps per tick."""
 
     dt: float = 0.002
     """Duration of a physics step [s]."""
@@ -64,7 +64,7 @@ class RunningPlant(Protocol):
         """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre quantities of the four wheels; empty for a plant without wheels."""
+        """Return the tyre report of the four wheels, shape (24,), see `tyres.patch`; empty without a tyre model."""
         return np.empty(0)
 
     @property
@@ -77,8 +77,8 @@ class RunningPlant(Protocol):
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return oil flow to the steering cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m].
-        NaN: not modelled."""
+        """Return oil flow to the steering cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m];
+        quantities that the plant does not model are NaN."""
 
     def ruts(self) -> RutMap | None:
         """Return the ruts on the field; None on ground without ruts."""

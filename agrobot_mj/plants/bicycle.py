@@ -1,13 +1,13 @@
 """Linear bicycle model of the paper, for level ground only.
 
-The lateral velocity v and yaw rate gamma follow the equation sondenklem, and the pose follows kinematicmodeltractor2.
-The slip angle of a tyre is its lateral velocity divided by the rolling speed |u|. The model is therefore also valid in
-reverse, where the axles exchange their roles and an understeering tractor oversteers.
+The lateral velocity v and yaw rate gamma follow the equation sondenklem of the paper, and the pose follows
+kinematicmodeltractor2. The slip angle of a tyre is its lateral velocity divided by the rolling speed |u|. The model is
+therefore also valid in reverse, where an understeering tractor oversteers.
 
 Speed and steering angle are constant during a step. The solution for v and gamma is then exact (closed-form exponential
 of the 2 x 2 matrix); the position is integrated with Simpson's rule. Below `CRAWL`, v and gamma have their steady-state
-values, because the time constants are proportional to the speed. Valves and driveline are those of the MuJoCo plant,
-with a rigid cylinder and no wheel slip. With backlash, the wheels turn after the cylinder has crossed the backlash.
+values, because the time constants are proportional to the speed. The models of valves and driveline are the same as in
+the MuJoCo plant, with a rigid cylinder and no wheel slip. The wheels turn after the cylinder has crossed the backlash.
 """
 
 from collections.abc import Iterator
@@ -63,7 +63,7 @@ class Bicycle(Spec):
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Yield a hint for each cornering stiffness outside the range of real tyres at the static axle load."""
+        """Yield a message for each cornering stiffness outside the range of real tyres at the static axle load."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
@@ -72,7 +72,7 @@ class Bicycle(Spec):
 
 
 class BicycleLaw(NamedTuple):
-    """Parameters of the bicycle model for the compiled kernels, in SI units."""
+    """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of the paper."""
 
     m: float
     I_z: float
@@ -207,14 +207,14 @@ class BicycleState(NamedTuple):
     """Saved state of a `BicyclePlant`."""
 
     arrays: tuple[AnyArray, ...]
-    """Copies of the motion state, samples and memories of valve and driveline."""
+    """Copies of the motion state, the samples, and the states of valve and driveline."""
     valve: ValveLaw
     """Valve parameters in the last tick, including wear."""
     ticks: int
 
 
 class BicyclePlant(RunningPlant):
-    """Running bicycle model with its state and the memories of valve and driveline."""
+    """Running bicycle model, with the states of motion, valve and driveline."""
 
     def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
         tractor = machine.tractor
@@ -250,7 +250,7 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages; of the conditions, only those of the valve have an effect."""
+        """Advance one tick at constant voltages; only the valve faults among the conditions have an effect."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)

@@ -1,4 +1,4 @@
-"""Controllers of speed and steering angle that use true values, for plant tests without sensors and estimators."""
+"""Controllers of speed and steering angle that use the true state, for plant tests without sensors and estimators."""
 
 from collections.abc import Callable, Iterator
 from math import copysign, cos
@@ -46,7 +46,7 @@ class Trace:
 
 
 class Driver:
-    """Controller with true values: PI from speed to pedal, and proportional steering with dead-band compensation."""
+    """Controller with the true state: PI from speed to pedal, and proportional steering with dead-band compensation."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
@@ -80,7 +80,7 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Return the valve voltage for a steering angle [V]: proportional, plus a step across the dead band."""
+        """Return the steering valve voltage for a setpoint `angle` [rad]: proportional, plus the dead band [V]."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
@@ -98,14 +98,14 @@ class Driver:
 
 
 def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
-    """Yield the truth after each tick of constant commands; by default both valves are in neutral."""
+    """Yield the truth after each tick at constant voltages; by default both valves are in neutral."""
     for _ in range(round(seconds / TICK_S)):
         yield plant.advance(drive)
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the mean acceleration [m/s2] between two speeds at constant commands, within 30 s, on a slope `grade`
-    [rad]."""
+    """Return the mean acceleration [m/s2] from speed `begin` to `end` [m/s] at constant voltages, simulated for at most
+    30 s on a slope `grade` [rad]."""
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):
         speed = truth.speed / cos(grade)

@@ -1,6 +1,6 @@
-"""Scene for drawing the tractor: bodies with fixed geoms.
+"""Scene for images of the tractor: bodies with fixed geoms.
 
-A recording draws a `Scene` and moves its bodies, independently of the plant.
+A recording shows a `Scene` and moves its bodies, independently of the type of plant.
 """
 
 from typing import NamedTuple

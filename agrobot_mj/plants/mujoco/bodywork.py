@@ -20,7 +20,7 @@ STRAIGHT = (1.0, 0.0, 0.0, 0.0)
 ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)
 """Quaternion that rotates the axis of a cylinder to the left."""
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
-"""Distance of the seat behind the dashboard, and heights of the seat and the roll bar above the floor [m]."""
+"""Distance of the seat behind the dashboard, and heights of seat and roll bar above the floor [m]."""
 HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
 """Maximum height of a cab roof above its floor (unless the antenna is lower), minimum height above the floor, and
 minimum height above the rear tyres [m]."""
@@ -41,7 +41,7 @@ HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
 """Half sizes and centre of the contact box of the default bonnet; ends and radius of the contact roll bar [m]."""
 LUGS, LEAN_DEG = 14.0, 25.0
-"""Half the number of lugs on a tyre of 1 m radius, and their angle to the axle direction [deg]."""
+"""Half the number of lugs on a tyre of 1 m radius [-], and angle of the lugs to the axle direction [deg]."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
 """Directions of the fender segments from the wheel centre, positive forward of vertical [deg]."""
 
@@ -59,7 +59,7 @@ class Panel(NamedTuple):
     paint: str = "iron"
     quat: tuple[float, float, float, float] = STRAIGHT
     ends: tuple[float, ...] = ()
-    """Both ends of a capsule, used instead of its centre, shape (6,) [m]."""
+    """Coordinates of both ends of a capsule, which replace its centre, shape (6,) [m]."""
 
 
 class Outline(NamedTuple):
@@ -110,7 +110,7 @@ def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
 
 
 def touching(t: TractorParameters) -> tuple[Panel, Panel]:
-    """Return the parts that touch the ground after a fall: those of the default tractor, scaled."""
+    """Return the contact geoms of bonnet and roll bar, scaled from the default tractor, for contact after a fall."""
     o, default = outline(t), outline(COMPACT)
     shares = np.array((t.wheelbase_m / COMPACT.wheelbase_m, o.half / default.half, o.high / default.high))
     size, pos, ends = shares * HOOD[0], shares * HOOD[1], np.tile(np.array(o.bar) / default.bar, 2) * BAR
@@ -161,7 +161,7 @@ def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
 
 
 def outline(t: TractorParameters) -> Outline:
-    """Return the outline computed from the dimensions of a tractor."""
+    """Return the dimensions of the visual body for a tractor."""
     L, T, rf, rr, wf, wr = (
         *(t.wheelbase_m, t.track_m, t.front_wheel_radius_m, t.rear_wheel_radius_m),
         *(t.front_wheel_width_m, t.rear_wheel_width_m),
@@ -188,7 +188,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the height [m] above which the space at `room` [m] inside a front wheel's centre is always free."""
+    """Return the height [m] above which a steered front wheel never reaches points `room` [m] inwards of its centre."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2

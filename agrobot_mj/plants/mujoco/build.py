@@ -1,13 +1,13 @@
-"""Compiled model of the MuJoCo tractor of a scenario, with all feasibility checks.
+"""Compilation of the MuJoCo model of a scenario's tractor, with all feasibility checks.
 
-The running plant starts with `build`. Plans of many runs use only `build`, without settling or compiled kernels.
+The running plant calls `build` first. Checks of plans with many runs call only `build`, without settling or kernels.
 
-Stability of a tractor and its implement at the physics step: limits of stiffness and damping by key.
+The checks include the numerical stability of tractor and implement, with limits of stiffness and damping by key.
 
-The forces of tyres and soil are explicit in the velocity. A mass m on a spring k and a damper c is then stable if 2 c
-dt + k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia M and
-the motion J of all contact points in one direction. The constraints of the steering linkage are omitted, which is
-conservative.
+The integration is explicit in the forces of tyres and soil. A mass m on a spring k and a damper c is then stable if 2 c
+dt + k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia matrix
+M and the Jacobian J of all contact points in one direction. The constraints of the steering linkage are omitted, which
+is conservative.
 """
 
 from collections.abc import Iterator, Sequence
@@ -49,7 +49,7 @@ FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
 class Part(NamedTuple):
-    """Springs or dampers at some points, and the key that defines them."""
+    """Springs or dampers at contact points that one key defines."""
 
     key: str
     value: float | None
@@ -70,7 +70,7 @@ class Sprung(NamedTuple):
     points: Array
     """Positions of the points in the initial position of the model, shape (n, 3) [m]."""
     parts: tuple[Part, ...]
-    """Springs and dampers whose effects are added."""
+    """Springs and dampers that act in parallel at these points."""
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
@@ -116,9 +116,9 @@ def _limit(part: Part, share: float) -> str:
 def _tyres(
     model: mujoco.MjModel, data: mujoco.MjData, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase
 ) -> tuple[Sprung, ...]:
-    """Return the springs of the tractor's tyres: vertical, and the carcass forward and sideways.
+    """Return the springs of the tractor's tyres in the vertical, longitudinal and lateral directions.
 
-    The forward carcass spring moves with the wheel's spin, the others with the carrier of the wheel.
+    The longitudinal carcass spring moves with the spinning wheel, the other springs with the carrier of the wheel.
     """
     wheels = tuple(int(model.body(f"wheel_{name}").id) for name in WHEELS)
     carriers = tuple(int(model.body_parentid[body]) for body in wheels)
@@ -197,14 +197,13 @@ class Built(NamedTuple):
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Each set of masses carried by the chassis, with the index of the fault that adds them."""
+"""Sets of point masses carried by the chassis, each with the index of the fault that adds the set."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
-    """Return the tractor on its ground for a physics step of `dt` [s]; `seed` is that of the soil under the implement.
+    """Return the tractor on its ground for a physics step of `dt` [s]; `seed` determines the draught of the implement.
 
-    Raise ValueError with the key if the tractor is impossible, also with any of the `payloads`, or unstable at this
-    step.
+    Raise ValueError with the key if the tractor, also with one of the `payloads`, is impossible or unstable.
     """
     tyres = tyre_set(tyre, machine.tractor)
     parts = tractor_spec(machine)
@@ -223,21 +222,21 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
 
 
 LIGHT_STEP_S, FASTEST_TURN = 0.0025, 130.0
-"""Physics step of `physics = "fast"` for light wheels [s], and angular frequency sqrt(2 k / m) of a disc rotating on
-its tyre above which this step is used [rad/s]. At 5 ms light wheels vibrate, and a parked tractor creeps by 0.2 mm/s.
-The threshold measured on 10 deg is between 121 and 138."""
+"""Physics step of `physics = "fast"` for light wheels [s], and minimum of sqrt(2 k / m) for its use, the angular
+frequency of a disc that rotates on its tyre [rad/s]. At 5 ms light wheels vibrate, and a parked tractor creeps by
+0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138."""
 
 
 class Mujoco(Spec):
-    """MJCF tractor on its tyres; `[plant] kind = "mujoco"`."""
+    """MuJoCo model of the tractor on its tyres; `[plant] kind = "mujoco"`."""
 
     kind: Literal["mujoco"] = "mujoco"
     tyre: Tyre = MagicFormula()
     """Tyre model, selected by `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Minimum settling time on the tyres before the run [s]; 0: no settling. Assumed value (1-10)."""
+    """Minimum time of settling on the tyres before the run; 0 for no settling [s]. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Maximum settling time [s]; the run of a tractor still in motion starts with a warning. Assumed value (20-120)."""
+    """Maximum settling time, after which the run starts with a warning [s]. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the duration of a physics step with `physics = "fast"` [s]."""
@@ -245,8 +244,8 @@ class Mujoco(Spec):
         return min(self.tyre.fast_step_s, LIGHT_STEP_S if turn > FASTEST_TURN else inf)
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Yield hints, each beginning with its key, on values that do not suit the machine's weight at the path `speed`
-        [m/s]. Raise ValueError or ScenarioError for an impossible machine or tyre."""
+        """Yield a message, beginning with the key, for each value that is implausible for the machine's weight, or for
+        its power at the path `speed` [m/s]. Raise ValueError or ScenarioError for an impossible machine or tyre."""
         tyre = self.tyre
         structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
         yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)

@@ -1,7 +1,7 @@
 """C functions of MuJoCo, callable from compiled kernels.
 
-A tick of physics runs in one compiled loop (`mj_step1`, the tyres, `mj_step2`) without returning to Python. Models and
-data are passed as addresses. Each function returns 1 if MuJoCo has reported an error, else 0. With
+All physics steps of a tick run in one compiled loop (`mj_step1`, tyres, `mj_step2`) without returning to Python. Models
+and data are passed as addresses. Each function returns 1 if MuJoCo has reported an error, else 0. With
 `NUMBA_DISABLE_JIT=1` the functions are called through ctypes.
 """
 
@@ -28,7 +28,7 @@ _PATH = _library()
 _C = ctypes.CDLL(_PATH)
 llvm.load_library_permanently(_PATH)
 clock = ctypes.c_void_p.in_dll(_C, "mjcb_time")
-"""Clock of the profiler `mjData.timer`, installed by MuJoCo's Python package; its calls take 6 % of a step."""
+"""Clock of MuJoCo's profiler `mjData.timer`, installed by the Python package; its calls take 6 % of a step."""
 INSTALLED = clock.value
 """Address of the profiler clock, which is disabled here for the whole process."""
 clock.value = None

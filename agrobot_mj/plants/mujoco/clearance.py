@@ -1,8 +1,9 @@
-"""Clearance between the tractor's body and the ground, which allows steps without contact detection.
+"""Clearance between the tractor's body and the ground; above a minimum, steps need no contact detection.
 
-The chassis parts that can touch the ground are above `lowest` and within `reach` of the z axis of the chassis. If this
-axis is tilted from the ground normal, the height of all parts above the ground is at least that of the chassis origin +
-lowest cos - reach sin. The ground is a plane or, for a height grid, the level of its highest node.
+The chassis parts that can touch the ground are above `lowest` and within `reach` of the z axis of the chassis. With the
+angle a between this axis and the ground normal, the height of all parts above the ground is at least height of the
+chassis origin + lowest cos(a) - reach sin(a). The ground is a plane or, for a height grid, the level of its highest
+node.
 """
 
 from math import inf, sqrt
@@ -21,7 +22,7 @@ SPARE_M = 0.01
 
 
 class Clearance(NamedTuple):
-    """Height and extent of the parts that can touch the ground, and the ground below them."""
+    """Height and extent of the parts that can touch the ground, and the plane of the ground."""
 
     lowest: float
     """Minimum height of a part in the chassis frame [m]."""

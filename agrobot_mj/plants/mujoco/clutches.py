@@ -1,6 +1,6 @@
-"""Front-wheel drive and differential lock that engage and release while driving, once a tick.
+"""Clutches of front-wheel drive and differential lock, which engage and release during a run, at most once per tick.
 
-MuJoCo couples angles. A clutch closes at the angles of that moment: its offset is set so that nothing jumps.
+MuJoCo couples angles. When a clutch closes, the offset of its coupling is set to the current angles to avoid a jump.
 """
 
 from math import degrees
@@ -14,14 +14,14 @@ from agrobot_mj.plants.mujoco.stepping import TractorMotion
 CLOSES_BELOW_DEG = 3.0
 """Difference between the steering angles of release and engagement [deg]. Assumed value (2-5)."""
 RELEASES_AT = 0.5
-"""Slip of release divided by that of engagement [-]. Assumed value (0.3-0.7)."""
+"""Slip at which the front-wheel drive is released, divided by the slip of engagement [-]. Assumed value (0.3-0.7)."""
 LEAST_M_S = 0.1
 """Rim speed below which slip is not evaluated [m/s]."""
 LOCK, FRONT = "differential_lock", "front_wheel_drive"
 
 
 class Clutches:
-    """Clutches of a running tractor; the state is `eq_active` of MjData and the offsets."""
+    """Clutches of a running tractor; their state consists of `eq_active` of MjData and the offsets."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, machine: Machine) -> None:
         self.model, self.data, self.drive = model, data, machine.driveline
@@ -40,12 +40,12 @@ class Clutches:
         return tuple(self.model.eq_data[i, :1] for i in self.ids.values()) if self.switched else ()
 
     def reset(self) -> None:
-        """Return to the couplings of the model."""
+        """Set the offsets of the couplings to zero."""
         for offset in self.memories:
             offset[:] = 0.0
 
     def update(self, motion: TractorMotion) -> None:
-        """Engage or release by the steering angle and the slip of a motion."""
+        """Engage or release each clutch according to the steering angle and the slip of the current motion."""
         if not self.switched:
             return
         steer, drive = abs(degrees(motion.steer)), self.drive

@@ -1,6 +1,6 @@
-"""Conversion of a compiled model to a `Scene`, and poses of its bodies.
+"""Conversion of a compiled MuJoCo model to a `Scene` for images, and poses of the bodies.
 
-`Ghost` computes poses for a plant without bodies.
+`Ghost` computes the poses for the bicycle plant, which has no bodies.
 """
 
 from math import cos, sin
@@ -53,7 +53,7 @@ def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
 
 
 class Ghost:
-    """Poses of the MJCF tractor on level ground for a planar state, for drawing only."""
+    """Poses of the MJCF tractor on level ground for a planar state, used only for images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
         self.model = tractor_spec(Machine(tractor)).compile()
@@ -64,7 +64,7 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the poses of the bodies for a CG at (x, y) [m], angles [rad] and a distance [m], shape (bodies, 7)."""
+        """Return the poses (bodies, 7) for the CG at (x, y) [m], yaw and steering [rad] and travelled distance [m]."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos
         q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)

@@ -1,4 +1,4 @@
-"""Implement of a running tractor: inputs of the compiled loop, log columns, and antenna."""
+"""Implement of a running tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna."""
 
 from collections.abc import Sequence
 from math import exp, log1p, nan, radians, sqrt
@@ -27,7 +27,7 @@ IMPLEMENT_WHEELS = ("il", "ir")
 
 
 def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
-    """Attach `hitched` to the tractor of `spec`; with `native` contact its tyres collide."""
+    """Attach the implement `hitched` to the tractor of `spec`; if `native`, its tyres use MuJoCo contact."""
     hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
     body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
     body.explicitinertial = True
@@ -79,8 +79,8 @@ def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: b
 STEPS_A_LENGTH, LENGTHS = 5, 2000
 """Number of draught samples per correlation length, and correlation lengths until the draught repeats [-]."""
 AT_THE_STOP = radians(2.0)
-"""Distance of the drawbar from its yaw stop below which the tractor has jackknifed [rad]. Assumed value: a pushed
-implement does not return from there, and a towed implement does not get there in a turn."""
+"""Angle between drawbar and yaw stop below which the tractor has jackknifed [rad]. Assumed value: a pushed implement
+does not return from this angle, and a towed implement does not reach this angle in a turn."""
 NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
 
 COLUMNS = (
@@ -105,9 +105,9 @@ COLUMNS = (
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the two tyres of an axle, with the law of the rear tyres; without an axle those of the tractor.
+    """Return the two tyres of an implement's axle, with the law of the rear tyres; without an axle the tractor's tyres.
 
-    They are computed as the rear tyres of a tractor on four of these wheels with the static wheel load of the axle.
+    The parameters are those of the rear tyres of a tractor on four such wheels with the static wheel load of the axle.
     """
     if axle is None:
         return tyre_set(tyre, tractor)
@@ -127,7 +127,7 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return the draught divided by its mean along the path, log-normal, shape (n,) [-], and its spacing [m]."""
+    """Return log-normal samples (n,) of draught / mean draught along the path [-], and the sample spacing [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
@@ -226,7 +226,7 @@ class RunningImplement:
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Clear all forces and the working distance, as after placement."""
+        """Reset all forces and the working distance to zero, as after placement."""
         for array in self.arrays:
             array[:] = 0.0
 

@@ -1,13 +1,13 @@
-"""Loads on the chassis in addition to the tyres: the drag of an implement at the hitch, and a side force.
+"""Loads on the chassis from the faults `drawbar` (pull of an implement at the hitch) and `side_force`.
 
 The side force acts horizontally at the tractor's centre of mass, positive to the left of the heading. The implement
 resists every motion of the hitch in the x-y plane of the chassis: forward, backward and sideways. The resistance builds
-up over a short distance and is overcome only by a larger pull. The deflection vector z follows
+up over a short distance, and only a larger pull overcomes the resistance. The deflection vector z of the soil follows
 
   dz/dt = v - (|v| / GIVE + 1 / EASE) z,        force = -pull z / GIVE,
 
-with the hitch velocity v. In motion |z| is GIVE to within GIVE / (|v| EASE), and the force is the pull against the
-motion. A tractor that is too weak for the pull stops. At rest the force decays to zero.
+with the hitch velocity v. In motion |z| equals GIVE with a relative error of GIVE / (|v| EASE), and the force is the
+pull against the motion. A tractor that is too weak for the pull stops. At rest the force decays to zero.
 """
 
 from math import hypot
@@ -23,17 +23,17 @@ from agrobot_mj.tyres.patch import relax
 GIVE = 0.03
 """Distance over which the soil resistance of a tool builds up [m]. Assumed value."""
 EASE = 10.0
-"""Time constant with which the resistance decays at rest [s]. Assumed value; stuck tractors creep at 3 mm/s or less."""
+"""Time constant of the decay of the resistance at rest [s]. Assumed value; stuck tractors creep at 3 mm/s or less."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
 """Indices of the loads, shape (10,): pull and side force (left positive) [N]; position of the hitch behind the rear
-axle and above the ground [m]; deflection z ahead and to the left in the chassis frame [m]; three coordinates of the
-chassis' centre of mass in its frame [m]; mass of an implement divided by that of the tractor [-]. One array saves the
-time that each argument of the compiled loop takes."""
+axle and above the ground [m]; deflection z ahead and to the left in the chassis frame [m]; centre of mass of the
+chassis in its frame, three coordinates [m]; mass of the implement divided by mass of the tractor [-]. A single array is
+faster than several arguments of the compiled loop."""
 
 
 def no_loads(behind: float, height: float) -> Array:
-    """Return undisturbed loads (10,) for a hitch `behind` the rear axle and `height` above the ground [m]."""
+    """Return the load array (10,) without forces for a hitch `behind` the rear axle and `height` above ground [m]."""
     loads = np.zeros(10)
     loads[BEHIND], loads[HEIGHT] = behind, height
     return loads
@@ -41,11 +41,11 @@ def no_loads(behind: float, height: float) -> Array:
 
 @kernel
 def apply_loads(v: Views, loads: Array, dt: float) -> None:
-    """Write the wrench of the loads about the chassis' centre of mass into `xfrc_applied`; step the implement."""
+    """Write the wrench of the loads on the chassis into `xfrc_applied`, and advance the implement's deflection."""
     wrench = v.xfrc[CHASSIS]
     wrench[:] = 0.0
     R = v.xmat[CHASSIS]
-    # a lifted implement loses its deflection: the resistance builds up again after lowering
+    # without a pull the deflection is zero: the resistance builds up again with the next pull
     if loads[PULL] > 0.0:
         pull_back(v, loads, dt, wrench)
     else:

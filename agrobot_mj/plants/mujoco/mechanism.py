@@ -1,7 +1,7 @@
-"""Steering and drive mechanism that is added to a body with only wheels and knuckles.
+"""Steering and drive mechanism that is added to a user-defined body with wheels and knuckles.
 
-The parts are those of `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both knuckles, the
-differentials and both actuators. `model` sets the values that depend on the scenario.
+The parts are the same as in `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both knuckles,
+the differentials and both actuators. `model` sets the values that depend on the scenario.
 """
 
 from math import degrees
@@ -19,12 +19,12 @@ LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def in_unit_of(element: mujoco.MjsBody | mujoco.MjsJoint, angle: float) -> float:
-    """Return an angle [rad] in the angle unit of the file that contains an element."""
+    """Convert an angle [rad] to the angle unit of the MJCF file that contains an element."""
     return degrees(angle) if element.compiler.degree else angle
 
 
 def add_mechanism(spec: mujoco.MjSpec, carrier: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Add the mechanism to a body whose knuckles are attached to `carrier`."""
+    """Add steering and drive to the model `spec`, whose front knuckles are attached to the body `carrier`."""
     if spec.joint("steer") is None:
         _add_crank(carrier, tractor)
     for name, knuckle in (("ackermann_fl", "steer_fl"), ("ackermann_fr", "steer_fr")):

@@ -1,8 +1,8 @@
 """Conversion of `models/tractor.xml` and the parameters to a compiled MuJoCo model.
 
 The XML file contains the shape of the tractor and default values; this module sets all values of the scenario through
-`MjSpec`. Wheel masses are parameters. Axle, knuckles and crank are those of the XML file, scaled with the tractor. The
-chassis has the remainder, so that the whole tractor has exactly the mass, CG and inertia of `TractorParameters`.
+`MjSpec`. Wheel masses are parameters. Axle, knuckles and crank of the XML file are scaled with the tractor. The chassis
+has the remaining mass and inertia, so that the complete tractor has exactly the values of `TractorParameters`.
 """
 
 from functools import cache
@@ -31,7 +31,7 @@ half of the mass is in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the least-squares quartic (5,) from the virtual to the left wheel angle, with slope 1 at 0."""
+    """Return the coefficients (5,) of a quartic fit of the left wheel angle to the virtual angle, with slope 1 at 0."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -41,15 +41,15 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Impedance of dry friction in the kingpins and the brake; MuJoCo's default creeps by a degree within seconds."""
+"""Solver impedance of dry friction in kingpins and brake; joints creep by a degree within seconds at the default."""
 QUICK = (0.004, 1.0)
-"""Time constant [s] and damping ratio of the brake friction; with larger values MuJoCo needs two steps."""
+"""Time constant [s] and damping ratio [-] of the brake friction, small enough to take effect in one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on the typical inertias of a mass and wheelbase, searched for physical inertias [-]."""
+"""Factors on the typical inertias for a mass and wheelbase, tested for a physically possible chassis [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor without its implement, with all parameters set. Raise ValueError if this is impossible."""
+    """Return the tractor without its implement, with all parameters set. Raise ValueError for impossible values."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = _sized(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)
@@ -77,8 +77,8 @@ def _sized(machine: Machine) -> mujoco.MjSpec:
 
 @cache
 def _default() -> mujoco.MjSpec:
-    """Return the tractor of `models/tractor.xml` without visual geoms, to be copied. Cached, because MuJoCo needs
-    longer to remove geoms than to compile the tractor."""
+    """Return the tractor of `models/tractor.xml` without visual geoms, to be copied. The result is cached, because
+    MuJoCo needs longer to remove geoms than to compile the tractor."""
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     undress(spec)
     return spec
@@ -102,8 +102,8 @@ def _own(machine: Machine) -> mujoco.MjSpec:
 
 
 def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Scale axle, knuckles and crank with the tractor: masses with its mass, inertias and dampings with mass times
-    squared track. The stiff cylinder of a large machine would otherwise shake a small crank.
+    """Scale axle, knuckles and crank: masses with the tractor's mass, inertias and dampings with mass times squared
+    track width. The stiff cylinder of a large machine would otherwise cause vibrations of a small crank.
     """
     mass = tractor.mass_kg / COMPACT.mass_kg
     moment = mass * (tractor.track_m / COMPACT.track_m) ** 2
@@ -154,7 +154,7 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def _lay_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
-    """Set the axes of the kingpins without moving the wheels at zero steering angle."""
+    """Set the kingpin axes; the positions of the wheels at zero steering angle are unchanged."""
     front = tractor.front_wheel
     for wheel, side in (("fl", 1), ("fr", -1)):
         joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))
@@ -195,7 +195,7 @@ def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, drivelin
 
 
 def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -> None:
-    """Let the drive act on all wheels: a motor per wheel, with equal torques on an axle."""
+    """Connect the drive to all wheels: one motor per wheel, with equal torques on an axle."""
     gear = tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
     motors = spec.add_tendon(name="motors")
     for wheel in WHEELS:
@@ -204,7 +204,7 @@ def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Set mass, centre and inertia of the chassis to those of the tractor minus those of the other bodies."""
+    """Set mass, centre and inertia of the chassis: the values of the complete tractor minus all other bodies."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
     whole = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
     inertia = whole
@@ -231,7 +231,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return a hint with inertias that leave a physical chassis; `others` (3, 3) is the inertia of the other bodies."""
+    """Return a hint with inertias for a physically possible chassis; `others` (3, 3) is that of the other bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))
@@ -262,11 +262,11 @@ def is_physical_inertia(inertia: Array) -> bool:
 def simulation_model(
     spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """Return the compiled tractor on its ground. Without `native` contact, tyres replace the MuJoCo contact of the
+    """Return the compiled tractor on its ground. If `native` is None, tyre laws replace the MuJoCo contact of the
     wheels.
 
-    If not `drawn`, the model contains only parts with contact, because MuJoCo would update a hundred lugs and panels in
-    every step. Bodies have explicit masses, so that the physics is the same.
+    If not `drawn`, visual geoms are omitted, because MuJoCo would update a hundred lugs and panels in every step. The
+    physics is the same, because bodies have explicit masses.
     """
     contact = native or NativeContact()
     spec.option.timestep = physics_dt

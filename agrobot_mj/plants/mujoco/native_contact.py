@@ -1,4 +1,4 @@
-"""MuJoCo contact as tyre model: ground friction under each wheel, and a report in the format of the other laws."""
+"""MuJoCo contact as a tyre model: ground friction under each wheel, and a tyre report as from the other laws."""
 
 from math import atan2, hypot
 
@@ -26,14 +26,14 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel to that of the ground below; the wheel geom has priority over the ground."""
+        """Set the friction of each wheel geom, which has priority over the ground geom, from the ground below it."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)
             self.model.geom_friction[geom, 0] = self.friction * scale * self.tyres.grip[i]
 
     def read(self, report: Array) -> None:
-        """Fill the report (4, 6) from MuJoCo's contact sensors and the wheel motion, in the plane of the ground."""
+        """Fill the tyre report (4, 6) from MuJoCo's contact sensors and the wheel motion in the ground plane."""
         for i, wheel in enumerate(WHEELS):
             forward, left, n = self._frame(self.bodies[i])
             force = self.data.sensor(f"contact_{wheel}").data[:3]

@@ -1,4 +1,4 @@
-"""User-defined body, `tractor.mjcf`: its keys of `[tractor]`, and its model for the simulation.
+"""User-defined body, `tractor.mjcf`: values of `[tractor]` derived from the body, and model for the simulation.
 
 The bodies of the file keep their masses, joints, springs and visual geoms. The simulator provides steering, drive and
 tyres: actuators, sensors, keyframes and couplings of wheel and knuckle joints of the file are removed.
@@ -37,7 +37,7 @@ PLAIN = {
     "tendon": ("limited", "range", "stiffness", "damping", "frictionloss", "armature", "springlength", "actfrclimited"),
     "actuator": ("gear", "delay", "nsample", "armature", "damping", "actearly", "inheritrange", "group"),
 }
-"""Attributes that the default class of a file may change."""
+"""Attributes that `_forget_defaults` resets, by element: the default class of a file may change them."""
 DIGITS = 10
 """Number of significant digits of values derived from a body."""
 
@@ -98,7 +98,7 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """Return the user-defined body of a tractor with steering and drive. Raise ValueError as `measures` does."""
+    """Return the user-defined body of a tractor with steering and drive. Raise the ValueErrors of `measures`."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)
@@ -146,7 +146,7 @@ def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
 
 
 def _leave_out(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Remove elements that the simulator provides: actuators, couplings of wheels and knuckles, the world."""
+    """Remove elements that the simulator provides: actuators, sensors, couplings of wheels and knuckles, ground."""
     for element in [*spec.actuators, *spec.sensors, *spec.keys, *spec.pairs, *spec.lights, *spec.cameras]:
         spec.delete(element)
     for geom in list(spec.worldbody.geoms):

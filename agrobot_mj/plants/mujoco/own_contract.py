@@ -42,12 +42,12 @@ class Posed:
         self.axes = self.data.xmat[self.chassis].reshape(3, 3)
 
     def place(self, point: Array) -> Array:
-        """Return a point (3,) given in world coordinates in the chassis frame [m]."""
+        """Convert a point (3,) from world coordinates to the chassis frame [m]."""
         found: Array = (point - self.data.xpos[self.chassis]) @ self.axes
         return found
 
     def direction(self, vector: Array) -> Array:
-        """Return a direction (3,) given in world coordinates in the chassis frame."""
+        """Convert a direction (3,) from world coordinates to the chassis frame."""
         found: Array = vector @ self.axes
         return found
 
@@ -69,7 +69,7 @@ class Posed:
 
 
 class MassProperties(NamedTuple):
-    """Mass properties of the whole machine."""
+    """Mass properties of the complete machine."""
 
     mass: float
     """Mass [kg]."""
@@ -119,7 +119,7 @@ def _missing(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
-    """Yield messages on additional joints with unlimited rotation: wheels or sprockets without ground contact."""
+    """Yield a message for each additional joint with unlimited rotation: a wheel or sprocket without a tyre model."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for i in range(model.njnt):

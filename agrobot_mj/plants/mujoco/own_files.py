@@ -51,7 +51,7 @@ class _Element(NamedTuple):
     tag: str
     given: dict[str, str]
     copies: int
-    """Product of the counts of the enclosing replicates."""
+    """Number of copies of the element: product of the counts of the enclosing `replicate` elements."""
 
 
 class _Size:
@@ -62,7 +62,7 @@ class _Size:
 
     @property
     def expanded(self) -> int:
-        """Number of elements; each attached model is counted with the maximum size."""
+        """Number of elements; each attached model counts with the size of the largest model."""
         return self.elements + self.attached * self.largest
 
 

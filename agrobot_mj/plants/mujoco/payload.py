@@ -1,6 +1,6 @@
-"""Masses added to or removed from the chassis: mass, centre and inertia in a running model.
+"""Point masses added to or removed from the chassis of a running model: new mass, centre and inertia.
 
-Derived quantities of MuJoCo (`mj_setConst`) are computed with separate data, so that the running state is unchanged.
+Derived quantities of MuJoCo (`mj_setConst`) are computed with a separate MjData, so that the state is unchanged.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the body with its payload. Raise ValueError if the result is not physical."""
+    """Return the body with its payload. Raise ValueError if the result is physically impossible."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis are left; remove less mass")
@@ -45,7 +45,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
 
 
 def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
-    """Return the maximum fraction of a payload, in steps of 0.01, for which the body is physical [-]."""
+    """Return the maximum fraction of a payload, in steps of 0.01, for which the body is physically possible [-]."""
     for share in (percent / 100 for percent in range(99, 0, -1)):
         some = tuple(load._replace(kg=share * load.kg) for load in payload)
         if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
@@ -65,7 +65,7 @@ def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Iner
 
 
 def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass, ...]]]) -> None:
-    """Raise ValueError with the fault if the chassis with one of these payloads is not physical."""
+    """Raise ValueError naming the fault if the chassis with one of these payloads is physically impossible."""
     for k, payload in loadings:
         try:
             with_payload(bare, payload)
@@ -90,7 +90,7 @@ class Chassis:
         return m.body_mass, m.body_ipos, m.body_inertia, m.body_iquat
 
     def carry(self, payload: tuple[PointMass, ...]) -> None:
-        """Replace the payload of the chassis. Raise ValueError if the result is not physical."""
+        """Replace the payload of the chassis. Raise ValueError if the result is physically impossible."""
         if payload == self.payload:
             return
         for array, value in zip(self._arrays, self._values(payload), strict=True):
@@ -100,7 +100,7 @@ class Chassis:
         self.payload = payload
 
     def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
-        """Return mass, centre, principal moments and their quaternion; without payload, those of the model."""
+        """Return mass, centre, principal moments and principal axes (quaternion) of the chassis with a payload."""
         if not payload:
             return self.written
         mass, centre, inertia = with_payload(self.bare, payload)

@@ -1,4 +1,4 @@
-"""Plant that runs the tractor in MuJoCo; owner of the simulation's MjModel and MjData."""
+"""Plant that simulates the tractor in MuJoCo and owns the MjModel and MjData of the run."""
 
 import sys
 from collections.abc import Sequence
@@ -36,14 +36,14 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the tilt above which the tractor has rolled over [-]. Assumed value, beyond any balance point."""
+"""Cosine of the tilt, 60 deg, above which the tractor has rolled over [-]. Assumed value above all tip-over angles."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
-"""Factors with applied brake on the inverse inertia by which MuJoCo softens dry friction of the wheels, and on
-`impratio` [-]. MuJoCo's friction creeps under load; here by 0.2 um/s (brake) and 0.15 um/s (`contact`) on 10 deg."""
+"""Factors for an applied brake on `dof_invweight0` of the wheels, which softens their dry friction, and on `impratio`
+[-]. Friction in MuJoCo creeps under load: with these factors by 0.2 um/s (`contact`: 0.15 um/s) on 10 deg."""
 OFFSET_M, PLACINGS = 0.001, 3
-"""Maximum distance from the start of the path without another placement [m], and maximum number of placements [-]."""
+"""Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
 NOWHERE = (nan, nan)
-"""Working point without an implement."""
+"""Position of the working point of a tractor without implement."""
 DIVERGED_SPEED = 100.0
 """Speed above which the simulation has diverged [m/s]. Assumed value."""
 
@@ -96,10 +96,10 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Let the tractor settle under these conditions and come to rest with its CG above the start of the path.
+        """Place the tractor with its CG above the start of the path, and let it settle to rest under these conditions.
 
-        The tyres deflect on a slope, which moves the tractor downhill: it is placed again, uphill by this distance. A
-        tractor that does not come to rest, or has fallen over, starts as it is, with a warning on stderr.
+        On a slope the tractor moves downhill while its tyres deflect, and is then placed again, uphill by this
+        distance. A tractor that does not come to rest, or has rolled over, starts in this state, with a warning.
         """
         self._apply_conditions(conditions)
         place = start
@@ -136,9 +136,9 @@ class MujocoPlant(RunningPlant):
         mujoco.mj_kinematics(self.model, self.data)
 
     def _settle(self) -> RecentMotion:
-        """Hold the tractor in neutral until it is at rest, has fallen over or rolled away; return its latest motion.
+        """Simulate with valves in neutral until the tractor rests, has rolled over or rolled away; return its motion.
 
-        The brake is applied if hydrostat or tyres alone do not hold the tractor. The settling time is limited.
+        The brake is applied with MuJoCo contact, or if the hydrostat cannot hold the tractor. The duration is limited.
         """
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
         tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
@@ -169,7 +169,7 @@ class MujocoPlant(RunningPlant):
         return self.truth()
 
     def step_through(self, drive: Drive) -> None:
-        """Run the physics steps of one tick at constant voltages, without evaluating the outcome."""
+        """Simulate the physics steps of one tick at constant voltages, without reading the new state."""
         if self.contacts:
             self.contacts.set_friction()
         if drive.brake != self.braking:
@@ -187,7 +187,7 @@ class MujocoPlant(RunningPlant):
             self.implement.finish_tick()
 
     def _brake(self, share: float) -> None:
-        """Apply this fraction of the brake torque [-], modelled as dry friction without creep or chatter."""
+        """Apply the fraction `share` of the brake torque [-], modelled as dry friction without creep or chatter."""
         self.braking, stands = share, share > 0.0
         self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
@@ -293,7 +293,7 @@ class MujocoPlant(RunningPlant):
         return np.array(self.data.qpos)
 
     def wheels(self) -> Array:
-        """Return load, slip angle, slip ratio, forward and lateral force, friction use; shape (6 * 4,), by quantity."""
+        """Return the tyre report, shape (24,): four wheels for each quantity in the order of `tyres.patch`."""
         if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
@@ -320,7 +320,7 @@ class MujocoPlant(RunningPlant):
         return int(self.data.warning.number.sum())
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run: rolled_over, jackknifed, left_terrain or diverged; otherwise empty."""
+        """Return the outcome that ends the run: rolled_over, jackknifed, left_terrain or diverged; otherwise None."""
         if self.motion.fastest > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:

@@ -1,4 +1,4 @@
-"""Error handling of MuJoCo calls in compiled kernels: a return value instead of the end of the process.
+"""Error handling of MuJoCo calls in compiled kernels: errors give a return value and do not end the process.
 
 MuJoCo reports an error through `mju_error`, which does not return. MuJoCo's Python package converts errors of its own
 calls to `mujoco.FatalError`, but an error in a kernel would end the process. Each C function is wrapped in a few lines
@@ -15,7 +15,7 @@ import llvmlite.binding as llvm
 NOTED = 1000
 """Maximum length of the stored message [bytes]."""
 PROTECTED = sys.platform in ("linux", "darwin")
-"""Whether errors are caught; on other platforms they end the process."""
+"""Whether errors of MuJoCo are caught on this platform; otherwise errors end the process."""
 _HEAD = """
 @message = global [{size} x i8] zeroinitializer
 declare i32 @_setjmp(ptr) returns_twice

@@ -22,13 +22,13 @@ class MujocoState(NamedTuple):
     left: tuple[AnyArray, ...]
     """Results of the last step in MjData, and friction of the geoms."""
     memories: tuple[AnyArray, ...]
-    """Arrays modified in place by a tick: tyres, loads, valve, drive, samples."""
+    """Copies of the arrays that a tick modifies in place: tyres, loads, valve, drive, samples."""
     conditions: Conditions
     ticks: int
     soil: SavedSoil
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:
-    """Return views of the step results read by the log, or by the next step before it computes them."""
+    """Return views of those results of a step that the log, or the next step before their update, reads."""
     found = data.actuator_force, data.sensordata, data.cvel, data.subtree_com
     return *found, model.geom_friction, data.warning.number

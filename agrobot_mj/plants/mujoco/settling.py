@@ -1,4 +1,4 @@
-"""Start of a run: initial position of a tractor, settling, and the reason if it does not come to rest."""
+"""Start of a run: initial position of the tractor, settling, and the reason why a tractor does not come to rest."""
 
 from math import atan, atan2, ceil, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
@@ -19,7 +19,7 @@ PASSES = 3
 
 
 def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[Array, float]:
-    """Return the free-joint position (7,) with the CG above the start, and the roll of the front axle [rad]."""
+    """Return the chassis pose (7,) on the ground with the CG above the start, and the roll of the front axle [rad]."""
     _, dx, dy = height_and_gradient(ground, start.x, start.y)
     rotation = _facing(np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0), start.yaw)
     l_r, half = tractor.cg_to_rear_axle, tractor.track_m / 2
@@ -50,19 +50,19 @@ def _facing(normal: Array, yaw: float) -> Array:
 
 
 REST_M_S, REST_S = 0.0005, 1.0
-"""Standstill: maximum speed of the CG and of points 1 m from it [m/s], and minimum duration [s]. Assumed values; the
-duration exceeds the period of the oscillation on the tyres."""
+"""Definition of standstill: maximum speed of the CG and of points 1 m from the CG [m/s], over this duration [s].
+Assumed values; the duration exceeds the period of oscillations on the tyres."""
 AT_THE_LIMIT = 0.99
 """Fraction of the hydrostat's relief torque above which the hydrostat does not hold the tractor alone [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
 """Ratio of mean to maximum velocity above which a tractor moves away instead of rocking, and ratio of rear rim speed to
-mean velocity above which it rolls instead of sliding [-]."""
+mean velocity above which the tractor rolls instead of sliding [-]."""
 GONE_M = 5.0
 """Distance above which settling ends for a tractor that moves away [m]. Assumed value."""
 SLIDING = 0.02
 """Mean velocity above which a tractor with locked wheels slides instead of creeping [m/s]. Assumed value."""
 GRIPPING = 0.95
-"""Friction use below which locked tyres do not slide; creep is then due to the physics step [-]. Assumed value."""
+"""Used fraction of friction below which locked tyres do not slide but creep numerically [-]. Assumed value."""
 
 
 TILT_DEG_S = 2.0
@@ -73,8 +73,8 @@ reduces the tip-over angle by 0.1 deg."""
 class Tilt:
     """Gravity that rotates slowly from the ground normal to the vertical, as on a tilting platform.
 
-    With sudden gravity the tractor would roll past its equilibrium on the tyres, and fall over on a slope on which it
-    is stable.
+    Under sudden gravity the tractor would overshoot its equilibrium on the tyres, and could roll over on a slope on
+    which the tractor is stable.
     """
 
     def __init__(self, up: Array, tick_s: float) -> None:
@@ -93,7 +93,7 @@ class Tilt:
 
 
 class RecentMotion:
-    """Motion during the last `REST_S`, from the displacement per tick without vibrations between steps."""
+    """Motion during the last `REST_S` seconds, from displacements per tick, which exclude vibrations within a tick."""
 
     def __init__(self, tick_s: float) -> None:
         ticks = max(1, round(REST_S / tick_s))
@@ -101,7 +101,7 @@ class RecentMotion:
         self.begin, self.place, self.yaw = np.zeros(2), np.zeros(3), 0.0
 
     def add(self, motion: TractorMotion) -> None:
-        """Add the motion of a tick."""
+        """Add the motion at the end of a tick."""
         at, place, yaw = self.ticks % len(self.speeds), np.array(motion.cg.place), motion.attitude[0]
         if not self.ticks:
             self.begin, self.place, self.yaw = place[:2], place - self.tick_s * np.array(motion.cg.velocity), yaw
@@ -118,7 +118,7 @@ class RecentMotion:
 
     @property
     def gone(self) -> bool:
-        """Whether the tractor is too far from its initial position to come to rest, or its motion is not finite."""
+        """Whether the tractor is at least `GONE_M` from its initial position, or its motion is not finite."""
         return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
@@ -146,8 +146,8 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
 
 
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Return why the tractor is not at rest on its four wheels after `settled_s` [s], and the keys to change; empty if
-    it is at rest or the simulation has diverged."""
+    """Return a warning with the reason why the tractor is not at rest on four wheels after `settled_s` [s], and the
+    keys to change; empty for a tractor at rest and for a diverged simulation."""
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
@@ -176,7 +176,7 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """Describe the motion at `drift` [m/s] with locked rear wheels, at the friction use `used` [-]."""
+    """Describe a motion at `drift` [m/s] with locked rear wheels and the used fraction of friction `used` [-]."""
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (
@@ -186,8 +186,8 @@ def _held(drift: float, used: float, where: str) -> str:
 
 
 def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """Return why the wheels roll on ground that rises by `along` in the heading direction [rad]; empty if the drive
-    holds them and they only vibrate between steps."""
+    """Return the reason why the wheels roll on ground that rises by `along` [rad] in the heading direction; empty if
+    the torque limit of the drive suffices to hold the tractor."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)

@@ -20,13 +20,13 @@ from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 FAILED = -1
-"""Number of steps that indicates an error of MuJoCo."""
+"""Number of steps that `run_steps` returns after an error of MuJoCo."""
 STEERING, DRIVE = 0, 1
 """Order of the actuators in `models/tractor.xml`."""
 
 
 class TractorMotion(NamedTuple):
-    """Motion of the tractor after a step; fields without a description are as in `Truth`."""
+    """Motion of the tractor after a step; `Truth` describes the fields without a description here."""
 
     cg: Motion
     antenna: Motion
@@ -50,14 +50,14 @@ class TractorMotion(NamedTuple):
 
 
 class Oil(NamedTuple):
-    """Conversion of oil flow to motion, and relief limits of the oil columns."""
+    """Parameters of the oil columns in steering cylinder and hydrostat: conversion of flow to motion, relief limits."""
 
     displacement: float
     """Displacement of the steering cylinder [m3/rad]."""
     steer_limit: float
     """Maximum steering angle in both directions, given by the stops [rad]."""
     steer_windup: float
-    """Steering angle at relief pressure: relief torque divided by stiffness [rad]."""
+    """Deflection of the steering at relief pressure: relief torque divided by stiffness [rad]."""
     steer_lead: float
     """Steering damping divided by stiffness [s]."""
     steer_play: float
@@ -75,9 +75,9 @@ class Oil(NamedTuple):
     droop: float
     """Relative decrease of the drive's speed at its power limit [-]."""
     front_share: float
-    """Fraction of the motors' torque at the front wheels; 0 without motors there [-]."""
+    """Fraction of the motor torque at the front wheels; 0 without motors at the front wheels [-]."""
     front_gear: float
-    """Angle of the drive divided by that of the front wheels, at the same rim speed [-]."""
+    """Radius of the front wheels divided by radius of the rear wheels [-]."""
 
 
 def oil_of(machine: Machine) -> Oil:
@@ -104,7 +104,7 @@ def oil_of(machine: Machine) -> Oil:
 
 
 class Actuators(NamedTuple):
-    """Valve, drive, and the oil between them and the wheels; memories are written in place."""
+    """Models of steering valve, drive and trapped oil; the memories are written in place."""
 
     oil: Oil
     valve: ValveLaw
@@ -112,18 +112,18 @@ class Actuators(NamedTuple):
     drive: DriveLaw
     drive_memory: DriveMemory
     cylinder: Array
-    """Virtual wheel angle of the cylinder, written in place, shape (1,) [rad]; used only with play."""
+    """Cylinder position as an angle of the virtual wheel, used only with backlash, shape (1,) [rad]."""
 
 
 class Tyred(NamedTuple):
-    """Tyres with their memories; arrays are written in place."""
+    """Tyres of a tractor with their state; arrays are written in place."""
 
     native: bool
     """Whether MuJoCo contact carries the wheels."""
     tyres: TyreSet
     ground: Ground
     bristles: Array
-    """Deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]."""
+    """Bristle deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]."""
     report: Array
     """Report of the tyres, shape (4, 6); see `tyres.patch`."""
 
@@ -158,9 +158,9 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 @kernel
 def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
-    """Steer through a linkage with play: within the play the oil column is slack and the wheels are free.
+    """Set the steering actuator of a linkage with play: within the play the oil column exerts no torque on the wheels.
 
-    The cylinder angle integrates the flow. The rest length of MuJoCo's spring is the difference outside the play.
+    The cylinder angle integrates the flow. The actuator spring is deflected by the part of the difference outside play.
     """
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     reach, stop = oil.steer_windup + oil.steer_play, oil.steer_limit + oil.steer_play
@@ -172,7 +172,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 @kernel
 def driven(v: Views, oil: Oil) -> tuple[float, float]:
-    """Return angle [rad] and rate [rad/s] of the drive: the mean of its wheels, weighted by their torques."""
+    """Return angle [rad] and rate [rad/s] of the drive, the mean over the driven wheels weighted by their torques."""
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
     speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
     if oil.front_share > 0.0:
@@ -184,14 +184,14 @@ def driven(v: Views, oil: Oil) -> tuple[float, float]:
 
 @kernel
 def drooped(v: Views, oil: Oil, rate: float) -> float:
-    """Return the rate of the drive under load: it decreases in proportion to the power delivered [rad/s]."""
+    """Return the rate of the drive under load [rad/s], which decreases in proportion to the delivered power."""
     power = min(max(v.torques[DRIVE] * driven(v, oil)[1] / oil.drive_power, 0.0), 1.0)
     return float(rate * (1.0 - oil.droop * power))
 
 
 @kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
-    """Open the relief valves, which limits the oil columns to relief pressure and to the stops."""
+    """Apply the relief valves, which limit the oil columns to relief pressure, and the steering stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
@@ -220,8 +220,8 @@ def run_steps(
     """Advance one tick, with one physics step per column of `samples` (4, n); return the number of completed steps.
 
     Each column receives the angle of the virtual wheel, the pedal, and the angles of the left and right knuckle. The
-    first step is `first`. If `clear`, stop before the first step in which the tractor could touch the ground. Also
-    return whether it is clear. The number of steps is `FAILED` after an error of MuJoCo.
+    first step is `first`. If `clear`, stop before the first step in which the body could touch the ground. The second
+    result is whether the body is clear of the ground. The number of steps is `FAILED` after an error of MuJoCo.
     """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0

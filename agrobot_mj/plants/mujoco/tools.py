@@ -1,14 +1,14 @@
-"""Implements in the physics step: soil on a tool, a depth wheel, and the implement's own tyres.
+"""Forces on implements in the physics step: soil on a tool, and ground on a depth wheel.
 
 The soil forces on a tool at the depth T, along and across its frame, are modelled by bristles (`tyres.patch.relax`).
 The longitudinal force reaches the draught within the distance `GIVE`, against the motion. The lateral force follows
 
   dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
 
-so that F_y = -C tan(alpha) in steady travel, and a spring at rest. Stiffness and limit are proportional to T divided by
-the intended depth. Newly met soil, deeper or harder, is not yet deflected: the force is unchanged and the mean
-deflection decreases, so that no motion of a tool gains energy. The suction is a downward force proportional to the
-draught. All forces act at half depth.
+so that F_y = -C tan(alpha) in steady travel, and the soil is a spring at rest. Stiffness and limit are proportional to
+T divided by the intended depth. Deeper or harder soil that the tool newly enters has no deflection yet: the force is
+unchanged and the mean deflection decreases, so that no motion of a tool gains energy. The suction is a downward force
+proportional to the draught. All forces act at half depth.
 """
 
 from math import floor
@@ -25,8 +25,8 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Indices of a tool's memory: soil deflections ahead and to the left, and working distance [m]; draught [N] and
-fraction of the intended depth [-] in the previous step."""
+"""Indices of a tool's state: soil deflections ahead and to the left, and working distance [m]; draught [N] and depth
+divided by the intended depth [-] in the previous step."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 """Indices in an implement's report: soil draught and lateral force [N], depth [m] and depth-wheel load [N]."""
 
@@ -57,14 +57,14 @@ class Attached(NamedTuple):
     wheel_report: Array
     """Report of the tyres, shape (2, 6)."""
     memory: Array
-    """Memory of the tool, shape (5,)."""
+    """State of the tool, shape (5,): see `AHEAD`."""
     report: Array
-    """Report of the implement, shape (4,)."""
+    """Report of the implement, shape (4,): see `DRAUGHT`."""
 
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return the draught divided by its mean at a distance [m]; the pattern repeats at its end [-]."""
+    """Return draught / mean draught [-] at a working distance [m], interpolated in a pattern that repeats."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -73,13 +73,13 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the deflection `z` of a spring after its stiffness has changed; added stiffness is undeflected."""
+    """Return the deflection of a spring after a change of its stiffness; added stiffness has no deflection yet."""
     return z * before / now if now > before else z
 
 
 @kernel
 def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: float, dt: float, memory: Array) -> Vector:
-    """Return the force on a tool ahead, left and up [N], at velocities ahead and left [m/s] and a depth [m]."""
+    """Return the soil force on a tool (ahead, left, up) [N] at the velocity (v_x, v_y) [m/s] and depth [m]."""
     if depth <= 0.0:
         memory[AHEAD], memory[LEFT], memory[RESISTED], memory[ENGAGED] = 0.0, 0.0, 0.0, 0.0
         return 0.0, 0.0, 0.0

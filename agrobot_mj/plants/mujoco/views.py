@@ -1,4 +1,4 @@
-"""Memory layout for the compiled loop: numpy views of an MjModel and MjData, and indices into them."""
+"""Inputs of the compiled loop: numpy views of the arrays of an MjModel and MjData, and indices into these arrays."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ IMPLEMENT = "implement"
 
 
 class Views(NamedTuple):
-    """Arrays of an MjModel and MjData that the loop reads and writes, and indices into them."""
+    """Arrays of an MjModel and MjData that the compiled loop reads and writes, and indices into these arrays."""
 
     model: int
     data: int
@@ -30,7 +30,7 @@ class Views(NamedTuple):
     root_com: Array
     """Centre of mass of the tractor, the reference point of `cvel`, shape (3,)."""
     implement_com: Array
-    """Centre of mass of the implement with its wheels, shape (3,); that of the tractor without implement."""
+    """Centre of mass of the implement with its wheels, or of the tractor without an implement, shape (3,)."""
     xfrc: Array
     wheels: Index
     """Body ids of the wheels, shape (4,)."""
@@ -51,7 +51,7 @@ class Views(NamedTuple):
 
 
 def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
-    """Return the views of a tractor's model and data; both must outlive them."""
+    """Return the views of a tractor's model and data, which must exist as long as the views are used."""
     found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, IMPLEMENT)
     hung = CHASSIS if found < 0 else found
     return Views(
