@@ -1,4 +1,4 @@
-"""Ground under the tractor: one module per kind of terrain, each of which creates one height grid."""
+"""Ground under the tractor, with one module per kind of terrain; every kind creates a height grid."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Base classes of terrains: a height grid, patches with other properties, and for most kinds a tilted plane."""
+"""Base classes of terrains, which have a height grid, patches with other properties, and mostly a tilted plane."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -18,7 +18,7 @@ Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
 
 class Sized(Spec):
-    """Terrain with a field of configurable size, given by exactly one of the two keys."""
+    """Terrain with a field of configurable size, given by either `half_size_m` or `size_m`."""
 
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
@@ -56,18 +56,18 @@ def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]
 
 
 STEEPEST_DEG = 60.0
-"""Maximum accepted slope between neighbouring nodes; tractors drive on flatter ground [deg]. Assumed value."""
+"""Maximum accepted slope between neighbouring nodes, steeper than any ground for tractors [deg]. Assumed value."""
 Grade = Annotated[float, Field(ge=0, lt=45)]
 
 
 class Landscape(Spec):
-    """Base class of terrains; a kind overrides `relief`."""
+    """Base class of terrains; each kind overrides `relief`."""
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Patches of ground with other properties; where they overlap the last one counts."""
+    """Patches of ground with other properties; where patches overlap, the last one is used."""
     surface: SurfaceName | None = None
-    """Surface with known friction, cone index and rolling resistance outside the patches. Default: the tyre's own."""
+    """Named surface, with friction, cone index and rolling resistance, outside the patches. Default: tyre values."""
     variation: Variation = Variation()
     """Random variation of soil strength, friction and moisture outside the patches. Default: none."""
 
@@ -76,7 +76,7 @@ class Landscape(Spec):
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a value that changes when a file of the relief or of a patch changes."""
+        """Return a value that changes if a file with the heights or with a patch changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:

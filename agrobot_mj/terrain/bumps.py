@@ -33,7 +33,7 @@ class Bumps(Generated):
     length_m: Positive = 1.0
     """Length of a bump along its heading [m]. Assumed value (0.5-2)."""
     width_m: Positive = 0.8
-    """Width of a bump across its heading [m]. Assumed value (0.4-4): wider than a tyre."""
+    """Width of a bump across its heading [m]. Assumed value (0.4-4), wider than a tyre."""
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
     """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
@@ -41,12 +41,11 @@ class Bumps(Generated):
     x_m: float = 5.0
     """East coordinate of the centre of the first bump in a row [m]."""
     y_m: float = -0.5
-    """North coordinate of the centre of the first bump in a row [m]. Default: right wheel track of a path to the
-    east."""
+    """North coordinate of the centre of the first bump in a row [m]. Default: right wheel track of an eastward path."""
     heading_deg: float = 0.0
     """Heading of the row and of its bumps, from east, counter-clockwise [deg]."""
     spacing_m: Positive = 3.0
-    """Distance between the centres in a row [m]. Assumed value (2-10); 1.4 lifts both axles at the same time."""
+    """Distance between bump centres in a row [m]. Assumed value (2-10); 1.4 lifts both axles at the same time."""
     stagger_m: float = 0.0
     """Lateral offset to the left of every second bump in a row, for bumps on alternating sides [m]."""
     seed: Annotated[int, Field(ge=0)] = 1
@@ -92,7 +91,7 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Add a bump of height 1 to `heights`; `nodes` are the coordinates of the columns and of the rows [m]."""
+    """Add a bump of height 1 and the given length and width to `heights` at the `nodes` (columns, rows) [m]."""
     x, y, heading = bump
     reach = np.hypot(*size) / 2
     column, row = (_between(along, c - reach, c + reach) for along, c in zip(nodes, (x, y), strict=True))

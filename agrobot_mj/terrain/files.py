@@ -1,4 +1,4 @@
-"""Grids from files: NumPy arrays, grey PNG images, ESRI ASCII grids, GeoTIFF.
+"""Grids of numbers from files: NumPy arrays, grey PNG images, ESRI ASCII grids and GeoTIFF.
 
 Each reader checks the file size and the header before it reads values. Errors are ValueErrors that begin with `file:
 NAME: ` and state the fix.
@@ -38,13 +38,13 @@ class Sheet(NamedTuple):
     cell: float | None = None
     """Distance between nodes; None if the file does not state it [m]."""
     white: float = 1.0
-    """Value of white in a image."""
+    """Value of white pixels in an image."""
     corner: tuple[float, float] | None = None
-    """Easting and northing of the south-west node on its map, if the file states them [m]."""
+    """Easting and northing of the south-west node on a map; None if the file does not state them [m]."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the finite values of a `.npy`, `.png`, `.asc` or `.tif` file, at least 2 x 2."""
+    """Return the grid in a `.npy`, `.png`, `.asc` or `.tif` file: finite values, at least 2 x 2."""
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)
@@ -136,7 +136,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
-    """Return the map coordinates of the south-west node, the middle of its cell [m]; None without them."""
+    """Return the map coordinates of the south-west node, the middle of its cell [m]; None if the header has none."""
     west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
     return (west, south) if np.isfinite([west, south]).all() else None
 

@@ -1,7 +1,7 @@
-"""Terrain computed from a formula: its field, the nodes of its grid, and a level area around the origin.
+"""Terrain computed from a formula: size of the field, nodes of the height grid, and a level area around the origin.
 
-The node spacing is the same in both directions and divides the longer side of the field evenly. The shorter side is
-extended, by less than one spacing, to a multiple of it.
+The node spacing is equal in both directions and divides the longer side of the field evenly. The shorter side is
+extended, by less than one spacing, to a multiple of the spacing.
 """
 
 from math import radians, sqrt, tan
@@ -19,24 +19,24 @@ Node = Annotated[float, Field(ge=0.01, le=HUGE)]
 
 
 class Generated(Sized, Tilted):
-    """Terrain computed from a formula; a kind overrides `bare`, and `finest` if its details need a fine grid."""
+    """Base class of terrains from a formula; kinds override `bare`, and `finest` if details need a fine grid."""
 
     VERTICAL: ClassVar[str] = "grade_deg"
-    """Key that sets the height of the relief, for messages."""
+    """Key that determines the heights of the terrain, named in messages about steep slopes."""
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
-    """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25): less than a tyre's contact patch."""
+    """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25), shorter than a contact patch."""
     run_in_m: NonNegative = 0.0
-    """Radius of the level area around the origin; the relief has its full height from twice this distance on [m]."""
+    """Radius of the level area around the origin; the heights are unscaled beyond twice this distance [m]."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights without plane and level area, shape (rows, columns), at `x` (columns,) and `y` (rows,)
-        [m]."""
+        """Return the heights [m], shape (rows, columns), at `x` (columns,) and `y` (rows,) [m], before the plane is
+        added and the area around the origin is levelled."""
         raise NotImplementedError
 
     def finest(self) -> float:
-        """Return the maximum node spacing that resolves the relief [m]."""
+        """Return the maximum node spacing that resolves the details of the terrain [m]."""
         return HUGE
 
     def relief(self) -> Ground:
@@ -54,8 +54,7 @@ class Generated(Sized, Tilted):
         return self.tilted(ground)
 
     def _cells(self) -> tuple[int, int]:
-        """Return the numbers of cells to the east and north. Raises ValueError if the grid is too coarse or too
-        large."""
+        """Return the numbers of cells to the east and north. Raises ValueError for too coarse or too many cells."""
         if self.node_m > self.finest():
             raise ValueError(
                 f"node_m: {self.node_m:g} m is too coarse for this relief; set a value of at most {self.finest():.3g}"

@@ -1,9 +1,9 @@
-"""Ground as a height grid with bilinear interpolation, and a grid of properties.
+"""Ground: a height grid with bilinear interpolation, and a grid of ground properties.
 
 `Ground` is a tuple of numbers and arrays for compiled kernels. Nodes are at (x0 + column * spacing, y0 + row *
 spacing), heights have shape (rows, columns) [m]. Outside the grid the border heights continue; `Ground.covers` tests
-whether a point is on the grid. The properties have a separate grid of uniform square cells; outside it the properties
-are those of the terrain's surface or the tyre law.
+whether a point is on the grid. The properties have a separate grid of square cells, uniform in each cell. Outside this
+grid the terrain's surface or the tyre law defines the properties.
 """
 
 from fractions import Fraction
@@ -34,11 +34,11 @@ class Surface(NamedTuple):
     friction: Array
     """Factor on the tyre friction, shape (rows, columns) [-]."""
     cone_index: Array
-    """Cone index of the soil, same shape [Pa]; 0: as in the tyre's law."""
+    """Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]."""
     rolling: Array = np.empty((0, 0))
-    """Rolling resistance divided by load on firm ground, same shape or empty [-]; 0: as in the tyre's law."""
+    """Rolling resistance divided by load on firm ground, same shape or empty; 0 selects the value of the tyre [-]."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction, cone index and rolling resistance outside the grid."""
+    """Factor on the friction [-], cone index [Pa] and rolling resistance [-] outside the grid."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
@@ -60,7 +60,7 @@ class Ground(NamedTuple):
     planar: bool = False
     """Whether the grid was created as a plane with more than one cell."""
     memory: SoilMemory = FORGETS
-    """Ruts in soil with a memory; each plant has a separate copy."""
+    """Ruts in soil with plastic deformation; each plant has a separate copy."""
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
@@ -105,7 +105,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the factor on the friction [-] and the cone index [Pa], 0 for the value of the tyre, at (x, y) [m]."""
+    """Return the factor on the friction [-] and the cone index [Pa] (0: value of the tyre law) at (x, y) [m]."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -115,7 +115,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def rolling_at(surface: Surface, x: float, y: float) -> float:
-    """Return the rolling resistance divided by load at (x, y) [m]; 0 where the tyre's own counts [-]."""
+    """Return the rolling resistance divided by load at (x, y) [m]; 0 where the value of the tyre law applies [-]."""
     rows, columns = surface.rolling.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):

@@ -1,8 +1,8 @@
-"""Heights from a file, such as a digital elevation model.
+"""Terrain with heights from a file, such as a digital elevation model.
 
-The middle of the grid lies at the origin, or, with `map_origin_m`, each node where its file says. Row 0 of an image
-(`.png`, `.tif`) and of an ESRI grid (`.asc`) is the north edge, as maps have it; row 0 of an array (`.npy`) is the
-south edge, so that rows and columns count with y and x. Column 0 is west.
+The middle of the grid is at the origin. With `map_origin_m` the nodes are at their map positions relative to this map
+origin. Row 0 of an image (`.png`, `.tif`) and of an ESRI grid (`.asc`) is the north edge, as on maps. Row 0 of an array
+(`.npy`) is the south edge, so that row and column numbers increase with y and x. Column 0 is west.
 """
 
 from math import radians, tan
@@ -30,12 +30,12 @@ class Heightmap(Tilted):
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None
-    """Distance between nodes of a .npy or .png; default: 1 [m]. An .asc or .tif states its own."""
+    """Distance between nodes of a .npy or .png file [m]. Default: 1. Files of type .asc and .tif state the distance."""
     map_origin_m: tuple[Coordinate, Coordinate] | None = None
-    """Easting and northing of x = y = 0 on the map of an .asc or .tif [m]. A path surveyed on this map, less the same
-    numbers, lies on its elevation model. Default: the middle of the grid lies at x = y = 0."""
+    """Easting and northing of the point x = y = 0 on the map of an .asc or .tif file [m]. Subtract the same numbers
+    from a path surveyed on this map. Default: x = y = 0 is the middle of the grid."""
     rectangular: bool = False
-    """Whether a .npy or .png file may be rectangular: these files do not state their extent."""
+    """Whether a .npy or .png file may be rectangular instead of square; these files do not state their extent."""
 
     def relief(self) -> Ground:
         """Return the height grid. Raises ValueError naming the key of an invalid value."""
@@ -69,7 +69,7 @@ class Heightmap(Tilted):
         return sheet.cell
 
     def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
-        """Return the place of the south-west node: (x, y), or that on the map [m]."""
+        """Return the position of the south-west node: (x, y), or with `map_origin_m` its position on the map [m]."""
         if self.map_origin_m is None:
             return x, y
         if sheet.corner is None:

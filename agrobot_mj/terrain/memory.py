@@ -1,7 +1,7 @@
 """Soil memory: a grid of plastic sinkage, finer than the height grid and stored in tiles.
 
-A tile is taken from a store of fixed size when a wheel first deforms its soil. The used memory therefore grows with the
-covered area, independent of the distance and the number of passes. When the store is empty, no more soil is recorded.
+A tile is taken from a store of fixed size when a wheel first deforms its soil. The memory usage therefore grows with
+the covered area, independent of the distance and the number of passes. If the store is empty, no new ruts are stored.
 """
 
 from math import ceil
@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import Array
 TILE = 32
 """Number of cells along the side of a tile."""
 MOST_TILES = 8192
-"""Number of tiles in the store: 1.6 m wide at 5 cm cells, enough to cover 2 ha; 270 MB if all are used."""
+"""Number of tiles in the store: with cells of 5 cm a tile is 1.6 m wide, and all tiles cover 2 ha and use 270 MB."""
 MOST_PLACES = 16_000_000
 """Maximum number of tile positions on a field: 64 MB."""
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
@@ -44,7 +44,7 @@ class SoilMemory(NamedTuple):
 FORGETS = SoilMemory(
     0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
 )
-"""Memory of firm ground, without tiles."""
+"""Soil memory of firm ground, which has no tiles and records no ruts."""
 
 
 class SavedSoil(NamedTuple):
@@ -53,7 +53,7 @@ class SavedSoil(NamedTuple):
     places: AnyArray
     """Row and column of each tile, int32 of shape (n, 2), in the order of the store."""
     cells: AnyArray
-    """Cells of each tile, float64 of shape (n, TILE, TILE, VALUES)."""
+    """Values of the cells of each tile, float64 of shape (n, TILE, TILE, VALUES)."""
 
 
 class RutMap(NamedTuple):
@@ -70,8 +70,7 @@ class RutMap(NamedTuple):
 
 
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
-    """Return untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError if `cell` [m] is too
-    small."""
+    """Return untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for too small a `cell`."""
     x_min, x_max, y_min, y_max = extent
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
     if rows * columns > MOST_PLACES:

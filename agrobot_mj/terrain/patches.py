@@ -1,4 +1,4 @@
-"""Patches of ground with a separate friction or soil, rasterised into one grid of uniform cells."""
+"""Rasterisation of ground patches, which have separate friction and soil, into one grid of cells."""
 
 from math import ceil, inf
 from typing import Annotated, NamedTuple
@@ -23,13 +23,13 @@ class Base(NamedTuple):
     """Ground outside the patches."""
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Friction [-], cone index [Pa] and rolling resistance [-]; 0: the tyre's own."""
+    """Factor on the friction [-], cone index [Pa] and rolling resistance [-]; 0 selects the value of the tyre law."""
     variation: Variation | None = None
-    """Random variation about these."""
+    """Random variation about these properties; None for uniform ground."""
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:
-    """Return the grid of properties of `patches` on ground of this extent. Raises ValueError, naming the key."""
+    """Return the property grid of `patches` and of the ground `base` around them. Raises ValueError naming the key."""
     boxes = [_inside(k, patch, extent) for k, patch in enumerate(patches)]
     covered_boxes = boxes if base.variation is None else [extent]
     low_x, low_y = min(box[0] for box in covered_boxes), min(box[2] for box in covered_boxes)
@@ -68,7 +68,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface
 
 
 def _ground_outside(base: Base, shape: tuple[int, int], cell: float) -> tuple[Array, Array, Array]:
-    """Return friction [-], cone index [Pa] and rolling resistance [-] without patches, of this shape."""
+    """Return grids of friction [-], cone index [Pa] and rolling resistance [-] without patches."""
     fields: list[Array] = [np.full(shape, value) for value in base.properties]
     friction, strength, rolling = fields
     if base.variation is None:
@@ -89,7 +89,7 @@ def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """Return the size of the smallest cells for which the grid is small enough [m]."""
+    """Return the minimum cell size for which the grid has at most MOST_CELLS cells [m]."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell

@@ -6,8 +6,8 @@ Across the furrows the height is, with the distance d from a crest divided by th
     flat:  h = +- depth / 2 on level crests and troughs, joined by flanks of half a cosine.
 
 A wheel touches the ground at one point of its circumference (`tyres/envelope.py`): like a rigid circle it bridges
-narrow furrows and rolls down into wide ones. Bumps shorter than the contact patch, around which a real carcass would
-wrap, are too hard.
+narrow furrows and rolls down into wide ones. The impacts of bumps shorter than the contact patch are too hard, because
+a real carcass would envelop these bumps.
 """
 
 from math import cos, radians, sin
@@ -31,13 +31,13 @@ class Ridges(Generated):
     kind: Literal["ridges"] = "ridges"
     half_size_m: Positive | None = 60.0
     node_m: Node = 0.0625
-    """Maximum distance between nodes of the grid [m]. Default: twelve nodes per furrow, depth exact within 3 %."""
+    """Maximum distance between nodes of the grid [m]. Default: twelve nodes per furrow, for a depth within 3 %."""
     depth_m: Positive = 0.1
     """Depth from crest to trough [m]. Assumed value (0.05-0.25) for ploughed and settled ground."""
     spacing_m: Positive = 0.75
     """Distance from crest to crest [m]. Assumed value (0.5-0.9) for row crops."""
     furrow_direction_deg: float = 90.0
-    """Direction of the furrows, from east, counter-clockwise [deg]. At 90 a path to the east crosses them."""
+    """Direction of the furrows, from east, counter-clockwise [deg]. A path to the east crosses furrows at 90."""
     offset_m: float = 0.0
     """Distance of a crest from the origin, to the right of the furrow direction [m]."""
     profile: Literal["sine", "flat"] = "sine"

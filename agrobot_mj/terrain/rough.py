@@ -6,17 +6,17 @@ Profiles of the ground along straight lines have the one-sided power spectral de
 
 with the geometric mean G_d(n_0) of the class [ISO8608]. The surface is isotropic: it has a two-dimensional spectrum
 S(k) of the wave number k [cycle/m] whose integral across a line is G_d / 2. The pure power law gives S = G_d(n_0)
-n_0^2 / (4 k^3). A grid ends at its Nyquist wave number: G_d is rolled off below it, and the inverse Abel transform is
+n_0^2 / (4 k^3). G_d is rolled off below the Nyquist wave number of the grid, and the inverse Abel transform is
 
     S(k) = -1/pi int_k^inf G'(u) / sqrt(u^2 - k^2) du = -1/pi int_0^inf G'(k cosh v) dv,     G = G_d / 2.
 
-Amplitudes are exact and phases random, so that every sample has the spectrum of its class. The field is one period of
-the surface.
+The amplitudes are exact and the phases random, so that every realisation has the spectrum of its class. The field is
+one period of the surface.
 
-The spectrum of rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 / node_m)
-cycle/m; 2.83 is the end of the range of ISO 8608, above which the contact patch of a tyre averages. The lower limit is
-one cycle over the field for complete rows; windows over parts leak below 5 cycles per window. Bilinear interpolation
-smooths between nodes: along any line the spectrum is within 10 % up to 0.07 / node_m.
+The spectrum along rows, columns and diagonals of nodes is within 10 % of the class up to min(2.83, 0.35 / node_m)
+cycle/m. The range of ISO 8608 ends at 2.83; a contact patch averages over shorter waves. The lower limit is one cycle
+over the field for complete rows; a window over a part of a row has spectral leakage below 5 cycles per window. Bilinear
+interpolation smooths the heights between nodes: along any line the spectrum is within 10 % up to 0.07 / node_m.
 """
 
 from typing import Annotated, ClassVar, Literal
@@ -58,7 +58,7 @@ class Rough(Generated):
         nyquist = columns / (2 * east)
         end = min(HIGHEST_WAVE_NUMBER / ROLL_OFF, nyquist)
         k = np.hypot(fftfreq(rows, north / rows)[:, None], rfftfreq(columns, east / columns)[None, :])
-        # The phases are those of white noise; the amplitudes are replaced. A cell of the discrete spectrum has the area
+        # White noise gives the phases; its amplitudes are replaced. A cell of the discrete spectrum has the area
         # 1 / (east * north), and irfft2 divides by the number of nodes.
         noise = rfft2(stream(self.seed, "terrain.rough").normal(size=(rows, columns)))
         amplitude = np.sqrt(plane_spectrum(k, ROUGHNESS[self.iso_class], end)) / np.sqrt(east * north)

@@ -23,16 +23,16 @@ class Special(Spec):
 
     kind: str
     surface: SurfaceName | None = None
-    """Surface with known friction, cone index and rolling resistance. Default: none."""
+    """Named surface with defaults of friction, cone index and rolling resistance. Default: none."""
     friction: Scale = 1.0
     """Factor on the tyre friction [-]. Assumed value: 0.6 for wet grass relative to dry ground, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
-    """Cone index of the soil; default: that of the surface, else the tyre's own [kPa]."""
+    """Cone index of the soil [kPa]. Default: value of `surface`, or without a surface the value of the tyre law."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Rolling resistance divided by load, of tyres on firm ground [-]. Default: that of the surface, else the tyre's
-    own."""
+    """Rolling resistance of tyres on firm ground divided by load [-]. Default: value of `surface`, or without a surface
+    the value of the tyre law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
-    """Size of the cells that represent the shape [m]; the grid uses the minimum of all patches."""
+    """Size of the grid cells that represent the shape; all patches use the minimum of their sizes [m]."""
 
     @model_validator(mode="after")
     def _is_named(self) -> Self:
@@ -51,7 +51,7 @@ class Special(Spec):
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return the factor on the friction [-] and the cone index [Pa], 0 for the value of the tyre, shape as `x`."""
+        """Return friction factor [-] and cone index [Pa] (0: value of the tyre law) at points (x, y), shape as `x`."""
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
 
@@ -113,7 +113,7 @@ class PolygonPatch(Special):
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north] in either direction of rotation; the last is connected to the first [m]."""
+    """Corners [east, north], clockwise or counter-clockwise; the last corner is connected to the first one [m]."""
 
     @model_validator(mode="after")
     def _has_corners(self) -> "PolygonPatch":
@@ -126,7 +126,7 @@ class PolygonPatch(Special):
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether a ray to the east crosses an odd number of edges; one evaluation per edge and row."""
+        """Return whether points are on the patch: a ray to the east crosses an odd number of edges."""
         x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
@@ -151,9 +151,9 @@ class PicturePatch(Special):
     width_m: Positive = 100.0
     """Width from west to east [m]; the height follows from the proportions of the image."""
     friction_white: Scale | None = None
-    """Factor on the friction at white pixels, interpolated linearly for grey ones [-]. Default: `friction`."""
+    """Factor on the friction at white pixels, interpolated linearly for grey pixels [-]. Default: `friction`."""
     cone_index_white_kpa: Positive | None = None
-    """Cone index at white pixels, interpolated linearly for grey ones [kPa]. Default: `cone_index_kpa`."""
+    """Cone index at white pixels, interpolated linearly for grey pixels [kPa]. Default: `cone_index_kpa`."""
 
     @model_validator(mode="after")
     def _has_both_ends(self) -> "PicturePatch":

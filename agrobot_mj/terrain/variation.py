@@ -26,7 +26,7 @@ class SurfaceProperties(NamedTuple):
     rolling_resistance: float
     """Rolling resistance divided by the load, for tyres on firm ground [-]."""
     friction: float
-    """Scale of the tyre friction [-]."""
+    """Factor on the tyre friction [-]."""
 
 
 NAMED: dict[str, SurfaceProperties] = {
@@ -35,23 +35,23 @@ NAMED: dict[str, SurfaceProperties] = {
     "tilled": SurfaceProperties(900.0, 0.065, 0.9),
     "sand": SurfaceProperties(450.0, 0.090, 0.7),
 }
-"""Named surfaces. Cone index of firm, tilled, and soft or sandy soil and resistance 1 / B_n + 0.04 with B_n = 55, 40
-and 20 after [ASAE2003], quoted from memory. Assumed values: concrete (resistance 0.015-0.025, the highest cone index
-that is accepted), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
+"""Properties of the named surfaces. For firm (stubble), tilled and sandy soil the cone index and the resistance
+1 / B_n + 0.04 with B_n = 55, 40 and 20 are from [ASAE2003], quoted from memory. Assumed values: concrete (resistance
+0.015-0.025, the maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
 
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
 """Range of the random friction scale [-]. Assumed value."""
 CELLS_PER_LENGTH = 4
-"""Cells per correlation length by default [-]."""
+"""Default number of cells per correlation length [-]."""
 EDGE_LENGTHS = 6
-"""Margin of the embedded grid in correlation lengths, over which the correlation falls to 0.25 % [-]."""
+"""Margin of the embedding grid in correlation lengths, over which the correlation falls to 0.25 % [-]."""
 
 
 class Variation(Spec):
-    """Random variation of the ground, `[terrain.variation]`; patches replace the variation in their area."""
+    """Random variation of the ground (`[terrain.variation]`), except on patches."""
 
     cone_index_kpa: ConeIndex | None = None
-    """Mean cone index [kPa]. Default: that of `terrain.surface`."""
+    """Mean cone index [kPa]. Default: cone index of `terrain.surface`."""
     cone_index_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Standard deviation of the cone index divided by its mean [-]. Assumed value (0.2-0.5 within a field)."""
     friction_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
@@ -80,8 +80,8 @@ class Variation(Spec):
         return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
 
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
-        """Return the scale of friction [-] and cone index [Pa, 0 without a mean] of a grid of square cells [m]. Raises
-        ValueError, naming the key."""
+        """Return the friction factor [-] and the cone index [Pa], 0 without a mean, of a grid with square cells of the
+        size `cell` [m]. Raises ValueError naming the key."""
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
             raise ValueError("cone_index_kpa: the mean value is missing; set this key, or terrain.surface")
@@ -119,7 +119,7 @@ def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: flo
 
 
 def named(surface: SurfaceName | None) -> tuple[float, float, float]:
-    """Return friction [-], cone index [Pa] and rolling resistance [-] of a surface; 1, 0 and 0 without one."""
+    """Return friction factor [-], cone index [Pa] and rolling resistance [-] of a surface; 1, 0 and 0 for None."""
     if surface is None:
         return 1.0, 0.0, 0.0
     found = NAMED[surface]
