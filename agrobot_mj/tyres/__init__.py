@@ -1,4 +1,4 @@
-"""Tyres, which connect wheels and ground: one module per tyre law, with a common contact patch."""
+"""Tyre models between wheels and ground, with one module per tyre law and a common contact patch."""
 
 from typing import Annotated
 

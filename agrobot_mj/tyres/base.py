@@ -1,10 +1,10 @@
 """Base class of tyres, and the records exchanged between tyre laws and wheels.
 
 A tyre is a `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact patch),
-`coefficients` (parameters of the law for front and rear tyres in SI units), and `native` (MuJoCo computes the force
-instead). The coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are scalar
-functions, compiled for the tick and also usable in plain Python. A new tyre is one module with both classes, and its
-name in the union `Tyre`.
+`coefficients` (parameters of the law for front and rear tyres in SI units), and `native` (settings, if MuJoCo contact
+replaces the law). The coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are scalar
+functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write one module with both
+classes, and add the name of the tyre to the union `Tyre`.
 """
 
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
-"""Relaxation length divided by free radius [-]. Tyres have 1 to 3; test times on the rig are proportional to it."""
+"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3; test durations on the rig scale with it."""
 ADHERES, SLIDES = 1.0, 3.0
-"""Slip divided by (peak force / stiffness) at which linear springs reach the peak, and at which a brush with parabolic
-pressure slides completely [-]. [Pacejka2012] chapter 3."""
+"""Normalised slip (slip divided by peak force / stiffness) at which linear springs reach the peak, and at which a brush
+with parabolic pressure slides completely [-]. [Pacejka2012] chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which bristles follow the slip past the peak; at rest they break away [m/s]. Assumed value."""
+"""Rolling speed above which bristles follow the slip past the peak and do not break away [m/s]. Assumed value."""
 VANISHING = 1e-150
 """Minimum slip divided by peak force whose square does not underflow [1/N]."""
 
@@ -38,7 +38,7 @@ class Footing(NamedTuple):
     cone_index: float
     """Cone index of the soil [Pa]."""
     rolling: float = 0.0
-    """Rolling resistance divided by load of a named firm surface; 0: the tyre's own [-]."""
+    """Rolling resistance of a named firm surface divided by load; 0 selects the value of the tyre [-]."""
 
 
 class Slip(NamedTuple):
@@ -71,9 +71,9 @@ class TyreForce(NamedTuple):
     y: float
     """Lateral force, left positive [N]."""
     held: float
-    """Fraction of the bristle deflection that the grip holds [-]."""
+    """Fraction of the bristle deflection that the available friction holds [-]."""
     used: float
-    """Used fraction of the grip [-]."""
+    """Used fraction of the available friction [-]."""
 
 
 class Direction(NamedTuple):
@@ -92,7 +92,7 @@ class TyreLaw(Protocol):
         """Return the tyre force for a slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the ground at the wheel centre [N]; `direction` of travel in [-1, 1]."""
+        """Return the motion resistance of the ground at the wheel centre [N] for a `direction` of travel in [-1, 1]."""
 
 
 for _step in ("force", "drag"):
@@ -101,11 +101,11 @@ for _step in ("force", "drag"):
 
 @kernel
 def slip_of_faster(slip: Slip) -> float:
-    """Return the longitudinal slip relative to the faster of rim and ground [-]: 0 rolling, 1 locked or spinning at
-    standstill.
+    """Return the longitudinal slip relative to the faster of rim and ground [-]: 0 for a rolling wheel, 1 for a locked
+    wheel or a wheel spinning at standstill.
 
-    The slip follows from the bristle deflection. The current velocities only determine which of the two is faster: a
-    force that follows the rim speed directly would let a driven wheel chatter.
+    The slip follows from the bristle deflection. The current velocities only determine the faster of the two, because
+    a force that follows the rim speed directly would cause chatter of a driven wheel.
     """
     s = abs(slip.x)
     driving = -slip.travel if slip.x > 0.0 else slip.travel
@@ -116,10 +116,10 @@ def slip_of_faster(slip: Slip) -> float:
 def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], rho: float, a: float) -> Direction:
     """Return the direction of the force under combined slip, as fractions of both peaks `D` [N]: m_x^2 + m_y^2 = 1.
 
-    An adhering patch acts like two springs with the slip stiffnesses `K` [N]: (K_x slip_x, K_y slip_y). For `a` = 0 a
-    sliding patch opposes the sliding velocity; for `a` = 1 it dissipates the maximum power within the ellipse, whose
-    normal is the sliding direction [Goyal1991]. The direction changes between `ADHERES` and `SLIDES` of `rho`, the
-    normalised slip.
+    An adhering patch acts like two springs with the slip stiffnesses `K` [N]: (K_x slip_x, K_y slip_y). For `a` = 0 the
+    force of a sliding patch opposes the sliding velocity; for `a` = 1 the force dissipates the maximum power within the
+    ellipse, whose normal is the sliding direction [Goyal1991]. The direction changes between these for a normalised
+    slip `rho` from `ADHERES` to `SLIDES`.
     """
     sliding = min(max((rho - ADHERES) / (SLIDES - ADHERES), 0.0), 1.0)
     ratio = D[1] / D[0]
@@ -133,9 +133,9 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
-    """Return the fraction of the bristle deflection held by the grip at the normalised slip `rho`.
+    """Return the fraction of the bristle deflection that friction holds at the normalised slip `rho` [-].
 
-    At rest a bristle breaks away above `most`. While rolling, the deflection follows the slip past this limit.
+    At rest a bristle breaks away at a `rho` above `most`. While rolling, the deflection follows the slip past `most`.
     """
     limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
     return 1.0 if rho < limit else limit / rho
@@ -147,8 +147,8 @@ class Structure(NamedTuple):
     relaxation_radii: float = 1.5
     """Relaxation length divided by free radius at static load, used if `carcass_share` is 0 [-]."""
     bristle_damping_s: float = 0.02
-    """Damping of the carcass divided by its stiffness [s]. Without `carcass_share` the value applies at a relaxation
-    length of 1.5 radii and scales with this length."""
+    """Damping of the carcass divided by its stiffness [s]. Without `carcass_share` the value applies to a relaxation
+    length of 1.5 radii and scales with the relaxation length."""
     rolling_resistance: float = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length_m: float | None = 0.0
@@ -158,11 +158,11 @@ class Structure(NamedTuple):
     cone_index_pa: float = 0.0
     """Cone index where the ground has no value; 0 for laws without a cone index [Pa]."""
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0: use `relaxation_radii` [-]."""
+    """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0 selects `relaxation_radii` [-]."""
     bearing: Bearing = FIRM
     """Soil that sinks below the wheels and remembers it; firm ground by default."""
     load_follows: bool = False
-    """Whether the load acts at the patch as the side force has moved it against the wheel."""
+    """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
 
 
 class NativeContact(NamedTuple):
@@ -189,7 +189,7 @@ class TyreBase(Spec):
 
     @property
     def judged(self) -> bool:
-        """Whether theory predicts this tyre, so that validation checks have acceptance limits."""
+        """Whether validation checks have acceptance limits for this tyre, because a theory predicts its results."""
         return self.native is None
 
     def structure(self) -> Structure:
@@ -197,9 +197,9 @@ class TyreBase(Spec):
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a line, key first, for each static load of a front or rear wheel [N] outside the range of the law.
+        """Yield a message for each static load of a front or rear wheel [N] outside the valid range of the law.
 
-        Keys are relative to the table of the tyre. Default: no lines.
+        A message begins with a key, relative to the table of the tyre. Default: no messages.
         """
         yield from ()
 
@@ -216,8 +216,8 @@ class CarcassTyre(TyreBase):
     """Base class of tyres whose relaxation length follows from the stiffness of the carcass."""
 
     carcass_lateral: CarcassShare = 0.45
-    """Lateral stiffness of the carcass divided by the vertical stiffness; slip stiffness divided by lateral stiffness
-    is the relaxation length [-]. Assumed value: 0.3-0.6 for pneumatic tyres, none measured on a small tractor."""
+    """Lateral stiffness of the carcass divided by the vertical stiffness [-]; the relaxation length is the slip
+    stiffness divided by the lateral stiffness. Assumed value (0.3-0.6), not measured on a small tractor tyre."""
     carcass_longitudinal: CarcassShare = 0.6
     """Longitudinal stiffness of the carcass divided by the vertical stiffness [-]. Assumed value (0.4-0.8)."""
     bristle_damping_s: NonNegative = 0.02
@@ -229,8 +229,8 @@ class CarcassTyre(TyreBase):
     """Whether the load acts at the patch as the side force has moved it against the wheel, which reduces the tip-over
     angle; otherwise below the wheel's centre plane."""
     sliding_anisotropy: Fraction = 0.0
-    """Direction of the force of a sliding tyre: 0 opposite to the sliding velocity, 1 the direction of maximum
-    dissipation, turned towards the higher grip [-]. Assumed value; 1 is the limit for lugs [Goyal1991]."""
+    """Direction of the force of a sliding tyre: 0 for opposite to the sliding velocity, 1 for the direction of maximum
+    dissipation, turned towards the higher friction [-]. Assumed value; 1 is the limit for lugs [Goyal1991]."""
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch; kinds add other parts."""

@@ -1,4 +1,4 @@
-"""Yielding soil with memory: pressure and sinkage of the cells below a tyre.
+"""Soil with plastic sinkage: pressure and sinkage of the soil cells below a tyre.
 
 The wheel is a shallow paraboloid with the free radius R lengthwise and the crown radius r_c across. If its lowest point
 is d below the untouched ground, a cell at s ahead and l to the left of this point is under a depth
@@ -12,13 +12,13 @@ kappa, the elastic stiffness K_e of the soil and its plastic sinkage z,
     p = (k_c / b + k_phi) z^n = k z^n                   on untouched soil [Bekker1969]: q = p;
     dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on reloaded soil, z_q = (q / k)^(1/n).
 
-With the last line the sinkage of N equal passes is z_1 N^(1/a), the multipass law of [Abebe1989]; without it soil would
-remain elastic after the first load. The line applies where p / q exceeds its level: the maximum since the last
-unloading, and at most `REVERSAL` times the minimum since. Soil is therefore elastic under a vibrating load, and a pass
-that ends in the air is a complete one. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
+With the last equation the sinkage of N equal passes is z_1 N^(1/a), the multipass law of [Abebe1989]; without this
+equation soil would remain elastic after the first load. The equation applies where p / q exceeds the level of the cell:
+the maximum since the last unloading, but at most `REVERSAL` times the minimum since then. Soil is therefore elastic
+under a vibrating load. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
 The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the motion and p dA l / r_c
-away from the cell's side. The work of the wheel along its path is exactly the plastic work of the soil, and the walls
-of a rut guide the wheel.
+towards the opposite side. The work of the wheel along its path is therefore exactly the plastic work of the soil, and
+the walls of a rut guide the wheel.
 """
 
 from math import ceil, floor, sqrt
@@ -32,12 +32,12 @@ ITERATIONS = 8
 """Maximum number of Newton steps for the pressure on yielding soil."""
 NEAR = 0.05
 """Relative change of the yield pressure below which one Newton step suffices (error 4e-4, corrected in the next physics
-step) and a cubic approximates the power (error 2e-6) [-]."""
+step) and a cubic polynomial approximates the power function (error 2e-6) [-]."""
 REVERSAL = 2.0
-"""Pressure up to which reloaded soil is elastic, divided by the minimum pressure since its level was reached [-].
-Assumed value: a load that decreases by less than half is not a separate pass."""
+"""Pressure up to which reloaded soil is elastic, divided by the minimum pressure since the last plastic sinkage [-].
+Assumed value: a load that decreases by less than half and increases again is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip ratio above which the sinkage stays at 3 times that without slip [-]. Assumed value: end of published curves."""
+"""Slip above which the sinkage is constant, 3 times that without slip [-]. Assumed value, end of published curves."""
 
 Cell = tuple[int, int, int]
 """Tile, row and column of a stored cell."""
@@ -63,7 +63,7 @@ class Bearing(NamedTuple):
 
 
 FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)
-"""Firm ground, without sinkage."""
+"""Parameters of firm ground, which has no sinkage."""
 
 
 class Tread(NamedTuple):
@@ -139,7 +139,7 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
 
 @kernel
 def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
-    """Return yield pressure p [Pa] and sinkage (p / k)^(1/n) [m] that solve p + E ((p / k)^(1/n) - z_q) = `trial`."""
+    """Solve p + E ((p / k)^(1/n) - z_q) = `trial`; return yield pressure p [Pa] and sinkage (p / k)^(1/n) [m]."""
     m, p = 1.0 / n, max(q, 1e-3 * trial)
     sunk = z_q if q > 0.0 else (p / k) ** m
     for _ in range(ITERATIONS):
@@ -159,7 +159,7 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a stored cell without further yielding, the usual case; -1 if it yields."""
+    """Return the pressure [Pa] on a stored cell that does not yield (the usual case); -1 for a yielding cell."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -174,7 +174,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a yielding cell and store its state; cells outside the store stay untouched."""
+    """Return the pressure [Pa] on a yielding cell and store its state; a cell outside the store is always untouched."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
@@ -197,7 +197,7 @@ def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells
 def press_cell(
     soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
 ) -> float:
-    """Return the pressure [Pa] on a cell of the grid, given by row and column."""
+    """Load the cell at a row and column of the grid under the depth `D` [m], and return its pressure [Pa]."""
     at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
     pressure = hold_cell(E, D, memory.cells, at)
     return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)
@@ -205,7 +205,7 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """Return the first and the last index plus one of the cells within `reach` of `middle`, all in units of cells."""
+    """Return the range (first, last + 1) of the cells within `reach` of `middle`, both in units of cells."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 

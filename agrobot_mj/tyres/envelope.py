@@ -1,4 +1,4 @@
-"""Contact of a wheel with curved ground: the wheel bridges gaps that are narrower than itself.
+"""Contact of a wheel with curved ground: the wheel bridges gaps that are narrower than the wheel.
 
 In the wheel plane the ground is a polyline with vertices where the plane crosses rows and columns of the height grid.
 The wheel touches the nearest point of the polyline to its centre: the foot of the perpendicular on smooth ground, a
@@ -7,9 +7,9 @@ radius minus the distance D. The force has the direction in which D increases, i
 energy is a function of position: a wheel dragged without friction over any ground returns the received work.
 
 Two nearest points, as on both flanks of a furrow, share the load if their penetrations differ by less than a width w:
-the larger penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width is `BLEND`, limited by the depth of
-the ground between both points below the second one, so that a vanishing point has zero weight. On a plane the result is
-exactly the foot of the perpendicular.
+the larger penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width is `BLEND`, but at most the depth
+below the second point of the ground between both points, so that a vanishing point has zero weight. On a plane the
+result is exactly the foot of the perpendicular.
 """
 
 from math import ceil, floor, inf, sqrt
@@ -20,18 +20,17 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 REACH = 0.8
-"""Half the length of the evaluated ground divided by the radius; a wheel can touch up to 53 degrees ahead [-]."""
+"""Half the length of the evaluated ground divided by the wheel radius, for contact up to 53 degrees ahead [-]."""
 BLEND = 0.005
-"""Difference of penetration below which two points share the load [m]. Assumed value: a third of the static
-deflection."""
+"""Difference of penetration below which two points share the load [m]. Assumed value: a third of the deflection."""
 ALONG = 0.01
-"""Minimum cosine between the wheel plane and the normal of a crossed row or column; below it they are parallel [-]."""
+"""Minimum cosine between wheel plane and normal of a grid row or column; below, both count as parallel [-]."""
 END, COLUMN, ROW = range(3)
-"""Types of segment ends: at neither, at a column of nodes, at a row of nodes."""
+"""Types of segment ends: end of the polyline, crossing of a column of nodes, crossing of a row of nodes."""
 
 
 class WheelPlane(NamedTuple):
-    """Plane of a wheel: centre, directions, and the horizontal line through the points below the wheel."""
+    """Plane of a wheel: height of the centre, directions, and the horizontal line on which the ground is evaluated."""
 
     x: float
     """Origin of the line, below the lowest point of the wheel, east [m]."""
@@ -87,7 +86,7 @@ class Places(NamedTuple):
     last: Spot
     """Last local minimum found."""
     gap: Spot
-    """Farthest point after `last`."""
+    """Local maximum of the distance that follows `last`."""
 
 
 NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
@@ -95,7 +94,7 @@ NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
 
 @kernel
 def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
-    """Return the end of a segment at `s` ahead of the centre [m]; `kind` is its type, e.g. `ROW`."""
+    """Return the segment end at the distance `s` ahead of the wheel centre [m]; `kind` is its type, such as `ROW`."""
     h_x, h_y = plane.ahead
     height, dx, dy = height_and_gradient(ground, plane.x + s * h_x, plane.y + s * h_y)
     across = dy * h_x - dx * h_y
@@ -133,7 +132,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the first crossing of the line with nodes, from `-reach` on, and the distance between crossings [m]."""
+    """Return the position after `-reach` where the line first crosses grid lines, and the crossing distance [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing

@@ -1,4 +1,4 @@
-"""Parameters of the four tyres for the compiled kernel, and the step of one wheel with any tyre law."""
+"""Parameters of the four tyres for the compiled kernel, and the physics step of one wheel with any tyre law."""
 
 from math import atan, exp, sqrt
 
@@ -38,7 +38,7 @@ from agrobot_mj.tyres.patch import (
 TRAIL_SLIP = 0.1
 """Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value."""
 ROLLING = 0.2
-"""Speed scale over which the carcass damping fades; at higher speed relaxation damps the tyre [m/s]. Assumed value."""
+"""Speed scale over which the carcass damping fades; the relaxation damps a faster tyre [m/s]. Assumed value."""
 LEAST_SHARE = 0.1
 """Minimum ground speed divided by the reference speed of the slip; limits the reported slip ratio to 20 [-]."""
 SMALL, SHORTEST = 1e-6, 1e-3
@@ -113,7 +113,7 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground, with untouched soil memory if the soil can sink. Raises ValueError naming the key."""
+    """Return the ground, with an untouched soil memory if the soil yields. Raises ValueError naming the key."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -123,7 +123,7 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """Return the geometry of a front and a rear tyre; the stiffness gives the static deflection on firm ground."""
+    """Return geometry and carcass stiffness of a front and a rear tyre, from the static deflection on firm ground."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
@@ -135,7 +135,7 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Return the moment of the patch about the ground normal [N m]; the third bristle is its twist [rad].
+    """Return the scrubbing moment of the patch about the ground normal [N m]; the third bristle is its twist [rad].
 
     The patch is a `brush` that slides at the moment mu N b / sqrt(8), with the width b [Eaton2006].
     """
@@ -159,21 +159,21 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
     """Return longitudinal and lateral force divided by slip, at small slip [N]."""
-    # both directions in one call: at small slip they are independent
+    # both directions in one call, because they are independent at small slip
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
 
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the fraction of the bristle deflection in the carcass: secant divided by slip stiffness [-]."""
+    """Return the carcass fraction of the bristle deflection: secant stiffness of the force / slip stiffness [-]."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
 
 @kernel
 def direction_of_travel(v_x: float, rim: float) -> float:
-    """Return the sign for which the slip ratio is positive when driving: -1 in reverse, otherwise 1.
+    """Return the direction of travel, for a slip ratio that is positive when driving: -1 in reverse, otherwise 1.
 
     A wheel that spins at standstill travels in the direction of its rim. Speeds in m/s, forward positive.
     """
@@ -185,8 +185,8 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 def rut_share(patch: ContactPatch, s: float) -> float:
     """Return the fraction of the motion resistance of the soil that acts on a wheel sliding sideways [-].
 
-    As the slip `s` relative to the faster of rim and ground approaches 1, the wheel forms no rut: the fraction becomes
-    the squared cosine between motion and heading.
+    A wheel with a slip `s` (relative to the faster of rim and ground) near 1 forms no rut: the fraction is then the
+    squared cosine of the angle between motion and heading.
     """
     ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
     return ahead / max(ahead + aside * aside, 1e-12)
@@ -208,8 +208,8 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
     """Return the held fraction of the bristle deflection [-]; the rest slides, so that a locked wheel does not wind up.
 
-    When the load increases, slid tread adheres without deflection; with deflection it would return more energy than it
-    received.
+    When the load increases, tread that has slid adheres again without deflection. With a deflection the tread would
+    return more energy than it received.
     """
     if slip.load <= last_load:
         return force.held
@@ -218,8 +218,8 @@ def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: 
 
 @kernel
 def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
-    """Return the slip ratio relative to the ground speed, positive when driving, from the `slip` relative to `v_roll`
-    [-]."""
+    """Return the slip ratio relative to the ground speed [-], positive when driving, from the `slip` relative to the
+    reference speed `v_roll`."""
     over = (v_roll + RESTING) / (max(abs(v_x), LEAST_SHARE * v_roll) + RESTING)
     return -direction_of_travel(v_x, rim) * slip * over
 
@@ -258,7 +258,7 @@ def wheel_step(
     softened = Slip(firm * slip_x, firm * slip_y, load, deflection, v_roll, footing, way, A, L)
     force = law.force(softened)
     push = law.drag(slip, way * rut_share(patch, slip_of_faster(slip))) + soil.push
-    # sliding shortens both as rolling does, so that the slip of a sliding tyre corresponds to its sliding
+    # sliding shortens both bristles as rolling does, so that the slip has the direction of the sliding velocity
     slid = (1.0 - held_share(softened, force, K, report[LOAD])) * max(sigma_x, sigma_y)
     bristle[0], bristle[1] = max(1.0 - slid / sigma_x, 0.0) * z_x, max(1.0 - slid / sigma_y, 0.0) * z_y
     # the lever arm of the drive is r_e (power balance), that of the wrench is the loaded radius: the torque makes up

@@ -1,8 +1,8 @@
-"""Tyre of the paper: force proportional to slip, without a limit.
+"""Linear tyre of the paper: the force is proportional to the slip, without a limit.
 
-The lateral force is equation lateralforces for one tyre; the longitudinal force has the same form with a slip
-stiffness. The lateral slip is the tangent of the slip angle, from the bristle. Each tyre has half the axle stiffness of
-the bicycle model, so that both plants agree on level ground.
+The lateral force is equation lateralforces of the paper for one tyre; the longitudinal force has the same form with a
+slip stiffness. The lateral slip is the tangent of the slip angle. Each tyre has half the axle stiffness of the bicycle
+model, so that both plants agree on level ground.
 """
 
 from collections.abc import Iterator
@@ -13,11 +13,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import Relaxation, Slip, Structure, TyreBase, TyreForce
 
 STIFFNESS_PER_LOAD = (2.0, 20.0)
-"""Limits of cornering stiffness divided by load, real tyres [1/rad]. Assumed values: 3.5-9 on soil, 15 on roads."""
+"""Plausible limits of cornering stiffness divided by load [1/rad]. Assumed values: 3.5-9 on soil, 15 on roads."""
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """Return a line that begins with `key` if real tyres at this load [N] have another cornering stiffness [N/rad]."""
+    """Return a message that begins with `key` if `C_alpha` [N/rad] is implausible at a load [N]; otherwise empty."""
     low, high = STIFFNESS_PER_LOAD
     if low * load <= C_alpha <= high * load:
         return ""
@@ -34,7 +34,7 @@ class LinearLaw(NamedTuple):
     """Cornering stiffness [N/rad]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a slip. The grip is unlimited: the bristle keeps its deflection, and no grip is used."""
+        """Return the force for a slip. Friction is unlimited: the bristle keeps its deflection, and the use is 0."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
@@ -67,11 +67,11 @@ class Linear(TyreBase):
     rolling_resistance: NonNegative = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: 0; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass divided by its stiffness, at a relaxation length of 1.5 radii and scaled with this length
+    """Damping of the carcass divided by its stiffness, for a relaxation length of 1.5 radii; scales with this length
     [s]. Assumed value (0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a line for each stiffness outside the range of real tyres at these loads."""
+        """Yield a message for each stiffness outside the range of real tyres at these loads."""
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
             if line := unlike_a_tyre(f"{axle}_cornering_stiffness_n_rad", C_alpha, load):

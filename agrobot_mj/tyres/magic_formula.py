@@ -1,4 +1,4 @@
-"""Pacejka's Magic Formula for firm ground: lateral and longitudinal, load dependent, combined slip [Pacejka2012].
+"""Tyre with Pacejka's Magic Formula for firm ground, with load dependence and combined slip [Pacejka2012].
 
 In each direction F0 = D sin(C atan(B s - E (B s - atan(B s)))), with the peak D = mu F_z and the slip stiffness K = B C
 D. Grip and stiffness divided by load change linearly with the load: with df = (F_z - F_z0) / F_z0, mu = mu_0 (1 +
@@ -26,7 +26,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Minimum of grip and stiffness divided by their values at the reference load [-]. Assumed value."""
+"""Minimum of friction and stiffness divided by their values at the reference load [-]. Assumed value."""
 KNOWN_LOADS = (0.5, 2.0)
 """Minimum and maximum load divided by reference load for the linear change with load [-]. Assumed value: the range of a
 tyre of one size and pressure."""
@@ -71,7 +71,7 @@ class MagicLaw(NamedTuple):
     """Sliding anisotropy, see `MagicFormula` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip; the grip of the footing scales mu."""
+        """Return the force for a combined slip; the friction factor of the ground scales the peak forces."""
         F_z, along, across = slip.load, self.along, self.across
         df = (F_z - self.F_z0) / self.F_z0
         D_x, K_x = peak_and_stiffness(F_z, df, along)
@@ -137,7 +137,7 @@ class AxleTyre(Spec):
     """Longitudinal curve, as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return a text that names the coefficients clamped to their minimum at a relative load change `df`, or ""."""
+        """Return a text with the coefficients clamped to their minimum at a relative load change `df`; may be empty."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -178,7 +178,7 @@ class MagicFormula(CarcassTyre):
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a line for each load far from the reference load."""
+        """Yield a message for each load far from the reference load."""
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:

@@ -5,9 +5,9 @@ velocities. The carcass is a bristle in each direction,
 
     dz/dt = v_slip - |v_x| z / sigma,        slip = (z + tau dz/dt) / sigma,
 
-whose steady state is the slip ratio and tan(slip angle). Its response is first order over the relaxation length sigma;
-at rest it acts like a spring. The tyre law computes the force from slip and load, and z decreases if the grip is
-exceeded. The bristle is integrated exactly over a step and therefore stable at any speed.
+whose steady-state slip is the slip ratio or tan(slip angle). The response is first order over the relaxation length
+sigma; at rest the bristle acts like a spring. The tyre law computes the force from slip and load, and z decreases if
+the friction limit is exceeded. The bristle is integrated exactly over a step and therefore stable at any speed.
 
 The stiffness c of the carcass spring is independent of the load; sigma is the slip stiffness at the current load over
 c, so that a lightly loaded tyre relaxes faster. At a force F the bristle consists of the spring, F / c, and slid
@@ -58,7 +58,7 @@ class TyreSet(NamedTuple):
     scrub_arm: Array
     """Maximum scrubbing moment divided by grip times load, shape (4,) [m]."""
     load_follows: bool
-    """Whether the load acts at the patch as the side force has moved it against the wheel."""
+    """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
     bristle_damping: float
     """Damping time tau of the bristle, see the module docstring [s]."""
     rolling_resistance: float
@@ -70,13 +70,13 @@ class TyreSet(NamedTuple):
     cone_index: float
     """Cone index where the ground has no value; 0 for laws without a cone index [Pa]."""
     bearing: Bearing
-    """Yielding soil, or firm ground."""
+    """Parameters of yielding soil, or `FIRM`."""
     treads: tuple[Tread, Tread]
     """Geometry of a front and a rear tyre on yielding soil."""
     grip: Array
-    """Factor on the friction of each wheel, written by faults, shape (4,) [-]."""
+    """Factor on the friction of each wheel, set by faults, shape (4,) [-]."""
     carcass: Array
-    """Factors on slip stiffness and rolling resistance of each wheel, written by faults, shape (4, 2) [-]."""
+    """Factors on slip stiffness and rolling resistance of each wheel, set by faults, shape (4, 2) [-]."""
 
 
 class WheelMotion(NamedTuple):
@@ -153,14 +153,14 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its arm scaled by `share`: the contact of a sunken wheel is below the untouched ground."""
+    """Return the patch with its arm scaled by `share`: a wheel in a rut has contact below the untouched ground."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
-    """Return the patch moved to the left against the wheel [m]."""
+    """Return the patch displaced by `by` [m] to the left relative to the wheel."""
     p, arm = patch, plus(patch.arm, scaled(by, patch.l))
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
@@ -175,7 +175,7 @@ def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Fo
 
 @kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
-    """Return the bristle deflection after a step [m], exact for constant velocities."""
+    """Return the bristle deflection `z` after `dt` [m]; exact for constant sliding and rolling velocities [m/s]."""
     k = v_roll / sigma
     # at rest the exact solution would divide by zero: the bristle is a spring
     if k * dt < 1e-6:
@@ -195,9 +195,9 @@ def soft_sign(v: float, width: float) -> float:
 
 @kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
-    """Return the rolling resistance of wheel `i` about the axle, against the spin [N m].
+    """Return the torque of the rolling resistance of wheel `i` about the axle, against the spin [N m].
 
-    The coefficient of a named `surface` replaces that of the tyre, except on laws whose soil resists the wheel.
+    The coefficient of a named `surface` replaces the coefficient of the tyre, except in laws with soil resistance.
     """
     own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
     share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])
@@ -208,8 +208,8 @@ def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float,
 def add_wrench(wrench: Array, patch: ContactPatch, axle: Vector, at_patch: Vector, extra: Vector) -> None:
     """Write force and torque about the wheel centre into `wrench` (6,), in world axes.
 
-    `at_patch`: forces at the patch, forward, left and along the normal [N]. `extra`: a forward force at the wheel
-    centre [N], a torque about the axle and a moment about the normal [N m].
+    `at_patch` contains the forces at the patch, forward, left and along the normal [N]; `extra` a forward force at the
+    wheel centre [N], a torque about the axle and a moment about the normal [N m].
     """
     n, f = patch.n, patch.f
     f_x, f_y, load = at_patch

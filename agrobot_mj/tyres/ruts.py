@@ -1,4 +1,4 @@
-"""Tyre on yielding soil with memory: ruts, multipass effect, slip sinkage.
+"""Tyre on soil with plastic sinkage: ruts, multipass effect and slip sinkage.
 
 The vertical force follows from the pressure-sinkage law of the cells below the tyre [Bekker1969], see `bearing`; the
 compaction of the soil is the motion resistance. The shear force follows [JanosiHanamoto1961] with the Mohr-Coulomb
@@ -7,7 +7,7 @@ strength. With contact area A, contact length L, combined slip s, load W, cohesi
     F = (A c + W tan phi) (1 - K / (s L) (1 - exp(-s L / K))).
 
 The slip is relative to the faster of rim and ground; `base.force_direction` gives the direction of the force. On ground
-without memory (a test rig) only the tyre deflects.
+without a soil memory (a test rig) only the tyre deflects.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
 STIFFEST_MPA_M = 1e4
-"""Stiffness above which the patch is so short that load and resistance of a rolling tyre depend on the step [MPa/m]."""
+"""Maximum soil stiffness [MPa/m]; the short patch on stiffer soil makes load and resistance depend on the step."""
 DEEPEST = 1 / 3
 """Sinkage of a rigid wheel divided by its radius up to which the closed form is valid [-]. [Bekker1969]."""
 SHEARED = 20.0
@@ -55,7 +55,7 @@ class RutsLaw(NamedTuple):
     tan_phi: float
     """Tangent of the friction angle [-]."""
     K: float
-    """Shear modulus K: displacement at 63 % of the strength [m]."""
+    """Shear deformation modulus K: displacement at 63 % of the strength [m]."""
     radius: float
     """Free radius of the tyre [m]."""
     crown: float
@@ -97,24 +97,25 @@ class Ruts(CarcassTyre):
     friction_deg: Annotated[float, Field(gt=0, le=60)] = 29.0
     """Angle of internal friction phi [deg]. Assumed value (10-38): soil as for k_c."""
     shear_m: Annotated[float, Field(ge=0.001, le=0.2)] = 0.015
-    """Shear modulus K [m]. Assumed value (0.01 for firm sand to 0.025 for loose soil)."""
+    """Shear deformation modulus K [m]. Assumed value (0.01 for firm sand to 0.025 for loose soil)."""
     rebound_mpa_m: Annotated[float, Field(gt=0, le=HUGE), AfterValidator(rebound_in_range)] = 200.0
     """Elastic stiffness of the soil [MPa/m]. Assumed value (40-400), as in the soils of Project Chrono."""
     multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
-    """Exponent a: the sinkage after N equal passes is N^(1/a) times the first one [-]. Assumed value (2-3 for loose
-    soil, 3-5 for firm soil [Abebe1989])."""
+    """Exponent a of the multipass law: N equal passes have N^(1/a) times the sinkage of one pass [-]. Assumed value
+    (2-3 for loose soil, 3-5 for firm soil [Abebe1989])."""
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
-    """Side length of the soil cells [m]. Assumed value (0.025-0.06), four per front tyre; quadratic computing time."""
+    """Side length of the soil cells [m]. Assumed value (0.025-0.06): four cells across a front tyre; halving the value
+    quadruples the computing time."""
 
     @property
     def judged(self) -> bool:
-        """False: theories for firm ground do not apply; validation has separate cases."""
+        """False, because theories for firm ground do not apply; validation has separate cases for ruts."""
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a line for each wheel that would sink deeper than the valid range of the sinkage law."""
+        """Yield a message for each wheel that would sink deeper than the valid range of the sinkage law."""
         n = self.exponent
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             R, b = wheel.radius, wheel.width
@@ -125,7 +126,7 @@ class Ruts(CarcassTyre):
                 yield (f"k_phi_kn: a rigid {wheel.axle} wheel {deep}; the limit is a third of its radius of {R:.2g} m")
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; the rolling resistance is the tyre's own loss in [Brixius1987]."""
+        """Return the carcass and contact patch; the rolling resistance is the tyre's internal loss [Brixius1987]."""
         bearing = Bearing(
             k_c=1e3 * self.k_c_kn,
             k_phi=1e3 * self.k_phi_kn,

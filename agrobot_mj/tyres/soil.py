@@ -14,8 +14,8 @@ mirrors driving. Both curves are 1 - exp(-rho), with rho^2 = (7.5 s)^2 + (B alph
 of the force is in fractions of both peaks (`base.force_direction`): the force stays within the ellipse of the peaks,
 and a sliding tyre opposes its sliding. Sinkage is not modelled.
 
-On soil softer than the range of the fits they disagree: the lateral peak would increase without bound, but the traction
-vanishes. Below a mobility number M of `SOFTEST` the lateral force is therefore proportional to M.
+On soil softer than the range of the fits, the lateral peak would increase without bound while the traction vanishes.
+Below a mobility number M of `SOFTEST` the lateral force is therefore proportional to M.
 """
 
 from collections.abc import Iterator
@@ -28,12 +28,12 @@ from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
-"""Normalised slip rho at which bristles break away at rest: 95 % of the grip is used [-]. From 1 - exp(-3)."""
+"""Normalised slip rho at which bristles break away at rest: 1 - exp(-3) = 95 % of the friction is used [-]."""
 OWN_LOSS = 0.04
 """Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987]."""
 SOFTEST = 3.0
-"""Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: B_n is about 8 there, a driven
-tyre has half its pull on firm soil, and the lateral peak is 0.84."""
+"""Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: at this number B_n is about 8,
+the pull of a driven tyre is half of the pull on firm soil, and the lateral peak is 0.84."""
 
 
 @kernel
@@ -76,7 +76,7 @@ class SoilLaw(NamedTuple):
     """Sliding anisotropy, see `Soil` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip; the grip scales both peaks, but not the stiffness at small slip."""
+        """Return the force for a combined slip; the friction factor scales the peaks, not the stiffness."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
@@ -103,12 +103,12 @@ class Soil(CarcassTyre):
     cone_index_kpa: ConeIndex = 1200.0
     """Cone index CI [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
-    """Carcass; it sets the motion resistance and the lateral force [-]. Default: by the size code, if given."""
+    """Carcass type, which affects motion resistance and lateral force [-]. Default: from the size code, if given."""
     section_height_share: Positive = 0.75
-    """Section height divided by section width, of tyres without a size code [-]. Assumed value (0.7-0.85)."""
+    """Section height divided by section width of tyres without a size code [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a line for each wheel on soil softer than the range of the fits."""
+        """Yield a message for each wheel on soil softer than the range of the fits."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height(wheel)
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
@@ -129,11 +129,11 @@ class Soil(CarcassTyre):
         return front, rear
 
     def section_height(self, wheel: AxleWheel) -> float:
-        """Return the section height of a wheel's tyre, by its size code or `section_height_share` [m]."""
+        """Return the section height of a wheel's tyre, from its size code or `section_height_share` [m]."""
         return self.section_height_share * wheel.width if wheel.size is None else wheel.size.section_height
 
     def radial(self, wheel: AxleWheel) -> float:
-        """Return 1 for a radial carcass and 0 for bias, by `ply` or the size code [-]."""
+        """Return 1 for a radial and 0 for a bias carcass, from `ply` or the size code [-]."""
         if wheel.size is None or "ply" in self.model_fields_set:
             return float(self.ply == "radial")
         return float(wheel.size.radial)
