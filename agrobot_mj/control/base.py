@@ -28,7 +28,7 @@ class Route(Protocol):
         ...
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the path point nearest to (x, y) [m], searching around the arc length `near` [m].
+        """Return the path point nearest to (x, y) [m], searched around the arc length `near` [m].
 
         The search covers the leg (the segment between two reversals) on which the reference is at time `t` [s].
         """
@@ -47,7 +47,7 @@ class Route(Protocol):
         ...
 
     def passed(self, t: float) -> float:
-        """Return the arc length of the reference at time `t` [s], accurate to a few centimetres [m]."""
+        """Return the arc length [m] that the reference has covered at time `t` [s], within a few centimetres."""
         ...
 
     def lap(self) -> float:
@@ -75,7 +75,7 @@ class Situation(NamedTuple):
     implement: tuple[float, float] = (nan, nan)
     """Measured east and north position of the implement's working point; NaN if not measured [m]."""
     towed: TowedImplement = TowedImplement()
-    """Implement towed by the tractor."""
+    """Dimensions and state of the implement."""
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Return the maximum absolute steering angle for a given maximum lateral acceleration [rad]."""
@@ -84,7 +84,7 @@ class Situation(NamedTuple):
 
 
 class Learner(Reporting):
-    """Base class of components that can learn and can save the result for the next run."""
+    """Base class of components that can learn, and can save the learned values for the next run."""
 
     def check(self) -> None:
         """Read the files that the component needs. Raise ValueError with the key if a file is invalid."""
@@ -103,7 +103,7 @@ class GuidanceLaw(Learner):
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
     """Tuned gains in addition to those of `control.gains`, in the same format."""
     timed: ClassVar[bool] = True
-    """Whether a run ends as `diverged` far from the reference, which moves with time."""
+    """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference."""
     holds_lane_change: ClassVar[bool] = False
     """Whether the tests require a cross-track RMS below 0.25 m on a lane change and stability with a worn valve."""
 
@@ -131,11 +131,11 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Subcommand that runs the law of an external program; empty for all other laws."""
+        """Subcommand of the command line that runs this law in an external program; empty for all other laws."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
-        """Return the law combined with the scenario's yaw controller, or the law itself if it needs none."""
+        """Return the law combined with the scenario's yaw controller, or the law itself if no controller is needed."""
         return self
 
 
@@ -174,13 +174,13 @@ class YawCommand(NamedTuple):
     tau_c: float = 0.0
     """Output of the conventional (PD) controller [rad]."""
     tau_n: float = 0.0
-    """Output of the network or of the integral in its place; `steer` is tau_c - tau_n, limited [rad]."""
+    """Output of the network, or of the integral that replaces it; `steer` is tau_c - tau_n, limited [rad]."""
     q: float = nan
-    """Weight q of the lower firing in the network output; NaN without a network [-]."""
+    """Weight q of the lower firing strength in the network output; NaN without a network [-]."""
 
 
 class YawController(Reporting):
-    """Base class of the yaw controllers, selected by `[controller] kind`: yaw-rate error to steering angle."""
+    """Base class of the yaw controllers, which map the yaw-rate error to a steering angle; `[controller] kind`."""
 
     kind: str
     closed_loop: ClassVar[bool] = True
@@ -205,14 +205,14 @@ class YawController(Reporting):
     def relieve(self, state: Any, excess: float) -> Any:
         """Return the state after anti-windup. Controllers without an integral return `state` unchanged.
 
-        `excess` is the part of the total command, including feed-forward, beyond the steering limit or the measured
-        angle [rad].
+        `excess` is the part of the total command, including feed-forward, above the steering limit or, while the wheels
+        lag, above the measured angle [rad].
         """
         return state
 
 
 class AngleLoop(Learner):
-    """Base class of the steering loops, selected by `[steering.loop] kind`: steering angle to valve voltage.
+    """Base class of the steering loops, which map the steering angle to a valve voltage; `[steering.loop] kind`.
 
     The state has the attribute `reference`, the current reference angle [rad].
     """

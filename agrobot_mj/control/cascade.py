@@ -1,4 +1,4 @@
-"""Cascaded guidance: an outer law sets a yaw-rate reference, and a yaw controller tracks it.
+"""Cascaded guidance: an outer law sets a yaw-rate reference, and a yaw controller follows this reference.
 
 The outer law maps the position error to references of speed and yaw rate. The yaw controller maps the yaw-rate error to
 a steering angle. The feed-forward angle of the outer law (`feedforward`) is added.
@@ -42,7 +42,7 @@ class CascadeState(NamedTuple):
 
 
 class Cascade(GuidanceLaw):
-    """Guidance law that combines an outer law and a yaw controller; it cannot be selected by `kind`."""
+    """Guidance law that combines an outer law and a yaw controller, created by `CascadeLaw.using`."""
 
     kind: str = "cascade"
     law: Any
@@ -85,7 +85,7 @@ class Cascade(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Whether the yaw controller uses feedback."""
+        """Whether the law follows the path: whether its yaw controller uses feedback."""
         return self.controller.closed_loop
 
     @property

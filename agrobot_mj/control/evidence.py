@@ -1,8 +1,8 @@
-"""Consistency checks of the fixes, the gyro and the inertial unit, independent of the estimator.
+"""Consistency checks of GNSS fixes, gyro and inertial unit, independent of the estimator.
 
 Position jumps and drift appear in the difference between measured positions and integrated velocities of RTK fixes,
 accumulated with exponential forgetting. A repeated position of a moving tractor, or a repeated yaw rate while the
-wheels turn, indicates a stuck sensor. The course of the antenna rotates with the heading: it is above the rear axle.
+wheels turn, indicates a stuck sensor. The antenna is above the rear axle, so that its course rotates with the heading.
 """
 
 from cmath import exp as turn
@@ -16,24 +16,24 @@ from agrobot_mj.core.signals import NO_FIX, Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
-"""Time constant of the exponential forgetting of the drift [s]. Assumed value: white velocity noise of 3 cm/s
-accumulates to 4 cm at 20 Hz and 7 cm at 5 Hz, and a drift of 7 mm/s eventually reaches the limit."""
+"""Time constant of the exponential forgetting of the drift [s]. Assumed value: the accumulated error of white velocity
+noise of 3 cm/s is 4 cm at 20 Hz and 7 cm at 5 Hz, and a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: several
-periods of the antenna oscillation; a typical gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
+periods of the antenna oscillation; a typical gyro bias of 0.3 deg/s causes 2.4 deg between the two means."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt derived from the specific force [s]. Assumed value, twice the duration of a start."""
+"""Averaging time of the tilt derived from the specific force [s]. Assumed value: twice the duration of a start."""
 GAP_S = 0.5
-"""Maximum time between two fixes for integrating their velocities [s]. Assumed value (10 missing fixes)."""
+"""Maximum time between two fixes over which their velocities are integrated [s]. Assumed value (10 missing fixes)."""
 BEND_ERROR = 0.25
-"""Integration error of the velocity, divided by time step and second difference of the velocity [-]. Assumed value:
-1/12 is valid only for time steps much shorter than the period of the antenna oscillation."""
+"""Integration error of the velocity, divided by time step and second difference of the velocity [-]. Assumed value,
+above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
 MOVING_M_S = 0.4
 """Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise."""
 COURSE_M_S = 0.25
 """Minimum speed for computing a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
-"""Maximum time without a course before the gyro comparison restarts [s]. Assumed value: a typical bias adds 1.5 deg."""
+"""Time without a course after which the gyro comparison restarts [s]. Assumed value: a typical bias adds 1.5 deg."""
 
 
 RTK_FIXED = Quality.FIX
@@ -41,7 +41,7 @@ RTK_FIXED = Quality.FIX
 
 
 class Sensed(NamedTuple):
-    """Measurements of a tick except the fix, as in `Measurement`; a missing measurement is NaN."""
+    """Measurements of a tick without the fix, as numbers for kernels; a missing measurement is NaN."""
 
     t: float
     """Time since the start [s]."""
@@ -62,7 +62,7 @@ class Sensed(NamedTuple):
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
-    """Return the measurements of a tick, the fix, NaN without one, and its quality."""
+    """Return the measurements of a tick, the fix (NaN if missing) and the fix quality, as numbers for kernels."""
     unit = m.readings.get("imu")
     force = (nan, nan, nan) if unit is None else tuple(getattr(unit, f"force_{axis}", nan) for axis in "xyz")
     sensed = Sensed(m.t, m.steer, m.pedal, m.gyro, m.roll, m.pitch, m.wheel_speed, force)  # type: ignore[arg-type]
@@ -85,14 +85,14 @@ class Evidence(NamedTuple):
     change: tuple[float, float] = (0.0, 0.0)
     """Velocity change between the last two fixes, east and north [m/s]."""
     variance: float = 0.0
-    """Variance per axis of the accumulated differences, due to velocity changes between the fixes [m2]."""
+    """Variance per axis of the accumulated differences due to integration errors between the fixes [m2]."""
     moving: bool = False
     """Whether the tractor was moving at the last change of the position."""
     repeated_s: float = 0.0
     """Time for which the measured position has been constant while the tractor was moving [s]."""
 
     def after(self, m: Sensed, fix: Fix, quality: int) -> "Evidence":
-        """Return the evidence after a tick; unchanged without a new fix."""
+        """Return the consistency after a tick, unchanged without a new fix."""
         last, t, fixed = self.fix, fix.t if isfinite(fix.t) else m.t, quality == RTK_FIXED
         time, speed = t - self.t, sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
         if isnan(fix.x) or (not isnan(last.x) and time <= 0.0):
@@ -126,7 +126,7 @@ class GyroEvidence(NamedTuple):
     """Measured steering angle at the first of the equal measurements [rad]."""
 
     def after(self, m: Sensed) -> "GyroEvidence":
-        """Return the evidence after a tick; unchanged if the gyro repeats its yaw rate."""
+        """Return the state after a tick, unchanged if the gyro repeats its yaw rate."""
         return self if m.gyro == self.reading else GyroEvidence(m.gyro, m.t, m.steer)
 
 
@@ -149,7 +149,7 @@ class AttitudeEvidence(NamedTuple):
     """
 
     def after(self, m: Sensed, moving: bool, dt: float) -> "AttitudeEvidence":
-        """Return the evidence after a tick of `dt` [s]."""
+        """Return the checks after a tick of `dt` [s]; `moving` is whether the tractor moves."""
         first = not isfinite(self.angles[0])
         if not isfinite(m.roll + m.pitch):
             silent_s = 0.0 if first else self.silent_s + dt
@@ -168,7 +168,7 @@ class AttitudeEvidence(NamedTuple):
 
 @shared
 def _force_residual(m: Sensed) -> tuple[float, float]:
-    """Return forward and left specific force without gravity and centripetal part, divided by g; 0 if unknown [-]."""
+    """Return forward and left specific force minus gravity and centripetal part, divided by g; 0 if unknown [-]."""
     x, y, _ = m.specific_force
     if not isfinite(x + y):
         return 0.0, 0.0
@@ -196,7 +196,7 @@ class TurnEvidence(NamedTuple):
     """Mean over TURN_TIME_S of the velocity rotated back by the gyro angle [m/s]."""
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the evidence after a tick of `dt` [s]; restart without a gyro or HELD_S after the last valid fix."""
+        """Return the means after a tick of `dt` [s]; restart without a gyro or HELD_S after the last valid fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)

@@ -1,7 +1,7 @@
-"""The paper's cascade with curvature feed-forward: delta = atan(L kappa) plus the output of the yaw controller.
+"""Cascade of the paper with curvature feed-forward: delta = atan(L kappa) plus the output of the yaw controller.
 
 The yaw controller then only rejects disturbances: tyre slip, side slope and steering errors. kappa is the curvature at
-the reference point one steering response time later. Source: [Snider2009], kinematic steady state.
+the reference point `preview_s` later, the response time of the steering. Source: [Snider2009], kinematic steady state.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ class Feedforward(CascadeLaw):
     ends_turns: ClassVar = True
 
     def feedforward(self, situation: Situation) -> float:
-        """Return atan(L kappa) at the reference point `preview_s` later [rad]."""
+        """Return the steering angle atan(L kappa) for the curvature at the reference point `preview_s` later [rad]."""
         kappa, L = situation.route.at(situation.t + self.preview_s).curvature, situation.machine.wheelbase_m
         return atan(L * kappa)
 

@@ -36,9 +36,9 @@ STEEP = radians(10.0)
 MAX_HEADING_CHANGE = radians(6.0)
 """Maximum heading change while the wheels turn to their command [rad]; limits the speed. Assumed value."""
 RISE_M_S2 = 1.0
-"""Maximum increase rate of the speed command [m/s2]. Assumed value; reaches the path before accelerating."""
+"""Maximum increase rate of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Look-back distances, divided by l_r, for averaging the curvature: quantiles of the exponential distribution."""
+"""Look-back distances, divided by l_r, at which the curvature is averaged: quantiles of an exponential distribution."""
 DISTURBANCE_COLUMNS = (
     Column("heading_disturbance", "rad", "estimated crab angle or heading bias b, left positive"),
     Column("curvature_disturbance", "1/m", "estimated curvature d added to that of the steering angle, left positive"),
@@ -47,7 +47,7 @@ DISTURBANCE_COLUMNS = (
 
 
 class Following(GuidanceLaw):
-    """Base class of the laws that use the nearest point of the path; subclasses define `steering`."""
+    """Base class of the laws that use the nearest point of the path; each kind defines `steering`."""
 
     saturation_m_s: NonNegative = 0.6
     """Maximum speed correction towards the time-based reference [m/s]. Assumed value, as for `kinematic`."""
@@ -56,7 +56,7 @@ class Following(GuidanceLaw):
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5); the steering reaches 63 % in 0.38 s."""
+    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5); the steering covers 63 % in 0.38 s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
     """Maximum angle of approach to a distant path [deg]. Assumed value; larger angles require tighter turns."""
     compensate_steer_bias: bool = True
@@ -76,7 +76,7 @@ class Following(GuidanceLaw):
         return FollowingState(self.memory())
 
     def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
-        """Compute the deviation from the path, the limited steering angle and the speed."""
+        """Return the new state, and the command with the limited steering angle and the speed."""
         deviation = self._deviation(state, situation)
         memory, wanted = self.steering(state.memory, deviation, situation, dt)
         r, e, limits = situation.reference, situation.estimate, state.limits or self._limits(situation.machine)
@@ -101,12 +101,11 @@ class Following(GuidanceLaw):
         return situation.machine.cg_to_rear_axle, situation.machine.wheelbase_m
 
     def _limits(self, machine: TractorParameters) -> "CommandLimits":
-        """Return the numbers that limit steering angle and speed of a tractor."""
+        """Return the limits of steering angle and speed for a tractor, as numbers for kernels."""
         speed = self.saturation_m_s, self.gain_per_m, self.lateral_acceleration_m_s2
         return CommandLimits(*speed, machine.wheelbase_m, machine.steer_limit, MAX_HEADING_CHANGE)
 
     def _deviation(self, state: "FollowingState", situation: Situation) -> "PathDeviation":
-        """Return the deviation of the tractor from the path."""
         e, r, route, t = situation.estimate, situation.reference, situation.route, situation.t
         leg = route.leg(t)
         place = route.nearest(e.x, e.y, route.passed(t) if state.s is None else state.s, t)
@@ -167,7 +166,7 @@ class FollowingState(NamedTuple):
     speed: float | None = None
     """Last speed command; None before the first tick [m/s]."""
     limits: "CommandLimits | None" = None
-    """CommandLimits of steering angle and speed; None before the first tick."""
+    """Limits of steering angle and speed; None before the first tick."""
 
 
 class PathDeviation(NamedTuple):
@@ -198,7 +197,7 @@ class PathDeviation(NamedTuple):
 
 
 class CommandLimits(NamedTuple):
-    """Numbers that limit steering angle and speed."""
+    """Limits of steering angle and speed, as numbers for kernels."""
 
     saturation: float
     """Maximum speed correction [m/s]."""
@@ -215,14 +214,14 @@ class CommandLimits(NamedTuple):
 
 
 def _direction(r: Reference, otherwise: float) -> float:
-    """Return the direction of travel, 1 forward or -1 in reverse, from `otherwise` for a reference at rest."""
+    """Return the direction of travel of the reference, 1 forward or -1 in reverse, or `otherwise` at rest."""
     along = cos(r.yaw) * r.vx + sin(r.yaw) * r.vy
     return -1.0 if (along if abs(along) > 1e-6 else otherwise) < 0 else 1.0
 
 
 @stage
 def _lookback(s: float, preview: float, direction: float, leg: tuple[float, float], length: float) -> Vector:
-    """Return the arc lengths [m] of the curvatures that cause the sideslip at `s` and `preview` [m] ahead."""
+    """Return the arc lengths [m] of the curvatures that determine the sideslip at `s`, and at `s` + `preview` [m]."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     for k, lag in enumerate(LOOKBACK):
         distances[k] = _behind(s, direction * lag * length, leg)
@@ -232,7 +231,7 @@ def _lookback(s: float, preview: float, direction: float, leg: tuple[float, floa
 
 @shared
 def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
-    """Return the arc length `lag` [m] behind `s`, on the leg; the path is straight before its start."""
+    """Return the arc length `lag` [m] behind `s`, limited to the leg; the first leg has no lower limit."""
     return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
 
 
@@ -241,7 +240,7 @@ def _deviated(
     place: PathPoint, leg: tuple[float, float], direction: float, rolling: tuple[float, float], curvatures: Vector,
     yaw: float, speed: float, bias: float, limit: float,
 ) -> PathDeviation:  # fmt: skip
-    """Return the deviation for the curvatures at `_lookback`; `bias` is the estimated steering bias or NaN [rad]."""
+    """Return the deviation from the path, with the curvatures at `_lookback`; `bias` [rad] is NaN if not estimated."""
     (l_r, L), n = rolling, len(LOOKBACK)
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
     bias = 0.0 if isnan(bias) else min(max(bias, -MAX_STEER_BIAS), MAX_STEER_BIAS)
@@ -262,7 +261,7 @@ def _deviated(
 
 @shared
 def _sideslip(curvatures: Vector, length: float) -> float:
-    """Return the sideslip beta [rad] of a CG, `length` [m] ahead of the point without sideslip.
+    """Return the sideslip beta [rad] of a CG that is `length` [m] ahead of the point without sideslip.
 
     The sideslip follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
     """
@@ -273,7 +272,7 @@ def _sideslip(curvatures: Vector, length: float) -> float:
 
 
 def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
-    """Return the sideslip [rad] of a CG at an arc length [m], `length` [m] ahead of the point without sideslip."""
+    """Return the sideslip [rad] of a CG at arc length `s` [m], `length` [m] ahead of the point without sideslip."""
     return _sideslip(route.curvatures([_behind(s, direction * lag * length, leg) for lag in LOOKBACK]), length)
 
 
@@ -282,12 +281,11 @@ def _limited(
     limits: CommandLimits, deviation: PathDeviation, r: Reference, x: float, y: float, steer: float, wanted: float,
     last: float, dt: float,
 ) -> tuple[float, float]:  # fmt: skip
-    """Return the steering angle [rad] and the speed [m/s] of the command; `last` is the last speed or NaN.
+    """Return the limited steering angle [rad] and speed [m/s]; `last` is the last speed command or NaN.
 
-    The speed is that of the reference plus a correction for the lag along the path, in the direction of the leg. It
-    exceeds the reference only near the path, because the limited steering rate makes an approach at higher speed less
-    accurate. The tractor slows down while the wheels turn to their command. At a large angle to the path it also slows
-    down while the steering angle is large.
+    The speed is the speed of the reference plus a correction for the lag along the path. It exceeds the reference only
+    near the path, because the limited steering rate makes an approach at higher speed less accurate. The tractor slows
+    down while the wheels turn to their command and, at a large angle to the path, at large steering angles.
     """
     command = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
     along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - x, r.y - y)[0]
@@ -308,10 +306,10 @@ def _limited(
 
 @jit
 def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
-    """Return the maximum speed [m/s] at which the tractor can turn onto the path from a large angle theta.
+    """Return the maximum speed u [m/s] at which the tractor can turn onto the path from a large angle theta.
 
-    The arc at lateral acceleration a and the travel during the steering time T must fit into the distance e from
-    the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed allowed at full lock.
+    The arc at the lateral acceleration a, and the travel in the time T = TURNING_S in which the wheels turn, must fit
+    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The minimum is u at full lock.
     """
     theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
     if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
@@ -323,9 +321,9 @@ def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
 
 @jit
 def _turning_speed(limits: CommandLimits, turning: float) -> float:
-    """Return the maximum speed [m/s] at which the heading changes by at most `heading_change` while the wheels turn.
+    """Return the maximum speed u [m/s] at which the heading changes by at most `heading_change` while the wheels turn.
 
-    The wheels turn by `turning` [rad] at a constant rate in the time T:  u turning T / (2 L) = `heading_change`.
+    The wheels turn by `turning` [rad] at a constant rate in the time T, so that u turning T / (2 L) = `heading_change`.
     """
     T = TURNING_S * turning / limits.steer_limit
     return max(2.0 * limits.wheelbase * limits.heading_change / max(turning * T, 1e-6), SLOWEST_M_S)
@@ -335,8 +333,7 @@ def _turning_speed(limits: CommandLimits, turning: float) -> float:
 def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
     """Return the lateral offset of a point of the tractor from its error-free position [m].
 
-    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. The offset is positive to the left of
-    `direction` [rad].
+    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. Left of `direction` [rad] is positive.
     """
     (x, y, yaw), psi = pose, deviation.yaw
     east = x - deviation.place.x + ahead * (cos(yaw) - cos(psi))

@@ -1,9 +1,8 @@
 """Gains of the cascaded laws for each pair of guidance law and yaw controller.
 
-`tuned`, the default, selects the result of tuning all laws with `scenarios/tunings/gains.toml`; docs/tuning/ contains
-the traces. `paper` selects the default values of the keys for the paper's network and its baselines. The paper prints
-no gains; these values reproduce its figures. Laws that use the nearest point of the path have tuned defaults in both
-cases.
+`tuned`, the default, selects gains from the tuning of all laws with `scenarios/tunings/gains.toml`; docs/tuning/
+contains the traces. `paper` selects the default values of the keys for the paper's network and its baselines. The paper
+states no gains; these values reproduce its figures. Laws that use the nearest path point always have tuned defaults.
 """
 
 from collections.abc import Mapping
@@ -81,5 +80,5 @@ TUNED: Mapping[str, Mapping[str, float]] = {
 
 
 def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:
-    """Return the gains of a law that differ from the defaults, by dotted scenario key."""
+    """Return the gains of the law named `law` that differ from the defaults, by dotted scenario key."""
     return {} if which == "paper" and law in PAPER else {**TUNED, **guidance.tuned}.get(law, {})

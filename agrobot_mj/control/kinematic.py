@@ -1,4 +1,4 @@
-"""The paper's guidance: a kinematic law followed by a yaw controller.
+"""Guidance of the paper: a kinematic law followed by a yaw controller.
 
 The kinematic law maps the position error of the CG to speed and yaw-rate references. The yaw controller configured in
 `[controller]` maps the yaw-rate error to a steering angle.
@@ -7,9 +7,8 @@ Inputs: ENU position and velocity [m, m/s] and heading psi [rad]. References: u_
 gamma_ref [rad/s], positive left. The law inverts the motion of a point l_r ahead of a rear axle that rolls without
 slip. Source: the paper, section III-A, after [Martins2008].
 
-Limitations: The law cannot follow a path in reverse, where the point would have to trail the rear axle. The tractor
-turns while it waits for a reference behind it. On arcs and slopes the law has a steady-state error unless the yaw
-controller has an integral term.
+Limitations: The law cannot follow a path in reverse, where the point would have to trail the rear axle. A tractor that
+waits for a reference behind it turns. Without an integral term of the yaw controller, arcs and slopes cause an offset.
 """
 
 from math import atan2, cos, hypot, sin, sqrt, tanh
@@ -28,30 +27,30 @@ from agrobot_mj.machine.tractor import COMPACT
 MIN_CLOSING_S = 0.3
 """Minimum time constant for correcting a heading error [s]. Assumed value, the delay and lag of the steering."""
 REVERSING_M_S = 0.1
-"""Reverse speed above which the yaw controller's gains are negative [m/s]. Assumed value."""
+"""Reverse speed above which the sign of the yaw controller's gains is reversed [m/s]. Assumed value."""
 
 
 class CascadeLaw(GuidanceLaw):
-    """Kinematic law that provides the reference of a yaw controller; the paper prints no gains."""
+    """Kinematic law that computes the reference of a yaw controller; the paper states no gains."""
 
     saturation_m_s: NonNegative = 0.6
     """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1), half the default speed."""
     gain_per_m: Positive = 0.4
-    """Gain k_e: relative slope of the correction [1/m]. Assumed value, tuned; 0.4 with `gains = "paper"`."""
+    """Gain k_e: slope of the correction velocity divided by k_s [1/m]. Assumed value, tuned; 0.4 to match the paper."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     scheduled_above_m_s: Positive | None = None
-    """Speed above which the gains of the yaw controller are divided by the speed [m/s], because the yaw rate per
-    steering angle is u / L. Default: null (constant gains and unlimited turns, as in the paper), or 1.5 with tuned
-    gains. Assumed value (1.2-2)."""
+    """Speed above which the gains of the yaw controller are inversely proportional to the speed [m/s], because the yaw
+    rate per steering angle is u / L. Default: null (constant gains and unlimited turns, as in the paper), or 1.5 with
+    tuned gains. Assumed value (1.2-2)."""
     speed_network: SpeedNetwork | None = None
-    """Additional network for the speed. Default: none, as in the paper's experiments."""
+    """Additional network for speed control. Default: none, as in the paper's experiments."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}
     """Search ranges of the gains."""
     holds_lane_change: ClassVar = True
 
     def references(self, estimate: Estimate, reference: Reference, cg_to_rear_axle: float) -> tuple[float, float]:
-        """Return the speed [m/s] and yaw-rate [rad/s] references for the distance l_r from CG to rear axle [m]."""
+        """Return the speed [m/s] and yaw-rate [rad/s] references; `cg_to_rear_axle` is the distance l_r [m]."""
         k_s, k_e, l_r, psi = self.saturation(reference), self.gain_per_m, cg_to_rear_axle, estimate.yaw
         vx = reference.vx + k_s * tanh(k_e * (reference.x - estimate.x))
         vy = reference.vy + k_s * tanh(k_e * (reference.y - estimate.y))
@@ -77,7 +76,7 @@ class CascadeLaw(GuidanceLaw):
         return speed, _feasible(yaw_rate, situation) if self.ends_turns else yaw_rate
 
     def gain_scale(self, situation: Situation) -> float:
-        """Return the gain factor [-]: relative wheelbase times speed schedule; negative in reverse."""
+        """Return the factor on the yaw-rate error: relative wheelbase times speed schedule, negative in reverse [-]."""
         above, u = self.scheduled_above_m_s, situation.estimate.speed
         scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
         if above is not None:
@@ -94,21 +93,21 @@ class CascadeLaw(GuidanceLaw):
 
 
 class Kinematic(CascadeLaw):
-    """The paper's guidance: position error to yaw-rate reference, and yaw-rate error to steering angle."""
+    """Guidance of the paper: from position error to yaw-rate reference, and from yaw-rate error to steering angle."""
 
     kind: Literal["kinematic"] = "kinematic"
 
     def saturation(self, reference: Reference) -> float:
-        """Return k_s [m/s], which increases with the square root of the speed above `scheduled_above_m_s`.
+        """Return k_s [m/s], which is proportional to the square root of the speed above `scheduled_above_m_s`.
 
-        Curvature steps cause larger errors at higher speed, but a proportional increase would cause overshoot.
+        Curvature steps cause larger errors at higher speed, but a linear increase of k_s would cause overshoot.
         """
         above = self.scheduled_above_m_s
         return self.saturation_m_s * (sqrt(max(hypot(reference.vx, reference.vy) / above, 1.0)) if above else 1.0)
 
 
 def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
-    """Return the velocity without its backward component along the path [m/s], so that the tractor waits."""
+    """Remove the backward component along the path from a velocity [m/s], so that the tractor waits."""
     at_rest = not (reference.vx or reference.vy)
     course = reference.yaw if at_rest else atan2(reference.vy, reference.vx)
     onward, aside = to_heading(course, vx, vy)
@@ -116,11 +115,11 @@ def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
 
 
 def _feasible(yaw_rate: float, situation: Situation) -> float:
-    """Return the yaw-rate reference [rad/s], limited to a turn that the steering can follow and end in time.
+    """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and can end in time.
 
     A tractor slower than its reference turns at a proportionally lower rate. A heading error e adds a yaw rate u e /
-    l_r and decays with the time constant l_r / u, which is at least `MIN_CLOSING_S`. Wheels that return at the rate r
-    end a turn in time if its yaw rate is at most sqrt(2 u r e / L).
+    l_r and decays with the time constant l_r / u, which is limited to at least `MIN_CLOSING_S`. Wheels that return at
+    the rate r end a turn in time if the yaw rate is at most sqrt(2 u r e / L).
     """
     m, r, u = situation.machine, situation.reference, situation.estimate.speed
     turn = r.curvature * u

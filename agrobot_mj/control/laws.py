@@ -1,4 +1,4 @@
-"""Guidance laws that do not wrap another law, and can be wrapped by one."""
+"""Guidance laws that do not wrap another law; wrapping laws of extensions can contain these laws."""
 
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic

@@ -11,8 +11,8 @@ The gains solve the discrete Riccati equation on a grid of speeds, once per proc
 The integral q is stored as  v = q + P_qx x / P_qq,  with the other states x and the solution P of the Riccati equation.
 The cost x' P x + P_qq v^2 has no product of x and v. Hence v = 0 is the optimal initial value for any x, and the
 integral does not wind up while the tractor acquires a line. v is stored as an angle. It is frozen while the command is
-at its limit, during the approach to the path (at large distance or angle), at standstill, and until the heading is
-known, because the supervisor steers in the meantime.
+at its limit, during the approach to the path (at large distance or angle) and at standstill. It is also frozen until
+the heading is known, because the supervisor steers in the meantime.
 
 The law works forward and in reverse at any speed of the grid. It has no steady-state error under constant disturbances
 (slope, steering bias, payload). Disturbances that change faster than the integral, such as a heading bias on each arc,
@@ -47,9 +47,9 @@ class LqrState(NamedTuple):
     delayed: Vector = np.zeros(0)
     """Feedback parts of the commands delayed by the steering, oldest first [rad]."""
     errors: Vector = np.zeros(0)
-    """Last path errors, steering angle and delayed commands (the states x); empty before the first tick."""
+    """States x in the last tick: path errors, steering angle and delayed commands; empty before the first tick."""
     table: Matrix = np.zeros((0, 0))
-    """Gains by speed; empty before the first tick."""
+    """Gains by speed, see `_table`; empty before the first tick."""
 
 
 class Lqr(Integrating):
@@ -80,9 +80,9 @@ class Lqr(Integrating):
     """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error with a cost of 1 [m s]; null disables the integral. Assumed value (1-5); the
-    error after a step decays in 10 s."""
+    error after a step disturbance decays in 10 s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
-    """Maximum steering angle of the integral term [deg]. Assumed value; compensates a side slope of 20 deg."""
+    """Maximum steering angle of the integral term [deg]. Assumed value, sufficient for a side slope of 20 deg."""
     tunable: ClassVar = {
         "offset_m": (0.02, 0.5),
         "heading_deg": (2.0, 30.0),
@@ -98,14 +98,14 @@ class Lqr(Integrating):
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
-        """Return the new state and the steering angle [rad]: feed-forward, state feedback and integral term."""
+        """Return the new state and the steering angle, the sum of feed-forward, state feedback and integral [rad]."""
         if not memory.table.size:
             memory = memory._replace(table=_table(self, situation.machine))
         limits, e = (radians(self.approach_deg), radians(self.integral_limit_deg)), situation.estimate
         return _lqr(limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains for e_y, e_psi, delta, the delayed commands (oldest first) and the integral of e_y."""
+        """Return the gains at a speed [m/s] for e_y, e_psi, delta, the delayed commands and the integral of e_y."""
         found = _scheduled(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
@@ -119,7 +119,7 @@ def _lqr(
     limits: tuple[float, float], memory: LqrState, deviation: PathDeviation, speed: float, aligned: bool,
     steer: float, dt: float,
 ) -> tuple[LqrState, float]:  # fmt: skip
-    """Return the new state and the steering angle [rad]; `limits` are those of approach and integral [rad]."""
+    """Return the new state and the steering angle [rad]; `limits` are the approach and integral limits [rad]."""
     row = _scheduled(memory.table, deviation.speed)
     n = (row.size + 1) // 2
     k, transient, first = row[:n], row[n:], memory.errors.size == 0
@@ -147,7 +147,7 @@ def _lqr(
 
 @jit
 def _scheduled(table: Matrix, speed: float) -> Vector:
-    """Return the gains, and the ratios P_qx / P_qq of the Riccati solution, at a speed [m/s], negative in reverse."""
+    """Interpolate gains and ratios P_qx / P_qq of the Riccati solution at a `speed` [m/s], negative in reverse."""
     n = len(SPEEDS)
     u, first = min(max(abs(speed), SPEEDS[0]), SPEEDS[-1]), n if speed < 0 else 0
     k = 1
@@ -169,12 +169,12 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters) -> Matrix:
-    """Return the gains followed by P_qx / P_qq, one row for each speed of the grid, then those in reverse."""
+    """Return one row of gains and ratios P_qx / P_qq for each speed of the grid, first forward, then in reverse."""
     return np.array([np.concatenate(_gains(law, machine, sign * u)) for sign in (1, -1) for u in SPEEDS])
 
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
-    """Return the gains at the speed `u` [m/s], integral last, and P_qx / P_qq; shapes (4 + n,) and (3 + n,)."""
+    """Return the gains (4 + n,) at the speed `u` [m/s], integral last, and the ratios P_qx / P_qq (3 + n,)."""
     from scipy.linalg import solve_discrete_are  # slow import (0.1 s), needed only by this law
 
     a, wheelbase = _slip(law, machine, u)

@@ -2,10 +2,10 @@
 
 The first monitors compare path, steering angle, pedal and speed with their commands, and check the estimator state. The
 other monitors are independent of the estimator. They detect fixes that repeat, or contradict their own velocity or dead
-reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes, or
-is missed by the gyro; and repeated or missing angles of the inertial unit. A speed on which wheels and fixes agree
-overrules the estimate. Pedal and wheels faster than the ground are not monitored, because a blocked tractor is not a
-sensor fault.
+reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes; a
+turn that the gyro does not measure; and repeated or missing angles of the inertial unit. If wheels and fixes agree on a
+higher speed, this speed replaces the estimated speed. Pedal and wheels that are faster than the ground are not
+monitored, because a blocked tractor is not a sensor fault.
 """
 
 from math import atan, copysign, degrees, inf, isnan, nan, sqrt, tan
@@ -33,19 +33,20 @@ from agrobot_mj.machine.tractor import TractorParameters
 OVERSPEED_M_S = 0.15
 """Tolerated absolute overspeed [m/s]. Assumed value: four times the measurement noise."""
 AGREEING = 0.15
-"""Relative part of the maximum difference between agreeing wheel and fix speeds [-]. Assumed value for wheel slip."""
+"""Part of the maximum difference between agreeing wheel and fix speeds that is proportional to the wheel speed [-].
+Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed below which antenna oscillation raises the course limit, as the inverse of the speed [m/s]. Assumed value."""
+"""Speed below which the course limit is proportional to 1 / speed, for antenna oscillation [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Minimum approach and tolerated departure of a tractor that has never been within `max_cross_track_m` [m], relative to
-its minimum distance from the path. The approach is at most half of `max_cross_track_m`. Assumed values."""
+"""Distances for a tractor that has never been within `max_cross_track_m` of the path [m]: decrease of the minimum
+distance from the path that counts as an approach, at most half of `max_cross_track_m`, and tolerated increase from the
+minimum distance. Assumed values."""
 TURNED_AWAY = 0.3
-"""Additional departure tolerated after a start at 45 deg to the path, divided by the minimum turning radius [-]."""
+"""Additional tolerated increase after a start at 45 deg to the path, divided by the minimum turning radius [-]."""
 DRIFT_SIGMAS = 2.5
-"""Number of standard deviations of the integrated velocity added to the drift limit [-]. Assumed value for slow
-receivers and ridges."""
+"""Number of standard deviations added to the drift limit [-]. Assumed value for slow receivers and ridges."""
 MAX_RATIO = 3.0
-"""Maximum ratio of signal to limit used as weight of the time above the limit [-]. Assumed value."""
+"""Maximum weight of the time above a limit; the weight is the ratio of signal to limit [-]. Assumed value."""
 
 
 REASONS = (
@@ -92,21 +93,21 @@ class MonitorSignals(NamedTuple):
     closing_s: float = 0.0
     """Time since the last decrease of the minimum distance [s]."""
     mismatch: float = 0.0
-    """Commanded minus measured steering angle [rad]; 0 while the wheels follow the command."""
+    """Commanded minus measured steering angle; 0 while the wheels follow the command [rad]."""
     evidence: Evidence = Evidence()
-    """Consistency of consecutive fixes."""
+    """Consistency checks of consecutive fixes."""
     gyro: GyroEvidence = GyroEvidence()
-    """Repeated yaw rates of the gyro."""
+    """Check of the gyro for repeated yaw rates."""
     turn: TurnEvidence = TurnEvidence()
-    """Rotation of the fixes' course relative to the gyro."""
+    """Check of the rotation of the fixes' course relative to the gyro."""
     attitude: AttitudeEvidence = AttitudeEvidence()
-    """Consistency of the angles of the inertial unit."""
+    """Consistency checks of the angles of the inertial unit."""
     pedal_mismatch: float = 0.0
-    """Pedal reference minus measured pedal [-]; 0 while the pedal follows."""
+    """Pedal reference minus measured pedal; 0 while the pedal follows the reference [-]."""
     pedal_rate: float = 0.0
     """Rate of the measured pedal since the last tick [1/s]."""
     allowed: float = 0.0
-    """Commanded speed [m/s]; decreases are limited to the deceleration of the tractor."""
+    """Commanded speed, whose decrease is limited to the deceleration of the tractor [m/s]."""
     tracked: bool = False
     """Whether the heading has been known at least once."""
     aligning_s: float = 0.0
@@ -118,20 +119,20 @@ class MonitorSignals(NamedTuple):
 
 
 class SupervisorLimits(Reporting):
-    """Limits of autonomous driving; each default is the assumed value of a cautious manufacturer."""
+    """Limits of the monitors; each default is an assumed value that a cautious manufacturer would select."""
 
     max_fix_age_s: Positive = 8.0
-    """Maximum age of the newest fix [s]. Assumed value (2-20); the position error after 5 s in a turn is 0.2-1 m."""
+    """Maximum age of the newest fix [s]. Assumed value (2-20); 5 s without a fix in a turn cause errors of 0.2-1 m."""
     max_sigma_m: Positive = 1.0
     """Maximum estimated standard deviation of the position [m]. Assumed value (0.3-2)."""
     max_cross_track_m: Positive = 2.0
     """Maximum estimated cross-track error [m]; a larger initial error may decrease first. Assumed value (0.5-3): less
     than the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Maximum time without approaching a path farther away than `max_cross_track_m` [s]. Assumed value (10-60)."""
+    """Maximum time without an approach to a path at a distance above `max_cross_track_m` [s]. Assumed value (10-60)."""
     max_nis: Positive = 120.0
     """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): the mean is 2 for
-    a consistent filter and 85 across 3 cm ridges at 2.5 m/s; 5 s of wrong fixes, each limited to 200, give 126."""
+    a consistent filter and 85 across 3 cm ridges at 2.5 m/s; wrong fixes, limited to 200 each, give 126 after 5 s."""
     max_steer_mismatch_deg: Positive = 12.0
     """Maximum difference between commanded and measured steering angle [deg]. Assumed value (5-20)."""
     steer_mismatch_s: Positive = 2.0
@@ -143,27 +144,27 @@ class SupervisorLimits(Reporting):
     max_overspeed: Positive = 1.25
     """Maximum speed divided by the commanded speed [-]. Assumed value (1.2-1.4); fault-free runs reach 1.15."""
     overspeed_s: Positive = 0.3
-    """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one oscillation on ridges."""
+    """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one period of oscillation on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15); a ramp causes 0.05."""
+    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15); 0.05 in speed ramps."""
     pedal_mismatch_s: Positive = 0.14
-    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal needs 0.5 s for its travel."""
+    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal reaches full in 0.5 s."""
     max_pedal_rate_per_s: Positive = 2.2
     """Maximum plausible rate of the measured pedal [1/s]. Assumed value (2-5); the pedal moves at 1.5 1/s."""
     max_wheel_lag_m_s: Positive = 0.35
     """Maximum excess of fix speed over wheel speed [m/s]. Assumed value (0.2-0.5) for antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Additional tolerated speed difference as a fraction of the fix speed [-]. Assumed value (0.2-0.4) for bumps."""
+    """Additional tolerated excess of fix speed, divided by fix speed [-]. Assumed value (0.2-0.4) for bumps."""
     wheel_lag_s: Positive = 0.3
     """Maximum duration of a low wheel speed [s]. Assumed value (0.2-0.5), half a period of antenna oscillation."""
     outvoted_s: Positive = 1.0
-    """Maximum time for which the estimated speed may be below a speed on which wheels and fixes agree [s]. Assumed
-    value (0.5-2): more than one period of the antenna oscillation."""
+    """Maximum time for which the estimated speed is too far below a speed on which wheels and fixes agree [s]. Assumed
+    value (0.5-2), more than one period of the antenna oscillation."""
     max_angle_mismatch_deg: Positive = 8.0
     """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
     value (6-15) for wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Additional tolerance as a fraction of the larger angle [-]. Assumed value (0.3-0.6); wheels slide under load."""
+    """Additional tolerated difference, divided by the larger angle [-]. Assumed value (0.3-0.6) for sliding wheels."""
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
@@ -173,30 +174,30 @@ class SupervisorLimits(Reporting):
     """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
     (0.2-1): real measurements have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the fixes' course relative to the gyro, mean of 2 s minus mean of 10 s [deg]; higher below
-    0.8 m/s. Assumed value (6-15): 6 in fault-free runs (ridges at 3 m/s), 8 with a constant gyro bias of 1 deg/s."""
+    """Maximum rotation of the fixes' course relative to the gyro, mean of 2 s minus mean of 10 s; higher below 0.8 m/s
+    [deg]. Assumed value (6-15): 6 in fault-free runs (ridges at 3 m/s), 8 with a constant gyro bias of 1 deg/s."""
     max_fix_drift_m: Positive = 0.3
-    """Maximum difference between position and integrated velocity of the fixes, forgotten within 60 s [m]; higher for
-    slow receivers and rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
+    """Maximum difference between position and integrated velocity of the fixes in the last 60 s; higher for slow
+    receivers and rough ground [m]. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
     max_reckoning_sigma: Positive = 5.0
     """Maximum distance of a fix from the dead reckoning of the last 30 s, in standard deviations [-]. Assumed value
     (4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
     reckoning_s: Positive = 0.6
-    """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), more than one checked fix."""
+    """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Maximum difference between roll or pitch and the tilt derived from the specific force, mean of 4 s [deg]. Assumed
-    value (4-10): a start at 0.5 m/s2 briefly causes 3, and 3 cm ridges at 3 m/s up to 4.5."""
+    value (4-10): an acceleration of 0.5 m/s2 at the start causes 3, and 3 cm ridges at 3 m/s cause up to 4.5."""
     max_attitude_age_s: Positive = 2.0
-    """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), as the slope changes in a turn."""
+    """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), short compared with a turn."""
 
     def limits(self, machine: TractorParameters) -> "Limits":
-        """Return the limits as numbers, for a tractor."""
+        """Return the limits for a tractor, as numbers for kernels."""
         keys = (getattr(self, key) for key in SupervisorLimits.model_fields)
         return Limits._make((*keys, machine.tightest_radius, machine.wheelbase_m))
 
 
 class Limits(NamedTuple):
-    """Keys of `SupervisorLimits`, minimum turning radius and wheelbase [m]."""
+    """Values of the keys of `SupervisorLimits`, and minimum turning radius and wheelbase of the tractor [m]."""
 
     max_fix_age_s: float
     max_sigma_m: float
@@ -232,14 +233,14 @@ class Limits(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Numbers of the `Estimate`."""
+    """Estimated state checked by the monitors, as numbers for kernels; see `Estimate`."""
 
     x: float
     """East coordinate of the CG [m]."""
     y: float
     """North coordinate of the CG [m]."""
     speed: float
-    """Velocity of R along the course [m/s]."""
+    """Velocity of the rear axle along the course [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]."""
     aligned: bool
@@ -253,7 +254,7 @@ class Judged(NamedTuple):
 
 
 Checks = tuple[tuple[float, float, float], ...]
-"""Signal, limit, and maximum duration above the limit [s] of some monitors; an unknown signal is NaN."""
+"""Signal, limit, and maximum duration above the limit [s] of several monitors; an unavailable signal is NaN."""
 
 
 @jit
@@ -278,7 +279,7 @@ def checks(
 
 @jit
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
-    """Return the time above the limit [s] after `dt` [s], weighted by the excess; unchanged for a NaN signal."""
+    """Return the weighted time above the limit after `dt` [s], or 0 below the limit; unchanged for NaN signals [s]."""
     signal, limit, _ = check
     if isnan(signal):
         return time
@@ -337,7 +338,7 @@ def _of_turns(most: Limits, w: MonitorSignals, e: Judged, m: Sensed, steer: floa
 
 @jit
 def _wheel_lag(most: Limits, speed: float) -> float:
-    """Return the tolerated difference between `speed` and another measured speed [m/s]."""
+    """Return the tolerated amount by which another measured speed is below `speed` [m/s]."""
     return most.max_wheel_lag_m_s + most.max_wheel_lag_share * speed
 
 

@@ -8,9 +8,9 @@ estimates the disturbances d (curvature: steering bias, slope, slip) and b (crab
 which removes the steady-state error. The decision variables are the rates of the steering command. The cost, summed
 over the horizon of 2 s, is
   (e_y / offset)^2 + (course error / heading)^2 + (rate / rate_deg_s)^2
-subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic programming) minimise it
-[Rawlings2017]. Their number is always two per tick, for bounded computing time and repeatable results. In reverse the
-errors are those of the leading rear axle, because each correction first moves the CG away from the path.
+subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic programming) minimise this
+cost [Rawlings2017]. Every tick has exactly two steps, for bounded computing time and repeatable results. In reverse the
+cost contains the errors of the leading rear axle, because each correction first moves the CG away from the path.
 """
 
 from collections.abc import Sequence
@@ -36,11 +36,11 @@ STEPS = 20
 HORIZON_S = STEPS * STEP_S
 """Duration of the horizon [s]."""
 APPROACH = 2 / 3
-"""Maximum distance in which an error decays to 1/e, as a fraction of the distance in the horizon [-]. Assumed value."""
+"""Maximum decay distance (to 1/e) of an error, divided by the distance covered in the horizon [-]. Assumed value."""
 ITERATIONS = 2
 """Number of Gauss-Newton steps per tick."""
 DISTURBANCES = np.zeros(4)
-"""Initial mean of e_y, e, b and d: an undisturbed tractor on its path."""
+"""Initial mean of e_y, e, b and d, for an undisturbed tractor on its path."""
 
 
 class NmpcState(NamedTuple):
@@ -68,8 +68,8 @@ class Nmpc(Following):
     offset_m: Positive = 0.23
     """Cross-track error with a cost of 1 [m]. Assumed value (0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
-    """Course error with a cost of 1 [deg], at least `offset_m` divided by two thirds of the distance covered in the
-    horizon. Assumed value (1-10), tuned."""
+    """Course error with a cost of 1, at least `offset_m` divided by two thirds of the distance covered in the horizon
+    [deg]. Assumed value (1-10), tuned."""
     rate_deg_s: Positive = 37.0
     """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
     steer_rate_deg_s: Positive = 25.0
@@ -110,7 +110,7 @@ class Nmpc(Following):
     def _plan(
         self, memory: NmpcState, mean: Array, deviation: PathDeviation, situation: Situation, delta: float
     ) -> Array:
-        """Return the steering rates of minimum cost, shape (STEPS,) [rad/s]."""
+        """Return the rates of the steering command with minimum cost, shape (STEPS,) [rad/s]."""
         m, solver = situation.machine, _solver()
         distances = [
             min(deviation.place.s + abs(deviation.speed) * STEP_S * (k + 0.5), deviation.leg[1]) for k in range(STEPS)
@@ -132,7 +132,7 @@ class Nmpc(Following):
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], deviation: PathDeviation, situation: Situation) -> list[float]:
-        """Return the sideslip of an error-free CG at the end of each step; 0 in forward travel [rad]."""
+        """Return the sideslip of a CG on the path at the end of each step; 0 in forward travel [rad]."""
         if deviation.direction > 0:
             return [0.0] * STEPS
         l_r, way = situation.machine.cg_to_rear_axle, abs(deviation.speed) * STEP_S
@@ -185,7 +185,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Residuals of the plan and quadratic program of a Gauss-Newton step, built once per process."""
+    """Residuals of the planned motion, and quadratic program of a Gauss-Newton step; built once per process."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)
@@ -203,7 +203,7 @@ class _Solver:
         self.program = ca.conic("plan", "qrqp", dense, options)
 
     def solve(self, rates: Array, p: Array, fastest: float, bounds: tuple[float, float]) -> Array:
-        """Return rates [rad/s] limited to `fastest` in magnitude, with cumulative sums within `bounds` [rad]."""
+        """Improve `rates` [rad/s], with a magnitude of at most `fastest` and an integral within `bounds` [rad]."""
         for _ in range(ITERATIONS):
             residual, J = (np.array(part) for part in self.linear(rates, p))
             angle = self.sums @ rates
@@ -221,7 +221,7 @@ class _Solver:
 
 
 def _residuals(ca: Any, rates: Any, p: Any) -> Any:
-    """Return the weighted errors over the horizon; `p` is composed in `Nmpc._plan`."""
+    """Return the weighted errors over the horizon as casadi expressions; `Nmpc._plan` composes the parameters `p`."""
     e_y, e, delta, b, d, answered, command, u, L, l_r, keep, keep_half, w_y, w_e, w_r, rear = (p[k] for k in range(16))
     found = []
     for k in range(STEPS):

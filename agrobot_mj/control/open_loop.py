@@ -1,4 +1,4 @@
-"""Open-loop step of the steering angle for plant tests."""
+"""Open-loop controller with a step of the steering angle, for tests of the plant."""
 
 from math import radians
 from typing import Annotated, ClassVar, Literal
@@ -11,12 +11,12 @@ from agrobot_mj.core.spec import NonNegative
 
 
 class OpenLoop(YawController):
-    """Step of the steering angle."""
+    """Open-loop controller that commands a step of the steering angle."""
 
     kind: Literal["open_loop"] = "open_loop"
     label: ClassVar = "open loop"
     closed_loop: ClassVar[bool] = False
-    """Always False: the controller ignores the yaw rate."""
+    """Always False, because the controller ignores the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
     """Steering angle of the step, positive left [deg]. Assumed value; limited by the steering stops."""
     at_s: NonNegative = 1.0
@@ -28,6 +28,6 @@ class OpenLoop(YawController):
     def update(
         self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[None, YawCommand]:
-        """Return the command at time t [s]."""
+        """Return the step command at time `t` [s]."""
         steer = radians(self.steer_deg) if t >= self.at_s else 0.0
         return None, YawCommand(clip(steer, -steer_limit, steer_limit))

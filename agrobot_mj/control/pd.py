@@ -1,8 +1,8 @@
 """Conventional yaw controller: tau_c = k_P e + k_D de/dt.
 
 The error e is reference minus measured yaw rate [rad/s]. The output tau_c [rad], positive left, is limited to the
-maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller. The paper's Theorem
-2 divides by k_D and does not apply to it.
+maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller, to which the paper's
+Theorem 2 does not apply, because it divides by k_D.
 """
 
 from typing import ClassVar, Literal
@@ -13,7 +13,7 @@ from agrobot_mj.core.spec import NonNegative
 
 
 class Conventional(YawController):
-    """Proportional and derivative terms common to the closed-loop yaw controllers."""
+    """Base class of the closed-loop yaw controllers with proportional and derivative terms."""
 
     kp: float = 0.4
     """Proportional gain k_P [rad s/rad]. Assumed value, tuned with `kinematic`; 0.4 with `gains = "paper"`."""

@@ -1,4 +1,4 @@
-"""The paper's controller: PD in parallel with a fuzzy neural network that learns from the PD output.
+"""Controller of the paper: PD in parallel with a fuzzy neural network that learns from the PD output.
 
 Steering angle u = tau_c - tau_n [rad]. The network output tau_n is trained on the PD output tau_c (feedback-error
 learning; the paper, section III-B). The network inputs are the yaw-rate error [rad/s] and its derivative [rad/s2].
@@ -23,13 +23,13 @@ class NeuroState(NamedTuple):
     network: T2FnnState | None = None
     """State of the network, initialised at the first error; None before the first error."""
     reported: Array | None = None
-    """Network signals at the last tau_n, before learning in that tick; None before the first tick."""
+    """Values of the network columns at the last tau_n, before learning in that tick; None before the first tick."""
     saturated: bool = False
     """Whether the last command was clipped at the steering limit."""
 
 
 class PdNetwork(Conventional):
-    """PD controller in parallel with a network of the error and its filtered derivative."""
+    """PD controller in parallel with a network whose inputs are the error and its filtered derivative."""
 
     network: T2Fnn = T2Fnn()
     """Network and its learning laws."""
@@ -61,19 +61,19 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Return the values of `columns` for the last tau_n; NaN before the first tick."""
+        """Return the values of `columns` at the last tau_n; NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 
 class PdT2fnn(PdNetwork):
-    """The paper's controller: PD in parallel with a type-2 fuzzy neural network."""
+    """Controller of the paper: PD in parallel with a type-2 fuzzy neural network."""
 
     kind: Literal["pd_t2fnn"] = "pd_t2fnn"
     label: ClassVar = "PD + T2FNN"
 
 
 class PdT1fnn(PdNetwork):
-    """Type-1 baseline: the learning laws of `PdT2fnn` with equal lower and upper fuzzy sets."""
+    """Type-1 baseline with the learning laws of `PdT2fnn`, and with equal lower and upper fuzzy sets."""
 
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
     label: ClassVar = "PD + T1FNN"

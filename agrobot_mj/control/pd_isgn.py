@@ -1,6 +1,6 @@
-"""Baseline of the paper's controller: PD plus the integral of the sign of its output.
+"""Baseline for the paper's controller: PD plus the integral of the sign of the PD output.
 
-u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c), which equals a network with constant normalised firing.
+u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c), which equals a network with constant normalised firing strengths.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -22,7 +22,7 @@ class IntegralState(NamedTuple):
 
 
 class PdIsgn(Conventional):
-    """PD plus the integral of the sign of its output: a baseline for the networks."""
+    """PD plus the integral of the sign of the PD output, a baseline for the networks."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"

@@ -1,8 +1,8 @@
 """PI controller of the yaw rate: delta = k_P e + k_I integral(e dt).
 
-The error e is reference minus measured yaw rate [rad/s]. The integral is stored as an angle. It is frozen while the
-total steering command, including feed-forward, exceeds the steering limit, and while the wheels are still moving to the
-command. It is also frozen at large errors, which occur during an approach to the path.
+The error e is reference minus measured yaw rate [rad/s]. The integral is stored as an angle. Its growth is stopped
+while the total steering command, including feed-forward, exceeds the steering limit, and while the wheels are still
+moving to the command. It is frozen at large errors, which occur during an approach to the path.
 
 With a worn valve (40 % of the flow, dead band wider by 0.8 V) the lag of the valve causes a limit cycle at high k_I;
 see docs/reference/guidance_tables.md.
@@ -15,7 +15,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative
 
 TRANSIENT_RAD_S = 0.3
-"""Yaw-rate error above which the integral is frozen, as in an approach to the path [rad/s]. Assumed value."""
+"""Yaw-rate error above which the integral is frozen, as during an approach to the path [rad/s]. Assumed value."""
 
 
 class PiState(NamedTuple):

@@ -1,8 +1,8 @@
 """PID controller, speed and steering loops, and brake.
 
 Both valves accept 0-12 V and are neutral at 6 V; a higher voltage steers left and moves the pedal forward. The
-structure is that of the paper, section V-B: two cascaded PIDs for the speed and an inner loop for the steering. The
-gains are assumed values for the delays, lags and dead bands of `hydraulics` and `driveline`.
+structure is from the paper, section V-B: two cascaded PIDs for the speed and an inner loop for the steering. The gains
+are assumed values for the delays, lags and dead bands of `hydraulics` and `driveline`.
 
 The brake is applied when standstill is commanded: a speed of exactly zero, a supervisor stop with neutral pedal, or a
 crawl while the reference is at rest. The hydrostat slows the tractor until then. The brake cuts the power of the pedal
@@ -26,7 +26,7 @@ def clip(x: float, low: float, high: float) -> float:
 
 
 class FilteredRate(NamedTuple):
-    """State of a filtered derivative: last value and its rate of change."""
+    """State of a filtered derivative: last value and filtered rate of change."""
 
     value: float = nan
     """Last value; NaN before the first value [unit]."""
@@ -34,13 +34,13 @@ class FilteredRate(NamedTuple):
     """Filtered rate of change of the value [unit/s]."""
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
-        """Return the state after the next value, `dt` [s] later, filtered with the time constant `filter_s` [s]."""
+        """Return the state after a new value, `dt` [s] later, filtered with the time constant `filter_s` [s]."""
         return slope_after(self, value, dt, filter_s)
 
 
 @shared
 def slope_after(s: FilteredRate, value: float, dt: float, filter_s: float) -> FilteredRate:
-    """Return the state of a filtered derivative after the next value."""
+    """Return the state of a filtered derivative after a new value; arguments as in `FilteredRate.after`."""
     if isnan(s.value):
         return FilteredRate(value, 0.0)
     raw = (value - s.value) / dt
@@ -57,7 +57,7 @@ class PidState(NamedTuple):
 
 
 class PidLaw(NamedTuple):
-    """Parameters of a `Pid`, with the same units."""
+    """Parameters of a `Pid` for kernels, with the same units."""
 
     kp: float
     ki: float
@@ -111,9 +111,9 @@ class Pid(Spec):
 
 @shared
 def over_dead_band(error: float, jump: float, tolerance: float) -> float:
-    """Return the voltage that compensates the dead band of a valve [V].
+    """Return the voltage that compensates the dead band of a valve, with the sign of `error` [V].
 
-    The voltage is 0 for errors below `tolerance` and rises linearly to `jump` at twice the tolerance.
+    The magnitude is 0 for errors below `tolerance` and rises linearly to `jump` at twice the tolerance.
     """
     size = jump * clip(abs(error) / tolerance - 1, 0.0, 1.0)
     return size if error > 0 else -size
@@ -129,7 +129,7 @@ class SpeedState(NamedTuple):
 
 
 class SpeedLoopLaw(NamedTuple):
-    """Parameters of a `SpeedLoop`."""
+    """Parameters of a `SpeedLoop` for kernels."""
 
     outer: PidLaw
     inner: PidLaw
@@ -145,14 +145,14 @@ class SpeedLoopLaw(NamedTuple):
 def speed_step(
     p: SpeedLoopLaw, s: SpeedState, speed_ref: float, speed: float, pedal: float, dt: float
 ) -> tuple[SpeedState, float]:
-    """Return the new state and the voltage of the pedal valve [V]; `pedal` is the measured position [-]."""
+    """Return the new state and the pedal valve voltage [V] for commanded and measured speed [m/s] and pedal [-]."""
     outer, pedal_ref = pid_step(p.outer, s.outer, speed_ref - speed, dt, -1.0, 1.0, p.feedforward * speed_ref)
     return pedal_step(p, SpeedState(outer, s.inner, s.reference), pedal_ref, pedal, dt)
 
 
 @shared
 def pedal_step(p: SpeedLoopLaw, s: SpeedState, pedal_ref: float, pedal: float, dt: float) -> tuple[SpeedState, float]:
-    """Return the new state and the pedal valve voltage [V] of the inner loop for a given pedal reference [-]."""
+    """Return the new state and the pedal valve voltage [V] of the inner loop for pedal reference and position [-]."""
     error = pedal_ref - pedal
     jump = over_dead_band(error, p.jump, p.tolerance)
     inner, voltage = pid_step(p.inner, s.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
@@ -160,7 +160,7 @@ def pedal_step(p: SpeedLoopLaw, s: SpeedState, pedal_ref: float, pedal: float, d
 
 
 class SpeedLoop(Spec):
-    """Cascaded PIDs: speed error to pedal reference to valve voltage (paper, section V-B).
+    """Cascaded PIDs from speed error through pedal reference to valve voltage (paper, section V-B).
 
     The default gains of the outer PID are inversely proportional to the full speed of the machine.
     """
@@ -168,9 +168,9 @@ class SpeedLoop(Spec):
     sized: ClassVar = {key: {"speed": -1} for key in ("feedforward_s_m", "outer.kp", "outer.ki")}
 
     outer: Pid = Pid(kp=0.05, ki=0.1)
-    """Outer PID: speed error [m/s] to pedal reference [-]. Assumed value."""
+    """Outer PID from speed error [m/s] to pedal reference [-]. Assumed value."""
     inner: Pid = Pid(kp=6.0)
-    """Inner PID: pedal error [-] to voltage [V]. Assumed value."""
+    """Inner PID from pedal error [-] to voltage [V]. Assumed value."""
     feedforward_s_m: NonNegative = 0.2
     """Feed-forward pedal divided by the speed reference [s/m]; 0.2 is full pedal at 5 m/s. Assumed value: without
     feed-forward, the required PID gains cause speed oscillation on compliant tyres."""
@@ -198,7 +198,7 @@ class SteeringState(NamedTuple):
 
 
 class SteeringLoopLaw(NamedTuple):
-    """Parameters of a `SteeringLoop`."""
+    """Parameters of a `SteeringLoop` for kernels."""
 
     pid: PidLaw
     jump: float
@@ -226,7 +226,7 @@ def steering_step(
 
 
 class SteeringLoop(AngleLoop):
-    """PID steering loop: steering angle error to valve voltage."""
+    """PID steering loop from the error of the steering angle to the valve voltage."""
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
@@ -237,7 +237,7 @@ class SteeringLoop(AngleLoop):
     """Maximum angle error without dead-band compensation [deg]. Assumed value, below the potentiometer's 1 deg."""
     reference_rate_deg_s: Positive | None = None
     """Maximum rate of the reference angle [deg/s]. Default: null (no limit), as in the paper. A limit of 26 deg/s, the
-    maximum rate with the valve, removes the jump of the command when GNSS returns."""
+    maximum rate of the valve, removes the jump of the command at the return of GNSS fixes."""
 
     def init(self) -> SteeringState:
         """Return the initial state, with the wheels straight ahead."""
@@ -275,7 +275,7 @@ class BrakeState(NamedTuple):
 
     @property
     def stands(self) -> bool:
-        """Whether the tractor has been stopped by the brake and is held."""
+        """Whether the brake has stopped the tractor and holds it."""
         return self.standing_s >= STANDSTILL_S + STOPPED_S
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
@@ -284,7 +284,7 @@ class BrakeState(NamedTuple):
 
 
 class Wishes(NamedTuple):
-    """Command to the low-level loops as numbers; NaN for an absent voltage or pedal."""
+    """Command to the low-level loops as numbers for kernels; a missing voltage or pedal is NaN."""
 
     steer: float
     speed: float
@@ -295,7 +295,7 @@ class Wishes(NamedTuple):
 
 
 def wishes_of(command: Command, waits: bool) -> Wishes:
-    """Return a command as numbers."""
+    """Return a command as numbers; `waits` is whether the reference of the path is at rest."""
     steer, speed, steer_voltage, pedal, _ = command
     return Wishes(steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits)
 
@@ -313,7 +313,7 @@ def brake_after(s: BrakeState, w: Wishes, dt: float) -> BrakeState:
 
 
 class LoopsLaw(NamedTuple):
-    """Parameters of the low-level loops."""
+    """Parameters of the low-level loops for kernels."""
 
     speed: SpeedLoopLaw
     steering: SteeringLoopLaw
@@ -331,9 +331,9 @@ class LoopsState(NamedTuple):
 def loops_step(
     p: LoopsLaw, s: LoopsState, w: Wishes, speed: float, steer: float, pedal: float, dt: float
 ) -> tuple[LoopsState, tuple[float, float, float]]:
-    """Return the new states, and the voltages of steering and pedal valve [V] and the applied share of the brake [-].
+    """Return the new state, and the voltages of steering and pedal valve [V] with the applied brake fraction [-].
 
-    The command may bypass either loop. `speed` is the estimate [m/s], `steer` [rad] and `pedal` [-] are measured.
+    The command may bypass each of both loops. `speed` [m/s] is estimated; `steer` [rad] and `pedal` [-] are measured.
     """
     brake = brake_after(s.brake, w, dt)
     share = 1.0 if brake.standing_s >= STANDSTILL_S else 0.0

@@ -88,8 +88,8 @@ class PurePursuit(Integrating):
     def _arc(self, deviation: PathDeviation, situation: Situation) -> float:
         """Return the steering angle of the arc to the goal [rad].
 
-        The goal is on the path, or next to the path at a distance that limits the approach angle. Beyond the leg it is
-        on the straight extension.
+        The goal is on the path, or next to the path at a distance that limits the approach angle. Beyond the end of the
+        leg the goal is on its straight extension.
         """
         e, m, route, end = situation.estimate, situation.machine, situation.route, deviation.leg[1]
         u, l_r = abs(e.speed), m.cg_to_rear_axle

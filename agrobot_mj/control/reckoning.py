@@ -12,10 +12,10 @@ compliance c in addition to the model. Between two fixes
   x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
 
 All states except x, y are random walks, faster in turns with a large side force f. Fixes and two-antenna headings
-update reference 0. Every 5 s a copy of it starts a new reference, which receives no fix for 30 s. A fix must be
-consistent with all references (integrity monitoring by extrapolation [Diesel1995]), which expose errors common to
-position and velocity, and jumps during a gap. Without a gyro, the antenna heading or the steering angle gives the yaw
-rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
+update reference 0. Every 5 s a copy of reference 0 starts a new reference, which receives no fix for 30 s. A fix must
+be consistent with all references (integrity monitoring by extrapolation [Diesel1995]). The comparison detects errors
+common to position and velocity, and jumps during a gap. Without a gyro, the antenna heading or the steering angle gives
+the yaw rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
 """
 
 from cmath import exp as turn
@@ -67,18 +67,18 @@ Covariances = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
 
 
 class References(NamedTuple):
-    """All references at the time of the last checked fix; fixes update only the first reference."""
+    """States of all references of the dead reckoning at the last checked fix; fixes update only the first reference."""
 
     means: Matrix
     """Means of position x, y, angle theta, gyro bias b, wheel scale k, sideslip kappa, compliance c, shape (n, 7)."""
     covariances: Covariances
     """Covariances of the states, shape (n, 7, 7)."""
     begun: Vector
-    """Time since which each reference has received no fix, shape (n,) [s]."""
+    """Start time of each reference, after which no fix updates it (except the first one), shape (n,) [s]."""
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
-        """Return the first reference, from a fix at `place` [m] and the frame angle theta [rad]."""
+        """Return the first reference, which starts at a fix at `place` [m] with the frame angle `theta` [rad]."""
         foot = place - turn(1j * theta) * (at.lever + at.behind)
         mean = np.array([[foot.real, foot.imag, theta, 0.0, 0.0, 0.0, 0.0]])
         return cls(mean, np.diag(np.square(START_SIGMAS))[None], np.array([at.t]))
@@ -88,7 +88,7 @@ class References(NamedTuple):
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and the maximum contradiction: distance of the fix and its sigma [m].
+    """Return the references after a fix, and its distance from the most contradicting reference with sigma [m].
 
     `variance` [m2] is that of the fix position; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured difference between heading and phi, NaN without one [rad].
@@ -156,7 +156,7 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Return the references without those that are too old at `t` [s], and with a new one if it is due."""
+    """Remove references older than MEMORY_S at `t` [s], and add a copy of the first one every RENEWAL_S."""
     n = r.begun.size
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):
@@ -173,9 +173,9 @@ class Reckoning(NamedTuple):
     """State of the dead reckoning."""
 
     sums: tuple[Sums, ...] = (Sums(),)
-    """Accumulated sums of the last ticks, oldest first."""
+    """Dead-reckoning sums after each of the last ticks, oldest first."""
     checked: Sums | None = None
-    """Accumulated sums at the last checked fix; None before the first fix."""
+    """Dead-reckoning sums at the last checked fix; None before the first fix."""
     begun_at: complex = 0j
     """Position of the first fix [m]."""
     references: References | None = None
@@ -195,9 +195,9 @@ class Reckoning(NamedTuple):
         dt: float,
         towed: TowedImplement,
     ) -> "Reckoning":
-        """Return the state after a tick of `dt` [s], starting at the first gyro measurement; a missing fix is NaN.
+        """Return the state after a tick of `dt` [s]; unchanged before the first gyro measurement. A missing fix is NaN.
 
-        The gyro axis is vertical, or fixed to the tractor with `body`.
+        The axis of the gyro is fixed to the tractor if `body`, otherwise vertical.
         """
         if self.checked is None and not isfinite(m.gyro):
             return self

@@ -1,8 +1,8 @@
-"""The paper's network for speed control, as suggested in the paper's section III-B.
+"""Network for speed control, as suggested in section III-B of the paper.
 
 The network is in parallel with a proportional controller:  u_command = u_ref + tau_c - tau_n,  tau_c = k_P (u_ref - u).
-Its inputs are u_ref - u [m/s] and the filtered derivative of this error [m/s2]; it is trained on tau_c [m/s]. Because
-the speed loop already has an integral, the network has little to learn.
+The inputs of the network are u_ref - u [m/s] and the filtered derivative of this error [m/s2]; the network is trained
+on tau_c [m/s]. Because the speed loop already has an integral, the network has little to learn.
 """
 
 from typing import NamedTuple

@@ -1,9 +1,9 @@
 """Stanley law: the front wheels are aligned with the path and turned towards it by the offset of the front axle.
 
 Forward:  delta = delta_ff - (psi - psi_ref) - atan(k e_f / (u_0 + u)) - k_d (r - r_ref).  Here e_f is the offset of the
-front axle from its error-free position, measured across its error-free course, delta_ff = atan(L kappa_R) is previewed
-by the lag of the steering, and r is the yaw rate. On an arc the CG (not the front axle) is on the path without
-steady-state error. The yaw-rate damping compensates the lag T of the steering: with k_d = T the course theta of the
+front axle from its error-free position, measured across its error-free course, delta_ff = atan(L kappa_R) has a preview
+of the steering lag, and r is the yaw rate. On an arc the CG (not the front axle) is on the path without steady-state
+error. The yaw-rate damping compensates the lag T of the steering: with k_d = T the course theta of the
 front axle satisfies T theta' = -theta - k e_f / u on a machine of any length. Without damping, large errors cause
 sustained oscillation if the valve is at its rate limit. Source: [Hoffmann2007].
 
@@ -56,7 +56,7 @@ class Stanley(Integrating):
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Integral gain k_i: angle per unexplained front-axle motion, forward [rad/m]; 0: none. Assumed value (0-0.3)."""
+    """Integral gain k_i: angle per unexplained front-axle motion, only forward [rad/m]. Assumed value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),
@@ -82,7 +82,7 @@ class Stanley(Integrating):
 
 
 class Gains(NamedTuple):
-    """Numbers of the law and of the tractor."""
+    """Gains of the law and dimensions of the tractor, as numbers for kernels."""
 
     k: float
     """Gain k [1/s]."""
@@ -107,7 +107,7 @@ def _stanley(
     gains: Gains, memory: StanleyState, deviation: PathDeviation, pose: tuple[float, float, float], speed: float,
     yaw_rate: float, aligned: bool, steer: float, dt: float,
 ) -> tuple[StanleyState, float]:  # fmt: skip
-    """Return the new state and the steering angle [rad]."""
+    """Return the new state and the steering angle [rad]; `pose` is x, y [m] and yaw [rad] of the CG."""
     pace, ahead = gains.softening + abs(deviation.speed), deviation.steer_ahead
     if deviation.direction < 0:
         e_r = offset_of(deviation, -gains.rear, deviation.yaw, pose)

@@ -1,4 +1,4 @@
-"""Sums over wheel speed, yaw rate and tilt, from which `reckoning` computes paths between fixes. SI units, radians."""
+"""Sums of wheel speed, yaw rate and tilt over time, from which `reckoning` computes paths between fixes; SI units."""
 
 from cmath import exp as turn
 from math import atan, copysign, cos, isfinite, isnan, nan, radians, sin, sqrt, tan
@@ -19,7 +19,7 @@ CLIMB_SLIP = 0.01
 COMPASS_S = 5.0
 """Time constant for comparing the antenna heading with the gyro [s]. Assumed value, fast compared with gyro drift."""
 BRIDGED_SIGMA = radians(0.15)
-"""Standard deviation added to theta at the loss of the gyro [rad]. Assumed value, the smoothed `HEADING_SIGMA`."""
+"""Standard deviation added to theta at the loss of the gyro [rad]. Assumed value: `HEADING_SIGMA` after smoothing."""
 SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
 """Random walks of kappa and k: per time [rad/sqrt(s), 1/sqrt(s)] and per rotation [rad/sqrt(rad), 1/sqrt(rad)]. Assumed
 values for six machines on level, rough, sloping and soft ground."""
@@ -39,7 +39,8 @@ SPEEDS_S = 1.0
 SLIPPING = 0.97
 """Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value."""
 SPINNING = 0.9
-"""Ratio of fix to wheel speed below which the random walk of k increases [-]. Assumed value; smoothed speeds lag."""
+"""Ratio of fix speed to wheel speed below which the random walk of k increases [-]. Assumed value, below `SLIPPING`
+because the smoothed speeds lag."""
 STANDING_M_S = 0.05
 """Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value."""
 STEERED_WALK = radians(1.5)
@@ -47,7 +48,7 @@ STEERED_WALK = radians(1.5)
 
 
 class Compass(NamedTuple):
-    """Two-antenna heading minus phi, smoothed while a gyro is available."""
+    """Two-antenna heading minus the integrated yaw rate phi, smoothed while a gyro is available."""
 
     angle: float = nan
     """Smoothed difference between heading and phi; NaN before the first heading [rad]."""
@@ -69,14 +70,14 @@ kernel_method("after")
 
 
 class Sums(NamedTuple):
-    """Sums over all ticks up to time `t`."""
+    """Sums of dead reckoning over all ticks up to time `t`."""
 
     t: float = 0.0
     """Time of the last tick [s]."""
     phi: float = 0.0
     """Integral phi of the yaw rate [rad]."""
     path: complex = 0j
-    """Path q of the rear axle in the frame of the sums [m]."""
+    """Position q of the rear axle along the summed path, in the frame of the sums [m]."""
     bent: complex = 0j
     """Derivative h of the path with respect to the tyre compliance [m2/s2]."""
     sideslip: float = 0.0
@@ -86,7 +87,7 @@ class Sums(NamedTuple):
     lever: complex = 0j
     """Antenna position relative to the rear axle in the frame of the path [m]."""
     behind: complex = 0j
-    """Position of the implement's antenna relative to the rear axle in the path frame; 0 for one on the tractor [m]."""
+    """Position of the antenna of the implement relative to the rear axle, in the path frame; 0 without one [m]."""
     rest: complex = 0j
     """Mean of `lever` over `ROCKING_S` [m]."""
     rocking: float = 0.0
@@ -114,7 +115,7 @@ class Sums(NamedTuple):
 
 
 class Vehicle(NamedTuple):
-    """Numbers of the tractor and its gyro."""
+    """Properties of the tractor and its gyro, as numbers for kernels."""
 
     wheelbase: float
     """Wheelbase [m]."""
@@ -190,7 +191,7 @@ def _turn(
 
 @jit
 def _speed(s: Sums, m: Sensed) -> float:
-    """Return the speed of R: that of the wheels, reduced while they spin, or else that of the last fixes [m/s]."""
+    """Return the speed of the rear axle [m/s]: the wheel speed, reduced during wheel spin, or else the fix speed."""
     if not isfinite(m.wheel_speed):
         return copysign(s.fixes, m.pedal)
     return m.wheel_speed * s.fixes / (SLIPPING * s.wheels) if s.fixes < SLIPPING * s.wheels else m.wheel_speed

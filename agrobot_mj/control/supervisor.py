@@ -1,4 +1,4 @@
-"""Supervisor: decides whether the tractor may continue autonomously, and otherwise performs a controlled stop.
+"""Supervisor: monitors whether the tractor may continue autonomously, and otherwise performs a controlled stop.
 
 `monitors` lists the monitored signals, which a real guidance computer can measure. Until the heading is known, the
 tractor follows the curvature of the path slowly. Without fixes the speed is unknown and the pedal is frozen. If a
@@ -71,7 +71,7 @@ class SupervisorState(NamedTuple):
     steer: float = 0.0
     """Last steering command [rad]."""
     neutral_s: float = 0.0
-    """Time for which the pedal reference has been neutral during a stop [s]."""
+    """Time since the pedal reference reached neutral during a stop [s]."""
     still_s: float = 0.0
     """Time for which the tractor has been at rest during a stop [s]."""
     released: bool = False
@@ -90,11 +90,11 @@ class Supervisor(SupervisorLimits):
     enabled: bool = True
     """Whether the supervisor is active. Default: true; false in the scenarios of the paper, which has no supervisor."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
-    """Axis of the gyro assumed in dead reckoning, as for the estimator."""
+    """Axis of the gyro assumed in dead reckoning: `vertical`, or `body` for an axis fixed to the tractor."""
     coasting_after_s: Positive = 0.6
     """Maximum age of the newest fix before the tractor coasts [s]. Assumed value (0.3-1), a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed along the curvature of the path until the heading is known [m/s]. Assumed value (0.5-1.5)."""
+    """Speed until the heading is known, along the curvature of the path [m/s]. Assumed value (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
     """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); 0.5 s from 1.2 m/s to a stop."""
     settle_s: NonNegative = 1.5
@@ -166,7 +166,7 @@ class Supervisor(SupervisorLimits):
         """Return the state after one tick of a stop: pedal towards neutral, power cut if the tractor does not stop."""
         reach = self.stopping_pedal_rate_per_s * dt
         pedal = state.pedal + clip(-state.pedal, -reach, reach)
-        # one speed may be wrong: `still` needs one at rest, `released` one in motion
+        # one of both speeds may be wrong: `still` requires one speed at rest, `released` one speed in motion
         speeds = [v for v in (abs(situation.estimate.speed), abs(measured.wheel_speed)) if v == v]
         neutral = state.neutral_s + dt if pedal == 0.0 else 0.0
         released = state.released or (neutral > OVERDUE_S and max(speeds) > STANDING_M_S)
@@ -192,7 +192,7 @@ class Supervisor(SupervisorLimits):
 
 
 class Wanted(NamedTuple):
-    """Commands to compare with the measurements."""
+    """Commands that the monitors compare with the measurements."""
 
     steer: float
     """Last steering command [rad]."""
@@ -209,7 +209,7 @@ def _watched(
     most: Limits, w: MonitorSignals, over_s: Vector, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix, quality: int,
     steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
 ) -> tuple[MonitorSignals, Vector, int, float, bool]:  # fmt: skip
-    """Return the signals after a tick and the weighted times above the limits [s].
+    """Return the monitor signals after a tick, and for each monitor the weighted time above its limit [s].
 
     The other results are the number of the first monitor that requires a stop, or -1, its signal, and whether a monitor
     cuts the power of the pedal valve.
@@ -232,7 +232,6 @@ def _observed(
     most: Limits, w: MonitorSignals, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix, quality: int, steer: float,
     wanted: Wanted, dt: float,
 ) -> MonitorSignals:  # fmt: skip
-    """Return the signals of the monitors after a tick."""
     evidence, first = w.evidence.after(m, fix, quality), isnan(w.readings[0])
     mismatch, pressing = wanted.steer - steer, wanted.pedal - m.pedal
     a, b = (0.0, 0.0) if first else (steer - w.readings[0], m.pedal - w.readings[1])

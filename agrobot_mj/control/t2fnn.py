@@ -33,7 +33,7 @@ __all__ = ["T1Fnn", "T2Fnn", "T2FnnState"]
 
 
 class T2Fnn(Spec):
-    """Type-2 fuzzy neural network and its learning laws; the paper prints only delta_s and the floor."""
+    """Type-2 fuzzy neural network and its learning laws; the paper states only the values of delta_s and the floor."""
 
     alpha: Positive = 0.02
     """Learning rate, with a lower bound from Theorem 1 [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`."""
@@ -44,9 +44,10 @@ class T2Fnn(Spec):
     rules_2: int = Field(3, ge=1, le=50)
     """Number J of fuzzy sets of x2 [-]. Assumed value (2-9)."""
     spread_1: Positive = 0.5
-    """Maximum initial distance of x1's centres from the first x1 [unit of x1]. Assumed value (0.1-1), a wrong turn."""
+    """Maximum initial distance of the centres of x1 from the first x1 [unit of x1]. Assumed value (0.1-1), the
+    yaw-rate error of a turn in the wrong direction."""
     spread_2: Positive = 0.5
-    """Maximum initial distance of x2's centres from the first x2 [unit of x2]. Assumed value (0.1-1), as for x1."""
+    """Maximum initial distance of the centres of x2 from the first x2 [unit of x2]. Assumed value (0.1-1)."""
     width_lower_1: Positive = 0.6
     """Initial width of the lower sets of x1 [unit of x1]. Assumed value; the sets contain the first input."""
     width_upper_1: Positive = 0.9
@@ -70,7 +71,7 @@ class T2Fnn(Spec):
     adapt_q: bool = True
     """Whether to learn the weight q of the lower firing. Default: true, as in the paper."""
     type_1: ClassVar[bool] = False
-    """Whether the lower sets equal the upper sets; q is then constant and has no effect."""
+    """Whether the lower fuzzy sets equal the upper sets; the weight q is then constant and has no effect."""
     floor: Positive = 0.001
     """Minimum magnitude of a denominator [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
@@ -105,7 +106,7 @@ class T2Fnn(Spec):
         return state._replace(f=np.where(W_lower >= W_upper, self.f_init, -self.f_init))
 
     def infer(self, state: T2FnnState, x1: float, x2: float) -> float:
-        """Return the output tau_n [rad] of the state at the inputs x1, x2, without moving the centres."""
+        """Return the network output tau_n [rad] at the inputs x1, x2; the centres do not move."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         return inference(_plain(state, x1, x2), x1, x2)
 
@@ -158,10 +159,10 @@ class T2Fnn(Spec):
 
 
 class T1Fnn(T2Fnn):
-    """Type-1 fuzzy neural network: the laws of `T2Fnn` with equal lower and upper sets."""
+    """Type-1 fuzzy neural network, with the laws of `T2Fnn` and equal lower and upper fuzzy sets."""
 
     type_1: ClassVar[bool] = True
-    """Always True: the lower sets equal the upper sets."""
+    """Always True, because the lower sets equal the upper sets."""
 
 
 @lru_cache(maxsize=1)
@@ -199,9 +200,9 @@ def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
 
 
 def _offsets(n: int, spread: float) -> Array:
-    """Return evenly spaced offsets within the spread, shifted by a quarter step.
+    """Return the offsets of `n` centres from the first input: evenly spaced within the spread, shifted by 1/4 step.
 
-    A centre equal to the input would violate Theorem 1: its membership remains 1 while the others are scaled, so that
-    the normalised firing changes.
+    A centre equal to the input would violate Theorem 1: its membership remains 1 while the other memberships are
+    scaled, so that the normalised firing changes.
     """
     return spread * (2 * np.arange(n) - (n - 1) + 0.5) / n

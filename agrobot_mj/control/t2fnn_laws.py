@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import Array
 LARGE_STEP = 0.01
 """Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value."""
 MIN_MEMBERSHIP = 1e-6
-"""Membership below which a set stops shrinking (guard 3) [-]; rounding errors would deactivate it. Assumed value."""
+"""Minimum membership of the input in a shrinking set, above rounding errors (guard 3) [-]. Assumed value."""
 TINY = 1e-12
 """Minimum denominator of a width update, which keeps the width finite [-]."""
 
@@ -132,7 +132,7 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Return the rates of a vector of widths; sgn(0) = 0, so that a set centred at the input does not change."""
+    """Return the rates of the widths `d` of one input; a set centred at the input does not change, as sgn(0) = 0."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)
