@@ -1,4 +1,4 @@
-"""State estimators: velocity and pose Kalman filters. Only this package imports filterpy."""
+"""State estimators, which use Kalman filters of velocity and pose. Only this package imports filterpy."""
 
 from typing import Annotated
 

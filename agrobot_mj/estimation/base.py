@@ -1,4 +1,4 @@
-"""Interface of the estimators, and diagnostics that do not need the true state.
+"""Interface of the state estimators, and diagnostics that do not need the true state.
 
 An estimator is frozen data with the keys of `[estimator]`. `init(x, y, yaw, tractor) -> state` is called once, and
 `update(state, measurement, dt) -> (state, estimate)` once per tick. `Health` contains the age of the newest accepted
@@ -14,10 +14,10 @@ from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
-"""Time constant of the smoothed NIS [s]. Assumed value, 100 fixes; a consistent filter then stays below 2.6."""
+"""Time constant of the smoothed NIS [s]. Assumed value, 100 fixes; the NIS of a consistent filter is then below 2.6."""
 NIS_MOST = 200.0
-"""Limit of each NIS before smoothing [-]. Assumed value: fourteen sigma; a single outlier then adds 2 to the smoothed
-NIS, and outliers for 5 s add 126."""
+"""Limit of each NIS before smoothing [-]. Assumed value: 14 standard deviations; a single outlier then adds 2 to the
+smoothed NIS, and outliers over 5 s add 126."""
 
 
 class Health(NamedTuple):
@@ -29,7 +29,7 @@ class Health(NamedTuple):
     """Smoothed NIS of the position [-]; the mean of a consistent filter is 2."""
 
     def after(self, nis: float, fix_t: float, dt: float) -> "Health":
-        """Return the health after a tick, for its NIS and the time of an accepted fix, each NaN without one."""
+        """Return the diagnostics after a tick with this NIS and this time of an accepted fix; NaN if there is none."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(fix_t if fix_t == fix_t else self.fix_t, smooth)
@@ -57,7 +57,7 @@ class StateEstimator(Reporting):
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
-        """Return the initial state, with the rear-axle point R at (x, y) [m] and the heading `yaw` [rad]."""
+        """Return the initial state, with the rear axle (ground point R) at (x, y) [m] and the heading `yaw` [rad]."""
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:

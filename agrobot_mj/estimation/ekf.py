@@ -1,13 +1,13 @@
-"""The paper's estimator: velocity Kalman filter (KF) and extended Kalman filter (EKF) of the pose.
+"""Estimator of the paper: velocity Kalman filter (KF) and extended Kalman filter (EKF) of the pose.
 
-The pose (x, y, yaw) in ENU [m, m, rad] is that of R, the point on the ground below the centre of the rear axle. Inputs
-are the speed [m/s] and the steering angle [rad] during the tick; measurements are x and y from GNSS. The yaw is not
-measured but estimated from the motion. It is not wrapped, so that differences of yaw remain valid. The explicit Euler
-step of the paper advances the yaw by half a tick in a turn (0.2 deg at 0.13 rad/s).
+The pose (x, y, yaw) in ENU [m, m, rad] is the pose of R, the point on the ground below the centre of the rear axle.
+Inputs are the speed [m/s] and the steering angle [rad] during the tick; measurements are x and y from GNSS. The yaw is
+estimated from the motion. It is not wrapped, so that differences of yaw remain valid. The explicit Euler step of the
+paper advances the yaw by half a tick in a turn (0.2 deg at 0.13 rad/s).
 
 The model assumes an exact steering angle. Other causes of rotation (sideslip on a slope, an offset of the
-potentiometer) enter the random walk of the yaw and cause a constant heading error. The filter interprets the correlated
-part of the GNSS error as motion, so that its covariance includes only the white part.
+potentiometer) appear in the random walk of the yaw and cause a constant heading error. The filter interprets the
+correlated part of the GNSS error as motion, so that its covariance includes only the white part.
 """
 
 from functools import lru_cache
@@ -39,7 +39,7 @@ def jacobian(yaw: float, speed: float, dt: float) -> Array:
 
 
 class PoseEkf(FixEkf):
-    """Pose EKF for one wheelbase [m] and one level of process noise [m/sqrt(s), rad/sqrt(s)]."""
+    """Pose EKF for a given wheelbase [m] and given process noise of position and yaw [m/sqrt(s), rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         super().__init__(wheelbase)
@@ -62,10 +62,10 @@ def _noise(sigma: float) -> Array:
 
 
 class Ekf(PoseEstimator):
-    """The paper's estimator of x, y and yaw; `[estimator] kind = "ekf"`."""
+    """Estimator of the paper for x, y and yaw; `[estimator] kind = "ekf"`."""
 
     kind: Literal["ekf"] = "ekf"
 
     def pose_filter(self, tractor: TractorParameters) -> PoseEkf:
-        """Return the paper's EKF."""
+        """Return the pose EKF of the paper."""
         return PoseEkf(tractor.wheelbase_m, self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s))

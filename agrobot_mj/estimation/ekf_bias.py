@@ -1,10 +1,10 @@
 """Estimator with disturbance states: velocity KF, and EKF with states for steering bias and slow GNSS error.
 
-A potentiometer offset, or the steering angle needed for a straight course on a side slope, is a steering angle without
-rotation. The paper's EKF converts both into a heading error; this filter has a state for them. The yaw is the course of
-R, the direction of motion of the rear axle. With these sensors only the sum of heading and sideslip is observable, on
-any path. Heading and course differ by the slip of the rear tyres: a few tenths of a degree in a bend of 10 m on level
-ground, and the crab angle on a side slope.
+A potentiometer offset, or the steering angle needed for a straight course on a side slope, is a measured steering angle
+without rotation. The EKF of the paper converts both into a heading error; this filter estimates their sum as a state.
+The yaw is the course of R, the direction of motion of the rear axle. With these sensors only the sum of heading and
+sideslip is observable, on any path. Heading and course differ by the slip of the rear tyres: a few tenths of a degree
+in a bend of 10 m on level ground, and the crab angle on a side slope.
 
 States: x, y [m] of R, course chi [rad, not wrapped], steering bias b [rad], and g_x, g_y [-], the correlated error of
 the fix, a first-order Gauss-Markov process [Brown2012] in units of its standard deviation s. Inputs and measurement as
@@ -12,9 +12,9 @@ in `ekf`:
 
   chi' = u tan(delta - b) / L,    x' = u cos(chi),  y' = u sin(chi),    random walk of b and g,    z = (x, y) + s g
 
-The bias is the measured steering angle minus that of the path curvature: an error of the potentiometer, or the
-difference of front and rear slip angles on a side slope. It is observable while the tractor moves. With b fixed at 0
-and without a correlated part, this is the filter of `ekf`.
+The bias is the measured steering angle minus the angle for the path curvature: an error of the potentiometer, or the
+difference of front and rear slip angles on a side slope. The bias is observable while the tractor moves. With b = 0 and
+without a correlated part, the filter equals the filter of `ekf`.
 """
 
 from functools import lru_cache
@@ -34,7 +34,7 @@ BIAS = 3
 
 
 class Levels(NamedTuple):
-    """Noise levels: process noise, and correlated and white parts of the fix error."""
+    """Noise levels of the filter: process noise, and correlated part of the fix error."""
 
     position_walk: float
     """Random walk of the position [m/sqrt(s)]."""
@@ -43,13 +43,13 @@ class Levels(NamedTuple):
     bias_walk: float
     """Random walk of the steering bias [rad/sqrt(s)]."""
     correlated_share: float
-    """Standard deviation of the time-correlated fix error, as a fraction of the total fix error [-]."""
+    """Standard deviation of the time-correlated fix error, divided by that of the total fix error [-]."""
     correlation_time: float
     """Correlation time of the time-correlated fix error [s]."""
 
 
 def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
-    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay of g_x and g_y."""
+    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay factor of g."""
     (x, y, chi, b, g_x, g_y), T_s, u, L = state.tolist(), dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
     return np.array((x + T_s * u * cos(chi), y + T_s * u * sin(chi), turned, b, phi * g_x, phi * g_y))
@@ -65,7 +65,7 @@ def jacobian(state: Array, speed: float, steer: float, wheelbase: float, dt: flo
 
 
 class BiasEkf(FixEkf):
-    """Pose EKF for one wheelbase [m] and one set of noise levels."""
+    """Pose EKF for a given wheelbase [m] and given noise levels, with states for steering bias and GNSS error."""
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
         super().__init__(wheelbase)
@@ -84,7 +84,7 @@ class BiasEkf(FixEkf):
 
 @lru_cache(maxsize=8)
 def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
-    """Return the decay factor of g_x, g_y during `dt` [s], and the process-noise covariance (6, 6)."""
+    """Return the decay factor of the GNSS error states in `dt` [s], and the process-noise covariance (6, 6)."""
     phi = exp(-dt / levels.correlation_time)
     p, yaw, b, g = levels.position_walk, levels.yaw_walk, levels.bias_walk, sqrt((1.0 - phi * phi) / dt)
     return phi, dt * np.diag(np.square((p, p, yaw, b, g, g)))
@@ -92,7 +92,7 @@ def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
 
 @lru_cache(maxsize=8)
 def _measuring(fraction: float, sigma: float) -> tuple[Array, Array]:
-    """Return the Jacobian (2, 6) of a fix and the covariance (2, 2) of its white error."""
+    """Return the measurement Jacobian (2, 6) of a fix and the covariance (2, 2) of its white error."""
     H = np.hstack([np.eye(2, 4), fraction * sigma * np.eye(2)])
     return H, sigma**2 * (1.0 - fraction**2) * np.eye(2)
 
@@ -102,9 +102,9 @@ class EkfBias(PoseEstimator):
 
     kind: Literal["ekf_bias"] = "ekf_bias"
     turning_velocity: bool = True
-    """Whether the velocity estimate rotates with the yaw, which maintains the speed in a bend without fixes."""
+    """Whether the velocity estimate rotates with the yaw, so that the speed remains valid in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4); 1 deg in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4) for 1 deg in half a turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3
@@ -124,9 +124,9 @@ class EkfBias(PoseEstimator):
         return BiasEkf(tractor.wheelbase_m, levels)
 
     def beliefs(self) -> tuple[Array, Array]:
-        """Return the initial means (all zero) and standard deviations of the bias and the correlated error."""
+        """Return the initial means (all zero) and standard deviations of the bias and the correlated GNSS error."""
         return np.zeros(3), np.array((radians(self.initial_steer_bias_sigma_deg), 1.0, 1.0))
 
     def steer_bias(self, pose: Array) -> float:
-        """Return the measured steering angle minus that of the path curvature, positive left [rad]."""
+        """Return the estimated steering bias: measured steering angle minus angle for the path curvature [rad]."""
         return float(pose[BIAS])

@@ -1,11 +1,12 @@
-"""Estimator for guidance: one EKF of pose, motion and slow errors, using GNSS, gyro, wheel speed and steering angle.
+"""Estimator for guidance: one EKF of pose, motion and slow errors, with GNSS, gyro, wheel speed and steering angle.
 
 `full_model` defines states and measurements, `full_filter` a tick with gates and alignment, and `horizon` the use of
-delayed fixes. The initial heading is ignored: the yaw is found after one or two metres of motion, as reported by
-`Estimate.aligned`. `Estimate.yaw` is the course of R, which a path-following law controls. The heading is the course
-minus `sideslip`, the slip of the rear tyres modelled from the side force. The side force on a slope requires the IMU
-(`terrain_compensation`). Without the IMU the heading estimate includes the crab angle, unless two antennas measure the
-heading (`sensors.gnss.dual_antenna`); the filter then also estimates the excess sideslip. Not in the paper.
+delayed fixes. The initial heading is ignored: the yaw is determined after one or two metres of motion, as reported by
+`Estimate.aligned`. `Estimate.yaw` is the course of R, the ground point below the rear axle; a path-following law
+controls this course. The heading is the course minus `sideslip`, the slip of the rear tyres modelled from the side
+force. The side force on a slope requires the IMU (`terrain_compensation`). Without the IMU the heading estimate
+includes the crab angle, unless two antennas measure the heading (`sensors.gnss.dual_antenna`); the filter then also
+estimates the excess sideslip. The paper does not contain this estimator.
 """
 
 from math import nan, radians, sqrt
@@ -40,9 +41,9 @@ class FullState(NamedTuple):
     """State of the estimator `EkfFull`."""
 
     settings: Settings
-    """Numbers computed by `init`, which do not change."""
+    """Constant parameters of the estimator, computed by `init`."""
     horizon: Horizon
-    """Filter state and newer measurements."""
+    """Filter state at the newest fix, and newer measurements."""
     health: Health
     """Diagnostics that do not need the true state."""
     tilt: SmoothedTilt = NO_TILT
@@ -52,15 +53,16 @@ class FullState(NamedTuple):
 
 
 class EkfFull(StateEstimator):
-    """Estimator with fourteen states, gates, alignment and delayed fixes; `[estimator] kind = "ekf_full"`."""
+    """Estimator with 14 states, outlier gates, alignment and delayed fixes; `[estimator] kind = "ekf_full"`."""
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
-    """Whether measured roll and pitch are used to transform fixes from the antenna to the rear axle; needs the IMU."""
+    """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Filter time constant of the antenna velocity due to tilting [s]; 0: none. Assumed value (0-0.2)."""
+    """Filter time constant of the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
-    """Axis of the gyro assumed by the filter. With compensation, roll and pitch level the rate about a `body` axis."""
+    """Axis of the gyro assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
+    compensation, the rate about a `body` axis is converted to a heading rate."""
     imu_wander_sigma_deg: NonNegative = 0.14
     """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, as for the sensor."""
     lean_sigma_deg: NonNegative = 0.1
@@ -72,8 +74,7 @@ class EkfFull(StateEstimator):
     """Unmeasured mean pitch on level ground, positive nose down [deg]. Assumed value: rear wheels and implements lower
     the rear by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
     pitch_sigma_deg: NonNegative = 0.3
-    """Standard deviation of the error of `pitch_deg`, or of the measured pitch [deg]. Assumed value, as for
-    `pitch_deg`."""
+    """Standard deviation of the error of `pitch_deg` or the measured pitch [deg]. Assumed value, as for `pitch_deg`."""
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
@@ -83,14 +84,13 @@ class EkfFull(StateEstimator):
     gnss_correlation_time_s: Positive = 30.0
     """Correlation time of the error of an RTK-fixed position [s]. Assumed value, as for the receiver."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of an RTK-float position per axis, in the filter [m]. Assumed value, as for the receiver."""
+    """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
     gnss_float_correlated_fraction: Fraction = 0.9
     """Correlated fraction of the variance of an RTK-float position [-]. Assumed value, as for the receiver."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Correlation time of the error of an RTK-float position [s]. Assumed value: half that of the receiver, because of
-    jumps between ambiguities."""
+    """Correlation time of the error of an RTK-float position [s]. Assumed value, lower than for the receiver: jumps."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis, in the filter [m/s]. Assumed value, as for the receiver."""
+    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as for the receiver."""
     heading_sigma_deg: Positive = 0.25
     """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
@@ -98,14 +98,13 @@ class EkfFull(StateEstimator):
     wheel_sigma_m_s: Positive = 0.02
     """Noise of the wheel speed, as used by the filter [m/s]. Assumed value, as for the sensor."""
     steer_sigma_deg_s: Positive = 1.0
-    """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
+    """Noise of the yaw rate computed from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
     """Rear sideslip per specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading beyond gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05) for tilt and scale
-    errors."""
+    """Random walk of the heading besides gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05) for scale and tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for pedal changes."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
@@ -119,29 +118,29 @@ class EkfFull(StateEstimator):
     wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003) for slip changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the compliance [deg s2/m/sqrt(s)]. Assumed value; the onset of sliding doubles the compliance."""
+    """Random walk of the rear compliance [deg s2/m/sqrt(s)]. Assumed value: sliding tyres double the compliance."""
     turn_offset_walk_m_rt_m: Positive = 0.004
     """Random walk of the turn offset with distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends in
     ruts and on tilled soil."""
     turn_offset_m: float = -0.015
-    """Turn offset: distance of R ahead of the point without sideslip in a slow bend [m]. Assumed value: -0.02 to -0.01
-    on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
+    """Turn offset: distance of the rear axle ahead of the point without sideslip in a slow bend [m]. Assumed value:
+    -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
     """Random walk of the relative wheel-speed error per gravity component along the ground [s2/m/sqrt(s)]. Assumed
-    value for slip not explained by the climb."""
+    value for slip that the climb does not explain."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
-    """Additional random walk of the relative wheel-speed error without fixes, until fixes have shown its variation
-    [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0 without
-    an implement in the soil or a drawbar pull."""
+    """Additional random walk of the relative wheel-speed error without fixes, used until fixes have determined the
+    variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
+    without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
     """Slip of driven wheels per gravity component of a climb [s2/m]. Assumed value for firm ground; higher on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of the slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
-    """Initial standard deviation of the compliance [deg s2/m]. Assumed value for level to steep firm ground."""
+    """Initial standard deviation of the rear compliance [deg s2/m]. Assumed value for level to steep firm ground."""
     initial_turn_offset_sigma_m: Positive = 0.12
     """Initial standard deviation of the turn offset [m]. Assumed value (0.05 for firm ground to 0.2 for deep ruts);
-    higher values double the effect of missing fixes in the first bend."""
+    higher values double the error caused by missing fixes in the first bend."""
     initial_slip_sigma_s2_m: Positive = 0.005
     """Initial standard deviation of the slip on a climb [s2/m]. Assumed value for firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
@@ -149,25 +148,25 @@ class EkfFull(StateEstimator):
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
     """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1) for a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of the excess sideslip at the first heading [deg]. Assumed value for crab on slopes."""
+    """Standard deviation of the excess sideslip at the first two-antenna heading [deg]. Assumed value for slopes."""
     initial_steer_bias_sigma_deg: Positive = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     initial_wheel_scale_sigma: Positive = 0.05
     """Initial standard deviation of the relative wheel-speed error [-]. Assumed value for wear, pressure and slip."""
     initial_yaw_error_deg: float = 0.0
-    """Error added to the initial heading [deg]; demonstrates the alignment."""
+    """Error added to the initial heading, to demonstrate the alignment [deg]."""
     gate_sigma: Positive = 5.0
-    """Normalised innovation above which a fix is rejected as improbable [-]. Assumed value (4-6)."""
+    """Innovation / standard deviation above which a fix is rejected as an outlier [-]. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
-    """Maximum position innovation always accepted [m]. Assumed value for an antenna oscillation of 7 deg."""
+    """Position innovation up to which every fix is accepted [m]. Assumed value for an antenna oscillation of 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
-    """Maximum velocity innovation always accepted [m/s]. Assumed value for an antenna oscillation of 15 deg/s."""
+    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an oscillation of 15 deg/s."""
     gate_patience_s: Positive = 2.0
     """Duration of consecutive rejections before the filter restarts from the fixes [s]. Assumed value (1-5)."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """Gyro and wheel speed, and the IMU for terrain compensation."""
+        """Required sensors: gyro and wheel speed, and the IMU for terrain compensation."""
         own = {"gyro": 'kind: "ekf_full"', "wheel_speed": 'kind: "ekf_full"'}
         return own | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
@@ -177,7 +176,7 @@ class EkfFull(StateEstimator):
         return HEALTH_COLUMNS + COLUMNS
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> FullState:
-        """Return the initial state at standstill with R at (x, y) [m]; the heading search starts at `yaw` [rad]."""
+        """Return the initial state at standstill with the rear axle at (x, y) [m]; the yaw search starts at `yaw`."""
         s, v, gamma = self.initial_position_sigma_m, 0.2, radians(1.0)
         sigmas = (
             *(s, s, UNALIGNED_SIGMA, v, gamma, radians(self.initial_gyro_bias_sigma_deg_s)),
@@ -205,7 +204,6 @@ class EkfFull(StateEstimator):
         )
 
     def _levels(self, tractor: TractorParameters) -> FullLevels:
-        """Return the noise levels in SI units."""
         return FullLevels(
             wheelbase=tractor.wheelbase_m,
             walks=(
@@ -229,7 +227,7 @@ class EkfFull(StateEstimator):
         )
 
     def _fix_noises(self, antenna: float) -> tuple[FixNoise, FixNoise, FixNoise, FixNoise]:
-        """Return the error of the rear-axle position by fix quality, for an antenna height and a slow tilt error."""
+        """Return the error of the rear-axle position for each fix quality; `antenna` is the antenna height [m]."""
         lean = radians(self.imu_wander_sigma_deg if self.terrain_compensation else self.lean_sigma_deg) * antenna
         fixed, floating = self.gnss_correlated_fraction, self.gnss_float_correlated_fraction
         s, s_float = self.gnss_sigma_m, self.gnss_float_sigma_m

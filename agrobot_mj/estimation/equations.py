@@ -1,8 +1,8 @@
 """Compiled equations of a Kalman filter: prediction of the covariance, correction, and both in one call.
 
 The results equal those of `KalmanFilter` and `ExtendedKalmanFilter` of filterpy, which take 60 us in Python for small
-matrices. Plain loops are faster here than calls of a linear algebra library. Shapes: mean (n,), covariance (n, n),
-measurement (m,); the units are those of the filter.
+matrices. Plain loops are faster here than calls of a linear algebra library. Shapes are (n,) for the mean, (n, n) for
+the covariance and (m,) for a measurement; the units depend on the filter.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 
 @jit
 def prior(P: Array, F: Array, Q: Array) -> Matrix:
-    """Return the covariance after a transition F (n, n) with process noise Q (n, n)."""
+    """Return the predicted covariance F P F' + Q for the transition F (n, n) and the process noise Q (n, n)."""
     found = times(times(F, P), F.T)
     for i in range(found.shape[0]):
         for j in range(found.shape[1]):
@@ -39,7 +39,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Return mean, covariance and NIS [-] after one step from the prior mean `x` and the previous covariance P."""
+    """Return mean, covariance and NIS [-] after a step: prediction of P, then correction of the predicted mean `x`."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 

@@ -1,4 +1,4 @@
-"""Inputs, state and state resets of the filter of `ekf_full`."""
+"""Inputs, state and state resets of the filter of the estimator `ekf_full`."""
 
 from math import nan, sin, sqrt
 from typing import NamedTuple
@@ -33,19 +33,19 @@ class Inputs(NamedTuple):
 
 @shared
 def side_of(inputs: Inputs) -> float:
-    """Return the gravity component of the specific side force [m/s2]."""
+    """Return the gravity component of the specific side force on a side slope [m/s2]."""
     return GRAVITY * sin(inputs.roll)
 
 
 class Gates(NamedTuple):
-    """Limits for rejecting a fix."""
+    """Limits for rejecting a fix as an outlier."""
 
     nis: float
     """NIS of a pair of innovations above which the pair is improbable [-]."""
     position: float
-    """Maximum position innovation always accepted [m]."""
+    """Position innovation up to which every fix is accepted [m]."""
     velocity: float
-    """Maximum velocity innovation always accepted [m/s]."""
+    """Velocity innovation up to which every fix is accepted [m/s]."""
     patience: int
     """Number of consecutive rejections before the filter restarts [ticks]."""
 
@@ -64,16 +64,16 @@ class Search(NamedTuple):
 
 
 FOUND = Search(active=False)
-"""State after the search."""
+"""State of the search after the yaw has been found."""
 
 
 class Rejections(NamedTuple):
-    """Accepted and rejected fixes."""
+    """Counts of accepted and rejected fixes."""
 
     accepted_t: float = 0.0
-    """Time of the last accepted fix [s]; before the first one, the start of the run."""
+    """Time of the last accepted fix, or of the start of the run before the first accepted fix [s]."""
     probation: int = 0
-    """Number of consecutive consistent fixes required before fixes count as accepted again after a restart."""
+    """Number of consecutive consistent fixes still required after a restart before fixes count as accepted again."""
     position: int = 0
     """Number of consecutive rejected positions."""
     velocity: int = 0
@@ -87,7 +87,7 @@ class Rejections(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Last fix."""
+    """Properties of the last fix."""
 
     t: float = -1.0
     """Time of the fix [s]."""
@@ -113,16 +113,16 @@ class Smooth(NamedTuple):
 
 
 class Crab(NamedTuple):
-    """Excess sideslip of two antennas: course of the fixes minus heading and modelled sideslip."""
+    """Excess sideslip with a two-antenna heading: course of the fixes minus heading and modelled sideslip."""
 
     mean: float = 0.0
     """Mean excess sideslip [rad]."""
     time: float = 0.0
-    """Averaging time [s]."""
+    """Averaging time so far [s]."""
 
 
 class Core(NamedTuple):
-    """Complete filter state at the time of its last tick."""
+    """Complete state of the filter at the time of its last tick."""
 
     mean: Vector
     """Mean of the states, shape (14,), or (16,) after the first heading from two antennas."""
@@ -133,24 +133,24 @@ class Core(NamedTuple):
     lever: Lever = UNKNOWN
     """Lever arm of the tilted antenna."""
     rejections: Rejections = Rejections()
-    """Accepted and rejected fixes."""
+    """Counts of accepted and rejected fixes."""
     seen: Seen = Seen()
-    """Last fix."""
+    """Properties of the last fix."""
     smooth: Smooth = Smooth()
     """Low-pass filtered motion."""
     slip: WheelSlip = WheelSlip()
     """Estimated variation of the wheel slip."""
     sway: SidewaysNoise = SidewaysNoise()
-    """Estimated random variation of the course."""
+    """Estimated random variation of the course, independent of the modelled sideslip."""
     crab: Crab = Crab()
-    """Excess sideslip of two antennas."""
+    """Excess sideslip with a two-antenna heading."""
     nis: float = nan
     """NIS of the position in the last tick; NaN without a fix [-]."""
 
 
 @jit
 def alone(covariance: Matrix, index: int, sigma: float) -> Matrix:
-    """Return the covariance with one state uncorrelated and its standard deviation set to `sigma`."""
+    """Return the covariance after decorrelating the state `index` and setting its standard deviation to `sigma`."""
     P = covariance.copy()
     for other in range(P.shape[0]):
         P[index, other] = P[other, index] = 0.0
@@ -168,7 +168,7 @@ def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]
 
 @jit
 def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
-    """Return mean and covariance with position and position covariance reset to those of the fix."""
+    """Return mean and covariance after a reset of the position and its covariance to the fix."""
     mean, P = forget_correlated(mean, covariance)
     sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y
@@ -185,6 +185,6 @@ def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tupl
 
 @shared
 def accepted(r: Rejections, t: float) -> Rejections:
-    """Return the rejections after an accepted position at time `t` [s]."""
+    """Return the fix counts after an accepted position at time `t` [s]."""
     since = r.accepted_t if r.probation > 1 else t
     return Rejections(since, max(r.probation - 1, 0), 0, r.velocity, r.positions, r.velocities, r.restarts)

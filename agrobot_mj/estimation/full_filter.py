@@ -3,16 +3,16 @@
 `Core` is the complete state of the filter. A tick predicts and then corrects with all measurement rows at once: gyro,
 wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
 
-Gates: A pair of innovations is rejected if it is both improbable (`gate_sigma`) and larger than a floor, the usual
+Gates: A pair of innovations is rejected if it is both improbable (`gate_sigma`) and larger than a minimum, the usual
 oscillation of the antenna. Consecutive rejections for `gate_patience_s` indicate a wrong filter state: the position
 restarts from the fix, and rejected velocities restart the search for the yaw. Fixes then count as accepted again after
-the same time without rejection. If wheel speed and fix speed differ by more than the floor, the wheels spin or slide
+the same time without rejection. If wheel speed and fix speed differ by more than the minimum, the wheels spin or slide
 and are ignored, unless the fix speed jumped: tyres cannot stop a tractor within a tick.
 
-Alignment: Until the yaw is found, the position is that of the fixes. The yaw correction is the argument of sum(w
-(V_east + i V_north) exp(-i chi)), with fix velocities V and wheel speeds w. It is valid for any initial yaw, forward
-and in reverse. Its standard deviation is that of a velocity divided by sqrt(sum(w^2)). A two-antenna heading ends the
-search immediately, even at standstill; sideslip and heading are then separately observable.
+Alignment: Until the yaw is found, the position is the position of the fixes. The yaw correction is the argument of
+sum(w (V_east + i V_north) exp(-i chi)), with fix velocities V, wheel speeds w and course chi. The correction is valid
+for any initial yaw, forward and in reverse. Its standard deviation is the velocity noise divided by sqrt(sum(w^2)). A
+two-antenna heading ends the search immediately, even at standstill; sideslip and heading are then both observable.
 """
 
 from math import atan2, copysign, cos, exp, isfinite, nan, radians, sin, sqrt, tan
@@ -82,17 +82,16 @@ SEARCH_SPEED = 0.1
 SLIPPING_SPEED = 0.3
 """Minimum speed for determining wheel slip from a fix [m/s]. Assumed value, ten times the velocity noise."""
 CRUISE_S = 1.0
-"""Time constant for filtering the speed [s]. Assumed value, 20 measurements and half of the duration of a start."""
+"""Time constant for filtering the speed [s]. Assumed value: 20 measurements, and half the duration of a start."""
 BEND_S = 0.6
-"""Time constant for filtering the curvature [s]. Assumed value, the response time of the tyres; 1 deg of noise."""
+"""Time constant for filtering the curvature [s]. Assumed value, the response time of the tyres, for 1 deg of noise."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Maximum wheel speed [m/s] and minimum number of ticks of a standstill. Assumed values for noise, and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Relative error of modelled sideslip changes [-] and twice its correlation time [s]. Assumed values for ruts and
-slopes."""
+"""Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed: ruts and slopes."""
 STEADY_S = 20.0
 """Time constant for changes of the modelled sideslip [s]. Assumed value, half a turn. The uncertainty of the compliance
-includes longer sideslip, as along a contour line."""
+covers longer sideslip, as along a contour line."""
 LONGEST_GAP_S = 1.0
 """Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver."""
 JUMP_M_S2 = 15.0
@@ -103,7 +102,7 @@ Used = tuple[bool, bool, bool]
 
 
 class FullFilter(NamedTuple):
-    """Noise levels and limits of the filter."""
+    """Parameters of the filter: noise levels, limits and antenna position."""
 
     levels: FullLevels
     """Noise levels."""
@@ -112,14 +111,14 @@ class FullFilter(NamedTuple):
     gates: Gates
     """Limits for rejecting a fix."""
     antenna: tuple[float, float, float]
-    """Position of the antenna relative to R in vehicle axes [m]."""
+    """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
     swing_filter: float
-    """Filter time constant of the antenna velocity due to tilting [s]; 0: none."""
+    """Time constant of the low-pass filter of the antenna velocity due to tilting; 0 for none [s]."""
 
 
 @jit
 def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: float) -> Core:
-    """Return the core after a tick of `dt` [s] with these inputs and the fix at its end, which may be missing (NaN)."""
+    """Return the filter state after a tick of `dt` [s] with these inputs and the fix (NaN if missing) at its end."""
     seen = isfinite(fix.x)
     if seen:
         core = _received(f, core, fix, quality)
@@ -144,7 +143,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the core for a fix of this quality, with two more states after the first heading."""
+    """Prepare the filter state for a fix of this quality; the first two-antenna heading adds two states."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -157,12 +156,12 @@ def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
 
 @jit
 def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> Core:
-    """Return the core without this tick's measurements; the course varies with the density `sway` [rad2 s]."""
+    """Return the filter state predicted for the end of a tick; `sway` is the density of course noise [rad2 s]."""
     old, L, walk = core.smooth, f.levels.wheelbase, f.levels.turn_offset_walk
     decay, Q = process_noise(f.levels, dt, noise.correlation_time, core.mean.size)
     side, pull, per_pull = side_of(inputs), GRAVITY * sin(inputs.pitch), f.levels.lean_slip_walk
     Q[K, K] += dt * (core.slip.change + per_pull * per_pull * (side * side + pull * pull))
-    # a pull that changes the slip also resists turning
+    # a pull of an implement that changes the slip also resists turning
     Q[D, D] += dt * (abs(core.mean[V]) * (walk * walk) + L * L * core.slip.change)
     load = SideLoad(side, old.bend)
     mean, P = predict(core.mean, core.covariance, Q, load, sway, dt, decay, not core.search.active)
@@ -194,7 +193,7 @@ def _curvature(f: FullFilter, mean: Vector, inputs: Inputs) -> float:
 
 @jit
 def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -> Lever:
-    """Return the antenna's lever arm after a tick with this mean, for measured tilt and modelled roll in a bend."""
+    """Return the antenna's lever arm after a tick, from measured tilt and modelled roll in a bend."""
     roll, pitch = inputs.lean
     roll += f.levels.roll * (mean[V] * mean[V]) * core.smooth.bend
     return core.lever.after(offset(f.antenna, roll, pitch, mean[PSI]), dt, f.swing_filter)
@@ -204,7 +203,7 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Return the core after the gates, the wheel speed or NaN, the rows of a rear-axle fix, and which are used."""
+    """Apply the gates to a rear-axle fix; return state, wheel speed or NaN, rows of the fix, and flags of their use."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -235,7 +234,7 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the fix and the wheel speed, NaN if it contradicts a fix whose speed has not jumped."""
+    """Return the properties of the fix, and the wheel speed; NaN if it contradicts a fix speed without a jump."""
     speed, last, searching = _ground_speed(core, fix, side), core.seen, core.search.active
     jump = abs(speed - last.speed) > JUMP_M_S2 * (inputs.t - last.t)
     apart = abs(speed - (abs(inputs.wheel) if searching else inputs.wheel)) > f.gates.velocity
@@ -265,7 +264,7 @@ def _slip(f: FullFilter, core: Core, pitch: float, speed: float, wheel: float, d
 
 @jit
 def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: SideLoad) -> FixRows:
-    """Return the rows of a rear-axle fix, `gap` [s] after the last fix."""
+    """Return the measurement rows of a rear-axle fix, `gap` [s] after the last fix."""
     (east, north), s_v, s_h = core.lever.offset, f.levels.velocity_sigma, f.levels.heading_sigma
     course_variance = sway / gap
     numbers = FixNumbers(fix.x, fix.y, fix.vx, fix.vy, fix.heading, east, north, s_v * s_v, course_variance, s_h * s_h)
@@ -274,7 +273,7 @@ def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: Si
 
 @jit
 def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tuple[bool, bool, Rejections]:
-    """Return whether the position of a fix passes its gate, whether the position restarts, and the rejections."""
+    """Return whether the position of a fix passes its gate, whether the position restarts, and the new fix counts."""
     y = rows.innovation
     if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
         return True, False, accepted(r, t)
@@ -290,7 +289,7 @@ def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tup
 
 @jit
 def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, bool, Rejections]:
-    """Return whether the velocity of a fix passes its gate, whether the search for the yaw restarts, and rejections."""
+    """Return whether the velocity of a fix passes its gate, whether the yaw search restarts, and the new fix counts."""
     y, t = rows.innovation, r.accepted_t
     if rows.velocity_nis < gates.nis or sqrt(y[2] * y[2] + y[3] * y[3]) < gates.velocity:
         return True, False, Rejections(t, r.probation, r.position, 0, r.positions, r.velocities, r.restarts)
@@ -302,7 +301,7 @@ def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, b
 
 @jit
 def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
-    """Return whether a fix has a heading, and a probable one."""
+    """Return whether a fix has a heading that passes the gate."""
     innovation = rows.innovation[4]
     if P.shape[0] == N or not isfinite(innovation):
         return False
@@ -314,7 +313,7 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Return mean, covariance and search updated by the velocity or heading of a fix."""
+    """Update mean, covariance and yaw search with the velocity or heading of a fix."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

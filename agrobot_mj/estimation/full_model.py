@@ -1,4 +1,4 @@
-"""Model of the estimator `ekf_full`: fourteen states, their dynamics, and the measurement equations of the sensors.
+"""Model of the estimator `ekf_full`: 14 states, their dynamics, and the measurement equations of the sensors.
 
   x, y      R, the point below the rear axle [m]          b_g  bias of the gyro [rad/s]
   psi       heading, not wrapped [rad]                    b_s  bias of the steering angle [rad]
@@ -18,11 +18,12 @@ kappa is computed from the smoothed steering angle and fades at standstill. The 
 body about its centre, which would give d = 0.5 m and heading errors of 4 deg on rough ground. g is first-order
 Gauss-Markov [Brown2012] in units of its standard deviation. v, omega, the biases, k, c, s and l are random walks in
 time, and d, which changes with the ground, is a random walk in distance. l is the shift of the antenna due to constant
-pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, 3 cm at a cab roof. Unmeasured
-roll follows from the side force of the bend. The course also has white noise, whose density `sideslip_noise` estimates
-from the fixes. The midpoint rule avoids the half-tick delay of the paper's Euler step. After the first two-antenna
-heading there are two more states: the excess sideslip b, a random walk added to beta, and the mounting error m, 0 until
-the sideslip is implausible (`mounting`). Each measurement is a row of innovation, Jacobian and variance:
+pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, which moves the antenna on a cab
+roof by 3 cm. Unmeasured roll follows from the side force of the bend. The course also has white noise, whose density
+`sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay of the paper's Euler step. After
+the first two-antenna heading there are two more states: the excess sideslip b, a random walk added to beta, and the
+mounting error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of innovation,
+Jacobian and variance:
 
   gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
   0 = omega - v tan(delta - b_s) / L,
@@ -44,16 +45,16 @@ from agrobot_mj.machine.tractor import GRAVITY
 N = 14
 X, Y, PSI, V, OMEGA, B_G, B_S, G_E, G_N, K, C, D, S, AHEAD = range(N)
 BETA, MOUNT = N, N + 1
-"""Indices of the excess sideslip and the mounting error, the last states of a mean of length 16."""
+"""Indices of the additional states with a two-antenna heading: excess sideslip and mounting error."""
 SCALE_LIMIT = 0.3
-"""Maximum relative error of the wheel speed [-]. Assumed value; wheels spin or slide at larger errors."""
+"""Maximum estimated relative error of the wheel speed [-]. Assumed value; a larger error is wheel spin or sliding."""
 
 
 Walks = tuple[float, float, float, float, float, float, float, float, float, float, float]
 
 
 class FullLevels(NamedTuple):
-    """Noise levels: random walks per square root of a second, and standard deviations per measurement."""
+    """Noise levels of the filter: random walks per square root of a second, and standard deviations per measurement."""
 
     wheelbase: float
     """Wheelbase L [m]."""
@@ -78,7 +79,7 @@ class FullLevels(NamedTuple):
     turn_offset_walk: float = 0.004
     """Random walk of the turn offset d with distance [m/sqrt(m)]."""
     roll: float = 0.0
-    """Unmeasured outward roll per specific side force of a bend [rad s2/m]."""
+    """Outward roll per specific side force of a bend, without compensation [rad s2/m]."""
 
 
 class FixNoise(NamedTuple):
@@ -102,10 +103,10 @@ class SideLoad(NamedTuple):
 
 
 SOFTENING = 1.1
-"""Coefficient of the squared ratio of side force to load in the compliance [-]. Assumed value (1.0-1.2):
+"""Coefficient of the squared ratio of side force to load in the rear compliance [-]. Assumed value (1.0-1.2) from
 `magic_formula` on slopes of 12 to 28 deg."""
 SLOW = 0.3
-"""Speed below which the bend fades out [m/s]. Assumed value: ten times its uncertainty."""
+"""Speed below which the effect of the bend curvature fades out [m/s]. Assumed value: ten times its uncertainty."""
 
 
 @jit
@@ -116,13 +117,13 @@ def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the sideslip by side force and bend, positive to the right [rad], at a speed [m/s]."""
+    """Return the sideslip modelled from side force and bend at a speed [m/s], positive to the right [rad]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return the specific side force multiplied by the tyre softening [m/s2], and its derivative with v [1/s]."""
+    """Return the specific side force times the tyre softening [m/s2], and its derivative with respect to v [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -152,14 +153,14 @@ def course_slopes(mean: Vector, side: SideLoad) -> Vector:
 
 @jit
 def _moving(v: float) -> tuple[float, float]:
-    """Return the weight of a bend [-], which fades below the speed `SLOW`, and its derivative [s/m]."""
+    """Return the weight of a bend [-], which decreases below the speed `SLOW`, and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
 
 @jit
 def propagate_mean(mean: Vector, side: SideLoad, dt: float, decay: float) -> Vector:
-    """Return the mean, of the same shape, after `dt` [s]; `decay` is the factor of the correlated fix error g [-]."""
+    """Return the mean predicted over `dt` [s]; `decay` is the decay factor of the correlated fix error g [-]."""
     v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()
@@ -193,9 +194,9 @@ def transition(mean: Vector, side: SideLoad, dt: float, decay: float) -> Matrix:
 def predict(
     mean: Vector, P: Matrix, Q: Matrix, side: SideLoad, density: float, dt: float, decay: float, known: bool
 ) -> tuple[Vector, Matrix]:
-    """Return prior mean and covariance after `dt` [s] with the process noise `Q` (n, n), which is changed.
+    """Return predicted mean and covariance after `dt` [s] with the process noise `Q` (n, n), which is modified.
 
-    The course varies by white noise of this `density` [rad2 s]. The position stays unless the yaw is `known`.
+    The course has white noise of this `density` [rad2 s]. The position does not change unless the yaw is `known`.
     """
     chi = course(mean, side)
     q, s, c = dt * density * (mean[V] * mean[V]), sin(chi), cos(chi)
@@ -232,13 +233,13 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
 
 @jit
 def wheel_scale(mean: Vector, pitch: float) -> float:
-    """Return wheel speed divided by horizontal rear-axle speed [-]: scale error, slip on a climb, slope."""
+    """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, slip on a climb and slope."""
     return float((1.0 + mean[K] - mean[S] * GRAVITY * sin(pitch)) / cos(pitch))
 
 
 @jit
 def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean (16,) and covariance (16, 16) with an excess sideslip of `sigma` [rad] and zero mounting error."""
+    """Return mean (16,) and covariance with two more states: excess sideslip (`sigma` [rad]) and mounting error 0."""
     longer, P = np.zeros(N + 2), np.zeros((N + 2, N + 2))
     for i in range(N):
         longer[i] = mean[i]
@@ -250,6 +251,6 @@ def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vecto
 
 @jit
 def steady_gain(walk: float, sigma: float, dt: float) -> float:
-    """Return the steady-state Kalman gain of a random walk, `walk` per square root of a second, for noise `sigma`."""
+    """Return the steady-state Kalman gain for a random walk (`walk` per sqrt(s)) measured with the noise `sigma`."""
     q = walk * walk * dt / (sigma * sigma)
     return 0.5 * (sqrt(q * q + 4.0 * q) - q)

@@ -1,4 +1,4 @@
-"""Measurement rows of the estimator `ekf_full`, their probability, and the correction by all rows of a tick.
+"""Measurement rows of the estimator `ekf_full`, their NIS, and the correction by all rows of a tick.
 
 Each row has an innovation, its Jacobian and its variance; `full_model` lists the equations.
 """
@@ -55,7 +55,7 @@ class FixRows(NamedTuple):
 
 
 class FixNumbers(NamedTuple):
-    """Fix of the rear-axle point R and the numbers that its measurement rows need."""
+    """Fix of the rear-axle point R, with lever arm and variances for its measurement rows."""
 
     x: float
     """East position [m]."""
@@ -68,19 +68,19 @@ class FixNumbers(NamedTuple):
     heading: float
     """Heading from two antennas; NaN without them [rad]."""
     lever_east: float
-    """East offset of the antenna from R, which turns with the yaw [m]."""
+    """East offset of the antenna from R, which rotates with the yaw [m]."""
     lever_north: float
     """North offset of the antenna from R [m]."""
     velocity_variance: float
     """Variance of a velocity, per axis [m2/s2]."""
     course_variance: float
-    """Variance of the course by its random variation [rad2]."""
+    """Variance of the course due to its random variation [rad2]."""
     heading_variance: float
     """Variance of the heading [rad2]."""
 
 
 class MotionReadings(NamedTuple):
-    """Measurements of the motion; a missing one is NaN."""
+    """Measurements of the motion; a missing measurement is NaN."""
 
     steer: float = nan
     """Steering angle [rad]."""
@@ -97,7 +97,7 @@ class MotionReadings(NamedTuple):
 
 
 class MotionNoise(NamedTuple):
-    """Numbers of `FullLevels` for the measurements of the motion."""
+    """Noise levels of the motion measurements, from `FullLevels`, and wheelbase."""
 
     wheelbase: float
     """Wheelbase L [m]."""
@@ -113,9 +113,9 @@ class MotionNoise(NamedTuple):
 def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, H: Matrix, R: Matrix) -> int:
     """Write the measurement rows of steering angle, gyro, wheel speed and standstill; return their number.
 
-    The steering angle gives the yaw rate only, since front tyres slip. The derivatives with respect to the scale of the
-    wheels use the low-pass filtered speed: with the noise of v, speed and scale would appear separately observable
-    during a loss of fixes.
+    The steering angle measures only the yaw rate, because the front tyres slip. The derivatives with respect to the
+    wheel scale use the low-pass filtered speed: due to the noise of v, speed and scale would otherwise appear to be
+    separately observable during a loss of fixes.
     """
     v, omega, k = mean[V], mean[OMEGA], 0
     if isfinite(m.steer):
@@ -139,7 +139,7 @@ def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, 
 
 @jit
 def fix_rows(mean: Vector, P: Matrix, fix: FixNumbers, noise: FixNoise, side: SideLoad) -> FixRows:
-    """Return the measurement rows of a fix, and how improbable its position and velocity are."""
+    """Return the measurement rows of a fix, with the NIS of its position and velocity."""
     y, H, R = np.zeros(5), np.zeros((5, mean.size)), np.zeros(5)
     s, ahead, c_psi, s_psi = noise.correlated, mean[AHEAD], cos(mean[PSI]), sin(mean[PSI])
     H[0, X], H[0, G_E], H[0, PSI], H[0, AHEAD] = 1.0, s, -(fix.lever_north + ahead * s_psi), c_psi
@@ -180,9 +180,9 @@ def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> f
 def corrected(
     mean: Vector, P: Matrix, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
 ) -> tuple[Vector, Matrix]:
-    """Return mean and covariance corrected by motion and fix at once; the wheel scale stays in its limits.
+    """Correct mean and covariance by motion and fix in one step; the wheel scale is limited to SCALE_LIMIT.
 
-    `used` tells whether position, velocity and heading of the fix are used.
+    `used` contains whether position, velocity and heading of the fix are used.
     """
     y, H, R = np.zeros(10), np.zeros((10, mean.size)), np.zeros((10, 10))
     k = motion_rows(mean, motion, noise, y, H, R)
@@ -201,5 +201,5 @@ def corrected(
 
 @jit
 def no_fix(n: int) -> FixRows:
-    """Return the rows of a missing fix, for `n` states."""
+    """Return the measurement rows of a missing fix, for `n` states."""
     return FixRows(np.zeros(5), np.zeros((5, n)), np.ones(5), nan, nan)

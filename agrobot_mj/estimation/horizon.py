@@ -1,9 +1,9 @@
-"""Use of delayed fixes at their own time: filter state at the newest fix, extended by dead reckoning.
+"""Use of delayed fixes at the time of their measurement: filter state at the newest fix, extended by dead reckoning.
 
-Newer measurements wait in a queue. A fix corrects the core (the filter state) at the time of the fix, and integrating
-the queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the
-core (increased latency) restores an earlier core from the history; a fix older than the last fix is ignored. Without
-fixes the delay of the core remains constant.
+Newer measurements are queued. A fix corrects the core (the filter state) at the time of the fix, and integration of the
+queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the core
+(after an increase of the latency) restores an earlier core from the history; a fix older than the last fix is ignored.
+Without fixes the delay of the core remains constant.
 """
 
 from math import cos, isfinite, isnan, nan, sin
@@ -51,10 +51,10 @@ class Horizon(NamedTuple):
     waiting: Matrix = np.zeros((0, 8))
     """Measurements after the time of the core, oldest first: rows of `Inputs`, shape (n, 8)."""
     history: tuple[tuple[Core, Matrix], ...] = ()
-    """Core before each tick and measurements used in the tick, oldest first."""
+    """Core before each tick, and measurements used in the tick, oldest first."""
 
     def back(self, ticks: int) -> "Horizon":
-        """Return the filter state before the last `ticks` or more, with all later measurements queued again."""
+        """Return the filter state at least `ticks` ticks earlier, with all later measurements queued again."""
         core, waiting, history = self
         while ticks > 0 and history:
             core, used = history[-1]
@@ -62,7 +62,7 @@ class Horizon(NamedTuple):
         return Horizon(core, waiting, history)
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
-        """Return the state before a fix at time `t` [s], the number of ticks up to the fix, and the fix unless old."""
+        """Return the state before a fix that arrives at `t` [s], the ticks up to the fix, and the fix (NaN if old)."""
         late = max(0, round((t - fix.t) / dt)) if isfinite(fix.t) else 0
         queued, past = len(self.waiting) + 1, sum(len(used) for _, used in self.history) if late else 0
         if late >= queued + past or t - late * dt < self.core.seen.t + 0.5 * dt:
@@ -72,14 +72,14 @@ class Horizon(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """Numbers of the estimator `ekf_full`."""
+    """Parameters of the estimator `ekf_full`, as numbers for kernels."""
 
     filter: FullFilter
     """Noise levels and limits of the filter."""
     cg: tuple[float, float, float]
     """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
     tilts: bool
-    """Whether measured roll and pitch are used."""
+    """Whether measured roll and pitch are used (terrain compensation)."""
     body: bool
     """Whether the gyro axis is fixed to the tractor."""
 
@@ -125,9 +125,9 @@ def estimated(
     s: Settings, core: Core, waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int, fix: Fix,
     quality: int, dt: float,
 ) -> tuple[Core, Matrix, SmoothedTilt, Health, Estimate]:  # fmt: skip
-    """Return core, queue, tilt, health and estimate after a tick; the core advances by `ticks`, the last with the fix.
+    """Return core, queue, tilt, health and estimate after a tick. The core advances by `ticks`, the last with the fix.
 
-    The returned queue begins with the measurements of these ticks.
+    The returned queue begins with the measurements that these ticks have used.
     """
     roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)
     first = isnan(tilt.roll)
@@ -166,14 +166,14 @@ def estimated(
 
 @jit
 def _inputs(queue: Matrix, k: int) -> Inputs:
-    """Return the inputs in a row of the queue."""
+    """Return row `k` of the queue as inputs of the filter."""
     q = queue[k]
     return Inputs(q[0], q[1], q[2], q[3], q[4], q[5], (q[6], q[7]))
 
 
 @jit
 def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: float) -> Present:
-    """Return the estimate by dead reckoning with the queued measurements, and the `last` one for the side force."""
+    """Return the estimate by dead reckoning over the queued measurements; `last` gives the current side force."""
     mean, bend, ticks = core.mean, core.smooth.bend, waiting.shape[0]
     x, y, psi, v, omega = mean[X], mean[Y], mean[PSI], mean[V], mean[OMEGA]
     gain_v = steady_gain(levels.walks[3], levels.wheel_sigma, dt)

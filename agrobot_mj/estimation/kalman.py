@@ -1,7 +1,4 @@
-"""Kalman filter step of the estimators, compiled or computed by filterpy.
-
-The compiled step of `equations` takes 3 us; `predict` and `update` of filterpy take 60 us.
-"""
+"""Kalman filter step of the estimators: compiled, which takes 3 us, or computed by filterpy, which takes 60 us."""
 
 from collections.abc import Callable
 from math import nan
@@ -11,11 +8,11 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.estimation import equations
 
 Step = Callable[[Array, Array, Array, Array, Array | None, Array, Array], tuple[Array, Array, float]]
-"""Type of the function `tick`."""
+"""Type of the functions `tick`, `filterpy_kf` and `filterpy_ekf`."""
 
 
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array) -> tuple[Array, Array, float]:
-    """Return mean, covariance and NIS [-] after one step, from the prior mean `x` (n,) and the previous covariance P.
+    """Return mean, covariance and NIS [-] after a step, from the predicted mean `x` (n,) and the previous covariance P.
 
     The transition F (n, n) has the process noise Q (n, n). The innovation y (m,) has the Jacobian H (m, n) and the
     measurement noise R (m, m). The NIS is NaN without an innovation.
@@ -53,7 +50,7 @@ def filterpy_ekf(
 
 
 class Filter:
-    """Filter without internal state, shared by copies of an estimator state."""
+    """Base class of filters without internal state, which copies of an estimator state share."""
 
     tick: Step = staticmethod(tick)
     """Kalman filter step: the compiled `tick` or a filterpy step."""

@@ -1,4 +1,4 @@
-"""Lever arms of a tilted tractor: horizontal offset of a body point from R, and correction of a fix.
+"""Lever arms on a tilted tractor: horizontal offset of a body point from the rear axle, and correction of a fix.
 
 R is the point on the ground below the centre of the rear axle. Attitude according to ISO 8855: yaw, then pitch, then
 roll; roll positive with the left side up, pitch positive nose down [rad]. Arms are in vehicle axes (x forward, y left,
@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import Fix
 
 @shared
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
-    """Return the east and north offset of a body point from the rear-axle point R [m]."""
+    """Return the east and north offset from the rear-axle point R of a body point at `arm` in vehicle axes [m]."""
     forward, left, _ = to_level(roll, pitch, arm)
     return from_heading(yaw, forward, left)
 
@@ -29,7 +29,7 @@ class Lever(NamedTuple):
     """Filtered rate of the offset, east and north [m/s]."""
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Return the lever for the next offset [m], `dt` [s] later, with the filter time constant `filter_s` [s]."""
+        """Return the lever after `dt` [s], with a new offset [m] and the filter time constant `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
         if isnan(last_east):
@@ -46,6 +46,6 @@ kernel_method("after")
 
 @shared
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """Return the fix of the rear-axle point R for a fix of the antenna."""
+    """Convert a fix of the antenna to a fix of the rear-axle point R."""
     (east, north), (v_e, v_n) = lever
     return Fix(fix.x - east, fix.y - north, fix.vx - v_e, fix.vy - v_n, fix.t, fix.z, fix.heading)

@@ -1,8 +1,8 @@
-"""Mounting error of two antennas, distinguished from sideslip by its magnitude.
+"""Mounting error of a two-antenna heading, distinguished from sideslip by its magnitude.
 
 On a straight line only the sum of sideslip and mounting error is observable: the course minus the measured heading.
 Sideslip of several degrees does not occur on level ground. If the mean of the sum over `WINDOW_S` exceeds `CRAB` plus
-the effect of the turn offset in a bend, the filter assigns it to the mounting error, which becomes an estimated state.
+the effect of the turn offset in a bend, the sum is attributed to the mounting error, which becomes an estimated state.
 """
 
 from math import atan2, isfinite, pi, radians
@@ -14,7 +14,7 @@ from agrobot_mj.estimation.full_core import Core, Crab, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Maximum steady sideslip beyond the model [rad]. Assumed value for draught or a 20 deg side slope without IMU."""
+"""Maximum steady sideslip not explained by the model [rad]. Assumed value: draught, or a 20 deg slope without IMU."""
 TURN_OFFSET = 0.5
 """Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; 0.35 in deep ruts."""
 WINDOW_S = 5.0
@@ -22,8 +22,8 @@ WINDOW_S = 5.0
 MOUNT_SIGMA = radians(10.0)
 """Initial standard deviation of the mounting error [rad]. Assumed value for antennas aligned by eye."""
 SIGMA = radians(0.5)
-"""Standard deviation of heading and sideslip when the mounting error becomes a state [rad]. Assumed value: with larger
-values, antenna tilt that rotates with the heading would account for the slow errors of the fixes."""
+"""Standard deviation of heading and sideslip at the start of the mounting estimate [rad]. Assumed value: with larger
+values, the filter would attribute slow errors of the fixes to antenna tilt that rotates with the heading."""
 MOVING = 0.5
 """Minimum speed for a valid course [m/s]. Assumed value, fifteen times the velocity noise."""
 
@@ -42,13 +42,13 @@ def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
 
 @jit
 def implausible(crab: Crab, bend: float) -> bool:
-    """Return whether the mean excess sideslip is too large for any ground, in a `bend` [1/m]."""
+    """Return whether the mean excess sideslip is too large for any ground, at a path curvature `bend` [1/m]."""
     return abs(crab.mean) > CRAB + TURN_OFFSET * abs(bend)
 
 
 @jit
 def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
-    """Return the arguments with the mounting error as an estimated state if the excess sideslip is implausible."""
+    """Start the estimate of the mounting error if the excess sideslip is implausible; return the new arguments."""
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
     mean, P = mean.copy(), alone(covariance, PSI, SIGMA)

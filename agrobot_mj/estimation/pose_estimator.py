@@ -1,9 +1,9 @@
-"""Base of the paper's estimator and its variants: velocity filter, pose filter, and estimate of the CG.
+"""Base class of the paper's estimator and its variants: velocity filter, pose filter, and estimate of the CG.
 
-SI units and radians, ENU. As in the paper, the antenna is assumed to be exactly above R, so that roll on a slope causes
-an unmodelled error. With `terrain_compensation`, the measured roll and pitch are used to transform the fix to R and to
-compute the tilted position of the CG. The speed is the filtered velocity along the estimated heading. Unlike the
-magnitude, it has a sign and no bias at standstill. Subclasses define their keys and their pose filter.
+SI units and radians, ENU. As in the paper, the antenna is assumed to be exactly above R, the ground point below the
+rear axle, so that roll on a slope causes an unmodelled error. With `terrain_compensation`, the measured roll and pitch
+are used to transform the fix to R and to compute the tilted position of the CG. The speed is the filtered velocity
+along the estimated heading, which has a sign, and no bias at standstill. Subclasses define their keys and pose filter.
 """
 
 from functools import lru_cache
@@ -25,7 +25,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class EstimatorState(NamedTuple):
-    """State of a `PoseEstimator`, including the filters (without internal state) and constant lever arms."""
+    """State of a `PoseEstimator`, with the filters (which have no internal state) and the constant lever arms."""
 
     velocity_kf: VelocityKf
     """Filter of the antenna's position and velocity."""
@@ -59,25 +59,25 @@ class PoseEstimator(StateEstimator):
     backend: Literal["compiled", "filterpy"] = "compiled"
     """Implementation of both filters: compiled, or `KalmanFilter` and `ExtendedKalmanFilter` of filterpy."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
-    """Source of the yaw rate: difference of the EKF's yaw, u tan(delta) / L, or the gyro (which must be enabled)."""
+    """Source of the yaw rate: yaw estimate (`ekf`), u tan(delta) / L (`kinematic`), or gyro, which must be enabled."""
     terrain_compensation: bool = False
-    """Whether roll and pitch are used to transform fixes from the antenna to the rear axle (IMU); not in the paper."""
+    """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Filter time constant of the antenna velocity due to tilting [s]; 0: none. Assumed value (0-0.2)."""
+    """Filter time constant of the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Time constant for filtering the EKF's yaw rate [s]; 0: none. Assumed value (0.1-0.3); noise versus lag."""
+    """Time constant of the low-pass filter of the EKF's yaw rate; 0 for none [s]. Assumed value (0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
     """Standard deviation of an RTK-fixed position per axis, as used by the filter [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of an RTK-float position per axis, in the filter [m]. Assumed value, as for the receiver."""
+    """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis, in the filter [m/s]. Assumed value, as for the receiver."""
+    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as for the receiver."""
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value, GNSS velocity noise 0.007 plus oscillation."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 from velocity noise, plus oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
     """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors, whose effect
     decreases with the wheelbase."""
@@ -90,7 +90,7 @@ class PoseEstimator(StateEstimator):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Gyro if it is the source of the yaw rate, and IMU for terrain compensation."""
+        """Required sensors: gyro if it is the source of the yaw rate, and IMU for terrain compensation."""
         gyro = {"gyro": 'yaw_rate_source: "gyro"'} if self.yaw_rate_source == "gyro" else {}
         return gyro | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
@@ -107,7 +107,7 @@ class PoseEstimator(StateEstimator):
         return None
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> EstimatorState:
-        """Return the initial state at standstill with R at (x, y) [m] and heading `yaw` [rad]."""
+        """Return the initial state at standstill, with the rear axle at (x, y) [m] and heading `yaw` [rad]."""
         s, v, s_yaw = (
             self.initial_position_sigma_m,
             self.initial_velocity_sigma_m_s,
@@ -161,7 +161,7 @@ class PoseEstimator(StateEstimator):
         return state, self._estimate(state, measurement, nis)
 
     def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
-        """Return the change of yaw in `dt` [s] at a measured steering angle [rad]."""
+        """Return the change of yaw in `dt` [s] computed from the measured steering angle [rad]."""
         delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
         return u * tan(delta) / state.pose_filter.wheelbase * dt
 

@@ -26,7 +26,7 @@ class FixEkf(Filter):
     def corrected(
         self, x: Array, P: Array, F: Array, Q: Array, fix: Fix | None, expected: Array, H: Array, R: Array
     ) -> tuple[Array, Array, float]:
-        """Return the result of `step` from the predicted mean `x`, the previous covariance P and the fix.
+        """Return the result of `step` for the predicted mean `x`, the previous covariance P and the fix.
 
         The fix has the noise R (2, 2) [m2], the Jacobian H (2, n) and the expected value `expected` (2,) [m].
         """

@@ -1,8 +1,9 @@
 """Random variation of the course, estimated from fixes to limit the weight of their velocity.
 
-Rough ground, ruts and tyre transients move R sideways in addition to the modelled sideslip. The cross-course velocity
-innovations of a consistent filter are white. Course variation increases the mean square of m, their low-pass filtered
-value, above that of white noise. Its density is 2 `LOW_PASS_S` (mean(m^2) - white), averaged over `MEMORY_S`.
+Rough ground, ruts and tyre transients move the rear axle sideways in addition to the modelled sideslip. The
+cross-course velocity innovations of a consistent filter are white. With m as the low-pass filtered innovation, course
+variation increases mean(m^2) above the value of white noise. The density of the variation is 2 `LOW_PASS_S` (mean(m^2)
+- white), averaged over `MEMORY_S`.
 """
 
 from math import exp
@@ -11,10 +12,10 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method, shared
 
 LOW_PASS_S = 4.0
-"""Time constant of the low-pass filter [s]. Assumed value; bumps move R sideways and back within 2 s, whereas a lasting
-displacement becomes a heading error."""
+"""Time constant of the low-pass filter [s]. Assumed value; bumps move the rear axle sideways and back within 2 s,
+whereas a lasting displacement becomes a heading error."""
 MEMORY_S = 60.0
-"""Averaging time of the course variation [s]. Assumed value, 8 independent values of the filtered innovation."""
+"""Averaging time of the course variation [s]. Assumed value: 8 independent values of the filtered innovation."""
 
 
 class SidewaysNoise(NamedTuple):
@@ -23,12 +24,12 @@ class SidewaysNoise(NamedTuple):
     residual: float = 0.0
     """Low-pass filtered cross-course innovation, divided by the speed [rad]."""
     excess: float = 0.0
-    """Mean square of the filtered innovation minus that of white noise [rad2]."""
+    """Mean square of the filtered innovation minus its value for white noise [rad2]."""
     seen_s: float = LOW_PASS_S
     """Current averaging time of `excess`, at most `MEMORY_S` [s]."""
 
     def after(self, residual: float, variance: float, dt: float) -> "SidewaysNoise":
-        """Return the state after `dt` [s] with an innovation [rad] whose noise has this `variance` [rad2]."""
+        """Return the state after `dt` [s] with an innovation `residual` [rad] of this noise `variance` [rad2]."""
         keep, time = exp(-dt / LOW_PASS_S), min(self.seen_s + dt, MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         excess = low * low - variance * 0.5 * dt / LOW_PASS_S

@@ -1,8 +1,8 @@
 """Unscented Kalman filter of the pose, using `UnscentedKalmanFilter` of filterpy.
 
-State, motion model, measurement and noise are those of `ekf`. Scaled sigma points [Merwe2004] replace the Jacobian, so
-that the predicted mean includes the effect of a large yaw variance after a long time without fixes. Mean and covariance
-agree with those of `ekf` for a small standard deviation of the yaw.
+State, motion model, measurement and noise are the same as in `ekf`. Scaled sigma points [Merwe2004] replace the
+Jacobian, so that the predicted mean includes the effect of a large yaw variance after a long time without fixes. Mean
+and covariance agree with `ekf` for a small standard deviation of the yaw.
 """
 
 from math import nan, radians
@@ -22,7 +22,7 @@ GAUSSIAN = 2.0
 
 
 class PoseUkf(PoseEkf):
-    """Unscented pose filter for one wheelbase [m], process noise and spread of the sigma points."""
+    """Unscented pose filter for a given wheelbase [m], process noise and spread of the sigma points."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float, spread: float) -> None:
         super().__init__(wheelbase, position_walk, yaw_walk)
@@ -57,7 +57,7 @@ class Ukf(PoseEstimator):
 
     kind: Literal["ukf"] = "ukf"
     sigma_point_spread: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """Distance of the sigma points from the mean, in sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
+    """Distance of the sigma points from the mean, divided by sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
         """Return the unscented pose filter. Raises `ScenarioError` without filterpy."""

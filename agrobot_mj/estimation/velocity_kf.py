@@ -40,7 +40,7 @@ def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
 
 
 class VelocityKf(Filter):
-    """Velocity filter with the process noise `velocity_walk` [m/s/sqrt(s)]."""
+    """Kalman filter of antenna position and velocity, with the process noise `velocity_walk` [m/s/sqrt(s)]."""
 
     def __init__(self, velocity_walk: float) -> None:
         self.velocity_walk = velocity_walk

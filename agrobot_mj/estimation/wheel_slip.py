@@ -1,9 +1,9 @@
 """Variation of the wheel slip, estimated from fixes and used as uncertainty without fixes.
 
 An implement that enters the soil changes the slip within a second by ten times its random walk on firm ground. The
-change appears in m, the low-pass filtered difference between wheel speed and fix speed. If m exceeds its own noise, it
-gives the variance m^2 / tau of a random walk, which is applied immediately so that the wheel scale can follow. Without
-fixes the filter uses the mean of this variance over `MEMORY_S`, which starts at the value expected for the work.
+change appears in m, the low-pass filtered difference between wheel speed and fix speed. If m exceeds its own noise, m^2
+/ tau is the variance of a random walk, which is applied immediately so that the wheel scale can follow. Without fixes
+the filter uses the mean of this variance over `MEMORY_S`, whose initial value depends on the implement.
 """
 
 from math import exp
@@ -30,7 +30,7 @@ class WheelSlip(NamedTuple):
     """Mean of `change` over `MEMORY_S` [1/s]."""
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """Return the state after `dt` [s] with a relative residual, its `variance` and that of the wheel scale."""
+        """Return the state after `dt` [s], with a relative residual and the variances of residual and wheel scale."""
         keep, decay = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance
