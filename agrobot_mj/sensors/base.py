@@ -1,12 +1,12 @@
 """Base classes of sensors, which compute a measurement from the true state once per tick.
 
-A sensor is frozen data with keys under `[sensors.<name>]`. It has the methods `init(seed) -> state` and `measure(state,
-truth, conditions, dt) -> (state, reading)`; the reading is a float or a NamedTuple in SI units and radians. Random
-numbers come from `randomness.stream` under the name of the sensor. Each tick draws the same number of samples under all
-conditions, so that no sensor changes the noise of another. `columns` and `report` log a reading.
+A sensor is frozen data with keys under `[sensors.<name>]` and the methods `init(seed) -> state` and `measure(state,
+truth, conditions, dt) -> (state, reading)`. The reading (measurement) is a float or a NamedTuple in SI units and
+radians. Random numbers come from `randomness.stream` under the name of the sensor. A sensor uses the same number of
+samples in each tick under all conditions, so that faults do not change its noise. `columns` and `report` log a reading.
 
-The sensors of the package have a compiled law in the file of their keys, and the suite evaluates all of them in one
-compiled call. The parameters of a law are its keys as a named tuple of numbers.
+Each sensor of the package has a compiled law (measurement function), and the suite evaluates all laws in one compiled
+call. The parameters of a law are the keys of the sensor as a named tuple of numbers.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from agrobot_mj.core.vectors import Vector
 
 
 class SensedMotion(NamedTuple):
-    """Part of the true state that compiled sensors measure; the fields are those of `Truth`."""
+    """Part of the true state that compiled sensors measure; `Truth` describes the fields."""
 
     t: float
     yaw: float
@@ -48,12 +48,12 @@ def motion_of(truth: Truth) -> SensedMotion:
 
 
 class Noise(NamedTuple):
-    """State of a compiled sensor between two ticks."""
+    """State of a compiled sensor between two ticks: random streams and numbers."""
 
     generators: tuple[Generator, ...]
     """Random streams, advanced in place."""
     values: Any
-    """Named tuple of the numbers that change from tick to tick."""
+    """Named tuple of the numbers that change in each tick."""
 
     @property
     def addresses(self) -> tuple[int, ...]:
@@ -62,24 +62,24 @@ class Noise(NamedTuple):
 
 
 class Sensor(Reporting):
-    """Base class of all sensors: a kind overrides `init` and `measure`, and for the log `columns` and `report`."""
+    """Base class of all sensors, which override `init` and `measure`, and for the log `columns` and `report`."""
 
     def init(self, seed: int) -> Any:
         """Return the state before the first tick of a run with this `seed`."""
         raise NotImplementedError
 
     def measure(self, state: Any, truth: Truth, conditions: Conditions, dt: float) -> tuple[Any, Any]:
-        """Return state and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
+        """Return the new state and the reading at the end of the tick of `dt` [s] that ends at `truth.t`."""
         raise NotImplementedError
 
 
 class CompiledSensor(Sensor):
-    """Base class of sensors with a compiled law, which may be absent."""
+    """Base class of sensors with a compiled law; the tractor may be without the sensor."""
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
     """Function of parameters, values, addresses of the random streams, and motion; returns values and reading."""
     absent: ClassVar[Any] = nan
-    """Reading without the sensor."""
+    """Reading of a tractor without the sensor."""
 
     enabled: bool = False
     """Whether the sensor is present."""
@@ -89,7 +89,7 @@ class CompiledSensor(Sensor):
         raise NotImplementedError
 
     def measure(self, state: Noise, truth: Truth, conditions: Conditions, dt: float) -> tuple[Noise, Any]:
-        """Return state and reading at the end of the tick of length `dt` [s] that ends at `truth.t`."""
+        """Return the new state and the reading at the end of the tick of `dt` [s] that ends at `truth.t`."""
         if not self.enabled:
             return state, self.absent
         law = type(self).law
@@ -98,7 +98,7 @@ class CompiledSensor(Sensor):
 
 
 class OptionalSensor(Sensor):
-    """Base class of scalar sensors that the paper's tractor does not have."""
+    """Base class of optional sensors with a scalar reading; the paper's tractor does not have these sensors."""
 
     column: ClassVar[Column]
     """Log column of the reading."""

@@ -1,7 +1,7 @@
-"""Obstructed sky over a part of the field, such as trees along an edge or a yard between buildings.
+"""Obstructed view of the sky in a part of the field, such as trees along an edge or a yard between buildings.
 
-Below the canopy the receiver has a float solution or none; losses of the solution form a two-state Markov chain. After
-leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions are those of the
+Below the canopy the receiver has a float solution or no solution; losses of the solution form a two-state Markov chain.
+After leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions refer to the
 antenna, ENU [m].
 """
 
@@ -27,23 +27,23 @@ class CanopyState(NamedTuple):
     lapsed: bool
     """Whether an antenna below the canopy currently has no solution."""
     outside_s: float = inf
-    """Time since the antenna left the canopy; infinite if it was never below [s]."""
+    """Time since the antenna left the canopy; infinite if the antenna was never below the canopy [s]."""
 
 
 class Canopy(Spec):
-    """Polygon with an obstructed sky; `[[sensors.gnss.canopy]]`."""
+    """Polygon with an obstructed view of the sky; `[[sensors.gnss.canopy]]`."""
 
     points: Annotated[tuple[tuple[Place, Place], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north] in either direction of rotation; the last is connected to the first [m]."""
+    """Corners [east, north], clockwise or counter-clockwise; the last corner is connected to the first one [m]."""
     sky: Literal["float", "none"] = "float"
     """Best solution below the canopy: `float` or `none`."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
-    """Fraction of the time without a solution [-]. Assumed value (0-0.5: broad leaves, wet, in summer)."""
+    """Fraction of the time without a solution [-]. Assumed value (0-0.5; maximum for wet broad leaves in summer)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
-    """Mean duration of a loss [s]. Assumed value (0.5-10: a trunk or a branch at 1 m/s)."""
+    """Mean duration of a loss of the solution [s]. Assumed value (0.5-10: a trunk or a branch passed at 1 m/s)."""
     refix_s: NonNegative = 8.0
     """Duration of the float solution after leaving the canopy [s]. Assumed value (2-30, to resolve ambiguities)."""
 
@@ -58,7 +58,7 @@ class Canopy(Spec):
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 
     def look(self, state: CanopyState, x: float, y: float, dt: float) -> tuple[CanopyState, int]:
-        """Return the best `Quality` of a solution at (x, y) [m], after a tick of length `dt` [s]."""
+        """Return the state after a tick of `dt` [s], and the best `Quality` of a solution at (x, y) [m]."""
         chance, leaves = state.generator.random(), dt / self.lapse_s
         enters = leaves * self.lapse_share / (1.0 - self.lapse_share)
         lapsed = chance >= leaves if state.lapsed else chance < enters

@@ -1,11 +1,11 @@
-"""Heading from two antennas of one receiver, mounted across the roof.
+"""Heading from two antennas of one receiver, mounted side by side on the roof.
 
-The receiver measures the vector from the right to the left antenna within millimetres; its direction minus 90 degrees
-is the heading. The error is the relative position error across the baseline divided by the baseline length, plus a
-constant mounting error. The relative position error is white noise and a slow first-order Gauss-Markov part
-[Brown2012], because the multipath differs between the antennas. With pitch theta and roll phi the horizontal projection
-of the baseline points atan(sin(theta) tan(phi)) to the right of the axle direction. The heading needs fixed ambiguities
-between the antennas only, and therefore continues without corrections of the base station [Jones2026].
+The receiver measures the vector from the right to the left antenna within millimetres; the direction of this vector
+minus 90 degrees is the heading. The error is the relative position error across the baseline divided by the baseline
+length, plus a constant mounting error. The relative position error consists of white noise and a slow first-order
+Gauss-Markov part [Brown2012], because the multipath differs between the antennas. With pitch theta and roll phi the
+horizontal projection of the baseline points atan(sin(theta) tan(phi)) to the right of the axle direction. The heading
+needs only fixed ambiguities between the antennas, and therefore continues without a base station [Jones2026].
 """
 
 from math import atan, nan, radians, sin, tan
@@ -24,7 +24,7 @@ FIX, DGPS = Quality.FIX, Quality.DGPS
 
 
 class DualAntennaLaw(NamedTuple):
-    """Parameters of the antenna pair."""
+    """Parameters of the antenna pair, as numbers for kernels."""
 
     enabled: bool
     baseline: float
@@ -34,7 +34,7 @@ class DualAntennaLaw(NamedTuple):
     slow: float
     """Standard deviation of the slow relative position error [m]."""
     kept: Shares
-    """Weights of the slow error."""
+    """Weights of last value and white noise in the slow error."""
     mounting: float
     """Constant mounting error [rad]."""
 
@@ -43,9 +43,9 @@ class DualAntennaLaw(NamedTuple):
 def antenna_heading(
     p: DualAntennaLaw, slow: float, generator: int, motion: SensedMotion, quality: int
 ) -> tuple[float, float]:
-    """Return the slow error and the wrapped heading [rad].
+    """Return the new slow error and the measured heading, wrapped [rad].
 
-    The heading is NaN without the second antenna or without fixed ambiguities.
+    The heading is NaN without a second antenna or without fixed ambiguities.
     """
     if not p.enabled:
         return slow, nan
@@ -57,14 +57,14 @@ def antenna_heading(
 
 
 class DualAntenna(Spec):
-    """Second antenna on the roof, which the paper's tractor does not have; `[sensors.gnss.dual_antenna]`."""
+    """Second antenna on the roof for the heading; the paper's tractor has none; `[sensors.gnss.dual_antenna]`."""
 
     sized: ClassVar = {"baseline_m": {"track": 1}}
 
     enabled: bool = False
     """Whether the second antenna is present; otherwise a fix has no heading."""
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
-    """Distance between the antennas [m]. Assumed value (0.5-1.5: width of a roof)."""
+    """Distance between the antennas [m]. Assumed value (0.5-1.5), the width of a roof."""
     sigma_m: NonNegative = 0.003
     """White noise of the relative position across the baseline [m]. Assumed value (0.002-0.004: carrier phase)."""
     wander_sigma_m: NonNegative = 0.003

@@ -1,10 +1,10 @@
 """RTK-GNSS receiver: position and velocity of the antenna, which moves with roll and pitch.
 
 The position error of each axis is white noise plus first-order Gauss-Markov parts [Brown2012]; the velocity error is
-white noise. A float solution has separate position errors. A solution without corrections (the fault `gnss_dgps`) has
-the errors of a fix plus the offset of the fault. The default is the paper's 2 cm, mostly white. Real receivers have
-millimetres of white noise and a drift of a centimetre over minutes, modelled by `multipath` and `drift`. Solutions are
-in ENU [m, m/s]; their latency is in whole ticks.
+white noise. A float solution has separate position errors. A solution without corrections (fault `gnss_dgps`) has the
+errors of a fixed solution plus the offset of the fault. The default error is 2 cm as in the paper, mostly white noise.
+Real receivers have millimetres of white noise and a drift of a centimetre over minutes, modelled by the keys
+`multipath_*` and `drift_*`. Solutions are in ENU [m, m/s]; their latency is in whole ticks.
 """
 
 from math import nan, sqrt
@@ -45,7 +45,7 @@ class GnssReading(NamedTuple):
 
 
 class FixErrors(NamedTuple):
-    """Correlated errors, divided by their standard deviations."""
+    """Correlated errors of the receiver, divided by their standard deviations [-]."""
 
     fixed: tuple[float, float]
     """Position error of a fixed solution, east and north."""
@@ -58,7 +58,7 @@ class FixErrors(NamedTuple):
     drift: Vector
     """Additional slower error of a fixed solution, east, north and up."""
     aside: float
-    """Relative position error of the second antenna."""
+    """Slow error of the position of the second antenna relative to the first."""
 
 
 class Streams(NamedTuple):
@@ -73,26 +73,26 @@ class Streams(NamedTuple):
 
 
 class ErrorPart(NamedTuple):
-    """Errors of a fixed or a float solution."""
+    """Parameters of the errors of a fixed or a float solution."""
 
     slow: float
     fast: float
     """Standard deviations of the correlated and of the white position error per axis [m]."""
     kept: Shares
-    """Weights of the correlated error."""
+    """Weights of last value and white noise in the correlated error."""
 
 
 class FurtherPart(NamedTuple):
-    """Additional errors of a fixed solution."""
+    """Parameters of an additional correlated error of a fixed solution."""
 
     sigma: float
     """Standard deviation per axis; 0 without the error [m]."""
     kept: Shares
-    """Weights of the error."""
+    """Weights of last value and white noise in the error."""
 
 
 class GnssLaw(NamedTuple):
-    """Parameters of the receiver."""
+    """Parameters of the receiver, as numbers for kernels."""
 
     fixed: ErrorPart
     floating: ErrorPart
@@ -103,11 +103,11 @@ class GnssLaw(NamedTuple):
     velocity_sigma: float
     """White noise of the velocity, per axis [m/s]."""
     dual: DualAntennaLaw
-    """Second antenna."""
+    """Parameters of the second antenna."""
 
 
 class Sky(NamedTuple):
-    """Conditions of a solution."""
+    """Reception conditions and faults of a solution."""
 
     quality: int = Quality.FIX
     """Quality, a constant of `Quality`."""
@@ -126,7 +126,7 @@ Solved = tuple[float, float, float, float, float, float]
 def solution(
     p: GnssLaw, s: FixErrors, streams: Streams, motion: SensedMotion, sky: Sky
 ) -> tuple[FixErrors, tuple[Solved, float]]:
-    """Return the errors after a tick, the solution of the antenna, and the heading from two antennas [rad]."""
+    """Return the correlated errors after a tick, the solution, and the heading from two antennas [rad]."""
     aside, heading = antenna_heading(p.dual, s.aside, streams.aside, motion, sky.quality)
     fixed = wandered_plane(s.fixed, p.fixed.kept, streams.fixed)
     floating = wandered_plane(s.floating, p.floating.kept, streams.floating)
@@ -159,7 +159,7 @@ def solution(
 
 @jit
 def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
-    """Return an additional error after a tick, east, north and up."""
+    """Return an additional correlated error after a tick: east, north and up."""
     if p.sigma == 0.0:
         return error
     east, north = wandered_plane((error[0], error[1]), p.kept, generator)
@@ -167,7 +167,7 @@ def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
 
 
 class Delivery(NamedTuple):
-    """State of the receiver between two ticks, without its errors."""
+    """State of the receiver between two ticks, except its errors."""
 
     canopies: tuple[CanopyState, ...]
     """State of each canopy."""
@@ -176,14 +176,14 @@ class Delivery(NamedTuple):
     pending: tuple[GnssReading, ...] = ()
     """Solutions in transit, one per tick, oldest first."""
     last: Fix | None = None
-    """Last computed solution, which a frozen receiver repeats; None before the first one."""
+    """Last computed solution, which a frozen receiver repeats; None before the first solution."""
 
 
 class GnssState(NamedTuple):
     """State of the receiver between two ticks."""
 
     noise: Noise
-    """Errors as `FixErrors`, from the random streams in `Streams`."""
+    """Errors (`FixErrors`) and their random streams (`Streams`)."""
     delivery: Delivery
 
 
@@ -191,30 +191,29 @@ class Gnss(Sensor):
     """RTK-GNSS receiver; `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Horizontal position error per axis, standard deviation of white plus correlated part [m]. Paper, section V-A."""
+    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Paper, section V-A."""
     float_sigma_m: NonNegative = 0.3
-    """Horizontal position error of a float solution per axis, standard deviation [m]. Assumed value (0.2-0.5)."""
+    """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the error variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
+    """Correlated fraction of the position error variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
     correlation_time_s: Positive = 30.0
     """Correlation time of the error [s]. Assumed value (ten seconds to minutes: multipath)."""
     float_correlated_fraction: Fraction = 0.9
-    """Correlated fraction of the float error variance [-]. Assumed value (0.7-1): ambiguities converge together."""
+    """Correlated fraction of the float error variance [-]. Assumed value (0.7-1): all ambiguities change slowly."""
     float_correlation_time_s: Positive = 120.0
     """Correlation time of the float error [s]. Assumed value (minutes: the ambiguities converge)."""
     multipath_sigma_m: NonNegative = 0.0
-    """Additional Gauss-Markov error of a fix, horizontal, per axis, standard deviation [m]. Assumed value: none;
-    0.004-0.008 in the field."""
+    """Standard deviation of an additional Gauss-Markov error of a fixed solution, horizontal per axis [m]. Default: no
+    such error. Assumed value: 0.004-0.008 in the field."""
     multipath_time_s: Positive = 115.0
     """Correlation time of the multipath error [s]. Assumed value: carrier phase, baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """Additional slow Gauss-Markov error of a fix from atmosphere and satellites, standard deviation [m]. Assumed
-    value: none; 0.005-0.015 with a base station at 10-20 km."""
+    """Standard deviation of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites [m].
+    Default: no such error. Assumed value (0.005-0.015) for a base station at 10-20 km."""
     drift_time_s: Positive = 900.0
     """Correlation time of the slow error [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Height error divided by horizontal error per axis, in all parts [-]. Assumed value (1.5-3: no satellites
-    below)."""
+    """Height error divided by horizontal error per axis, for all errors [-]. Assumed value (1.5-3)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """White noise of the velocity, per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
@@ -230,7 +229,7 @@ class Gnss(Sensor):
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading. Default: absent."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
-    """Parts of the field with an obstructed sky, `[[sensors.gnss.canopy]]`."""
+    """Parts of the field with an obstructed view of the sky, `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
         """Return the configured distances of the antenna ahead and to the left for the true ones [m]."""
@@ -258,7 +257,7 @@ class Gnss(Sensor):
         )
 
     def init(self, seed: int) -> GnssState:
-        """Return the state with errors sampled from their stationary distributions, without solutions in transit."""
+        """Return the initial state: errors from their stationary distributions, and no solutions in transit."""
         axes = {"gnss": 2, "gnss.float": 2, "gnss.height": 2, "gnss.multipath": 3, "gnss.drift": 3}
         parts = [GaussMarkov.stationary(stream(seed, name), n) for name, n in axes.items()]
         aside = GaussMarkov.stationary(stream(seed, "gnss.dual_antenna"))
@@ -269,7 +268,7 @@ class Gnss(Sensor):
     def measure(
         self, state: GnssState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[GnssState, GnssReading]:
-        """Return the solution delivered in this tick."""
+        """Return the new state and the solution delivered in this tick."""
         noise, delivery = state
         delivery, sky = self.sky(delivery, truth, conditions, dt)
         streams = Streams(*noise.addresses)
@@ -278,7 +277,7 @@ class Gnss(Sensor):
         return GnssState(noise._replace(values=errors), delivery), reading
 
     def sky(self, state: Delivery, truth: Truth, conditions: Conditions, dt: float) -> tuple[Delivery, Sky]:
-        """Return the state with the canopies after a tick, and the conditions of the solution below them."""
+        """Return the state with updated canopies, and the conditions of a solution at the antenna's position."""
         quality = conditions.gnss_quality
         if self.canopy:
             found = []
@@ -294,10 +293,10 @@ class Gnss(Sensor):
     def deliver(
         self, state: Delivery, solved: Solved, heading: float, quality: int, conditions: Conditions, dt: float
     ) -> tuple[Delivery, GnssReading]:
-        """Return the solution delivered in the tick in which `solved` and `heading` were computed.
+        """Return the new state and the solution delivered in the tick in which `solved` and `heading` were computed.
 
         Quality and offset in `conditions` apply to the solution computed in this tick, the latency to the delivered
-        one. While the latency increases nothing arrives; when it decreases, overtaken solutions are lost.
+        solution. While the latency increases no solution arrives; when it decreases, overtaken solutions are lost.
         """
         canopies, line, pending, last = state
         if self.dual_antenna.enabled:
@@ -322,12 +321,12 @@ class Gnss(Sensor):
 
 
 def _part(sigma: float, share: float, kept: Shares) -> ErrorPart:
-    """Return the errors with a correlated fraction `share` of the variance."""
+    """Return the parameters of an error `sigma` [m] whose variance has the correlated fraction `share`."""
     return ErrorPart(sigma * sqrt(share), sigma * sqrt(1.0 - share), kept)
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the solution of a receiver, which repeats the last position with the current time if it is frozen."""
+    """Return the solution of a receiver that, if frozen, repeats the last position with the current time."""
     match keep:
         case "":
             return fix

@@ -1,8 +1,8 @@
-"""Yaw rate gyro: true rate, constant bias, random walk of the bias, white noise.
+"""Yaw-rate gyro, whose error consists of constant bias, random walk of the bias, and white noise.
 
-Measurements are in rad/s, keys in deg/s. The random walk has a separate random stream and starts at zero. A gyro on the
-chassis measures about the chassis axis: on a slope its output differs from the yaw rate by the cosine of the tilt and
-contains parts of the roll and pitch rates.
+Measurements are in rad/s, keys in deg/s. The random walk has a separate random stream and starts at zero. A gyro fixed
+to the chassis measures about the chassis axis: on a slope its output differs from the yaw rate by the cosine of the
+tilt and contains parts of the roll and pitch rates.
 """
 
 from math import radians, sqrt
@@ -16,7 +16,7 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, Sense
 
 
 class GyroLaw(NamedTuple):
-    """Parameters of the gyro."""
+    """Parameters of the gyro, as numbers for kernels."""
 
     body: bool
     """Whether the gyro tilts with the chassis."""
@@ -29,7 +29,7 @@ class GyroLaw(NamedTuple):
 
 
 class GyroValues(NamedTuple):
-    """Numbers of the gyro between two ticks."""
+    """State of the gyro between two ticks."""
 
     walk: float = 0.0
     """Random-walk part of the bias [deg/s]."""
@@ -37,7 +37,7 @@ class GyroValues(NamedTuple):
 
 @jit
 def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: SensedMotion) -> tuple[GyroValues, float]:
-    """Return the yaw rate, or the rate about the vertical axis of the chassis [rad/s]."""
+    """Return the new state and the measured rate about the vertical or, if `p.body`, about the chassis axis [rad/s]."""
     walk = s.walk + p.step * normal(streams[1])
     error = p.bias + walk + p.sigma * normal(streams[0])
     rate = motion.body_rates[2] if p.body else motion.yaw_rate
@@ -45,7 +45,7 @@ def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: Sense
 
 
 class Gyro(CompiledSensor, OptionalSensor):
-    """Yaw rate gyro; `[sensors.gyro]`."""
+    """Yaw-rate gyro; `[sensors.gyro]`."""
 
     column = Column("gyro", "rad/s", "yaw rate from the gyro")
     law = gyro_rate
@@ -53,16 +53,16 @@ class Gyro(CompiledSensor, OptionalSensor):
     axes: Literal["vertical", "body"] = "vertical"
     """Measured axis: `vertical` for a levelled gyro, `body` for a gyro that tilts with the chassis."""
     sigma_deg_s: NonNegative = 0.1
-    """White noise [deg/s]. Assumed value (0.05-0.3: MEMS, mean over a tick)."""
+    """Standard deviation of the white noise [deg/s]. Assumed value (0.05-0.3) for the mean of a MEMS gyro in a tick."""
     bias_deg_s: float = 0.0
-    """Constant bias [deg/s]. Assumed value: up to 0.1 after calibration."""
+    """Constant bias [deg/s]. Assumed value: 0; up to 0.1 after calibration."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002
-    """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01: MEMS during warm-up)."""
+    """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01; maximum for a MEMS gyro during warm-up)."""
 
     def parameters(self, dt: float) -> GyroLaw:
         """Return the parameters of the law for ticks of length `dt` [s]."""
         return GyroLaw(self.axes == "body", self.sigma_deg_s, self.bias_deg_s, self.bias_walk_deg_s_rt_s * sqrt(dt))
 
     def init(self, seed: int) -> Noise:
-        """Return the state before the first tick, with a random walk of zero."""
+        """Return the initial state, with a random walk of zero."""
         return Noise((stream(seed, "gyro"), stream(seed, "gyro.bias")), GyroValues())

@@ -1,7 +1,8 @@
-"""Second GNSS receiver on the implement, which measures the position of its tool or axle.
+"""Second GNSS receiver on the implement, which measures the position of the implement's tool or axle.
 
-The reading is the working point, ENU: the antenna position levelled by the receiver's inertial unit, independent of the
-antenna height. Noise is white plus correlated as for the tractor's receiver, without latency and losses.
+The measurement is the working point in ENU: the inertial unit of the receiver corrects the antenna position for tilt,
+so that the antenna height has no effect. The error is white plus correlated as for the tractor's receiver, without
+latency and losses.
 """
 
 from math import nan, sqrt
@@ -24,19 +25,19 @@ class ImplementFix(NamedTuple):
 
 
 class ImplementGnssLaw(NamedTuple):
-    """Parameters of the receiver on the implement."""
+    """Parameters of the receiver on the implement, as numbers for kernels."""
 
     sigma: float
-    """Standard deviation per axis [m]."""
+    """Standard deviation of the position error per axis [m]."""
     slow: float
     fast: float
-    """Fractions of the correlated and of the white error [-]."""
+    """Standard deviations of the correlated and of the white error, divided by `sigma` [-]."""
     kept: Shares
-    """Weights of the correlated error."""
+    """Weights of last value and white noise in the correlated error."""
 
 
 class ImplementGnssValues(NamedTuple):
-    """Numbers of the receiver on the implement between two ticks."""
+    """State of the receiver on the implement between two ticks."""
 
     error: tuple[float, float]
     """Correlated error, east and north, divided by its standard deviation [-]."""
@@ -46,7 +47,7 @@ class ImplementGnssValues(NamedTuple):
 def implement_fix(
     p: ImplementGnssLaw, s: ImplementGnssValues, streams: tuple[int], motion: SensedMotion
 ) -> tuple[ImplementGnssValues, ImplementFix]:
-    """Return the measured position of the implement."""
+    """Return the new state and the measured position of the implement."""
     error = wandered_plane(s.error, p.kept, streams[0])
     x = motion.implement[0] + p.sigma * (p.slow * error[0] + p.fast * normal(streams[0]))
     y = motion.implement[1] + p.sigma * (p.slow * error[1] + p.fast * normal(streams[0]))
@@ -62,7 +63,7 @@ class ImplementGnss(CompiledSensor):
     enabled: bool = False
     """Whether the receiver is present."""
     sigma_m: NonNegative = 0.02
-    """Standard deviation per axis, white plus correlated [m]. Assumed value: as for the tractor's receiver."""
+    """Standard deviation of the position error per axis, white plus correlated [m]. Assumed value, as for `gnss`."""
     correlated_fraction: Fraction = 0.2
     """Correlated fraction of the error variance [-]. Assumed value (0.1-0.5)."""
     correlation_time_s: Positive = 60.0
@@ -74,7 +75,7 @@ class ImplementGnss(CompiledSensor):
         return ImplementGnssLaw(self.sigma_m, sqrt(share), sqrt(1.0 - share), shares(dt, self.correlation_time_s))
 
     def init(self, seed: int) -> Noise:
-        """Return the correlated error sampled from its stationary distribution."""
+        """Return the initial state, with a correlated error sampled from its stationary distribution."""
         error = GaussMarkov.stationary(stream(seed, "implement_gnss"), 2)
         return Noise((error.generator,), ImplementGnssValues(error.value))
 

@@ -1,16 +1,16 @@
-"""Inertial unit: roll and pitch from gyros and accelerometers.
+"""Inertial unit, which measures roll and pitch with gyros and accelerometers.
 
-Gyros propagate the attitude from tick to tick. Accelerometers correct it with the time constant tau by the components
-of the specific force f along the level axes divided by g, like the levelling loop of an inertial navigation system.
-This loop does not rectify shocks, since the mean of a level component is a change of velocity. An inclinometer, which
-measures the direction of f, does: on rough ground a bump pushes up and back at the same time. The unit interprets
-accelerations as tilt: in a frame that turns with the yaw rate r the error settles at e / (1 + (tau r)^2), with e = a /
-g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the change of speed; the
-accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick follows from the velocities at
-its ends.
+Gyros propagate the attitude from tick to tick. Accelerometers correct the attitude with the time constant tau by the
+components of the specific force f along the level axes divided by g, like the levelling loop of an inertial navigation
+system. Shocks cause no bias in this loop, since the mean of a level component is a change of velocity. They cause a
+bias of an inclinometer, which measures the direction of f: a bump on rough ground pushes up and back at the same time.
+The unit interprets accelerations as tilt: in a frame that rotates with the yaw rate r the error settles at e / (1 +
+(tau r)^2), with e = a / g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the
+change of speed; the accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick follows from
+the velocities at its ends.
 
-Each axis has additional errors: constant bias, slow first-order Gauss-Markov error (thermal drift) [Brown2012], white
-noise. Angles are in rad as in ISO 8855 (roll left side up, pitch nose down positive), keys in deg.
+Each axis has additional errors: constant bias, slow first-order Gauss-Markov error (thermal drift) [Brown2012] and
+white noise. Angles are in rad as in ISO 8855 (roll left side up, pitch nose down positive), keys in deg.
 """
 
 from math import atan2, exp, hypot, nan, radians
@@ -27,7 +27,7 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 
 
 class Attitude(NamedTuple):
-    """Reading of the inertial unit; NaN without one."""
+    """Measurement of the inertial unit; NaN without an inertial unit."""
 
     roll: float
     """Roll, left side up positive [rad]."""
@@ -53,12 +53,12 @@ class UnitMotion(NamedTuple):
 
 
 class ImuLaw(NamedTuple):
-    """Parameters of the inertial unit."""
+    """Parameters of the inertial unit, as numbers for kernels."""
 
     dt: float
     """Length of a tick [s]."""
     aided: bool
-    """Whether the unit subtracts accelerations of the machine."""
+    """Whether the unit subtracts known accelerations of the machine."""
     inclined: bool
     """Whether the unit is an inclinometer, without levelling by gyros."""
     keep: float
@@ -66,19 +66,19 @@ class ImuLaw(NamedTuple):
     shown: float
     """Tilt error that an acceleration causes in a tick [rad s2/m]."""
     place: Vector
-    """Position of the unit ahead, to the left and above the ground below the rear axle [m]."""
+    """Position of the unit relative to the ground below the rear axle: ahead, left and up [m]."""
     sigma: float
     """White noise of each axis [deg]."""
     slow: float
     """Standard deviation of the slow error of each axis [deg]."""
     kept: Shares
-    """Weights of the slow error."""
+    """Weights of last value and white noise in the slow error."""
     bias: tuple[float, float]
     """Constant errors of roll and pitch [deg]."""
 
 
 class ImuValues(NamedTuple):
-    """Numbers of the inertial unit between two ticks."""
+    """State of the inertial unit between two ticks."""
 
     error: tuple[float, float]
     """Slow error of roll and pitch, divided by its standard deviation [-]."""
@@ -90,7 +90,7 @@ class ImuValues(NamedTuple):
 
 @jit
 def attitude(p: ImuLaw, s: ImuValues, streams: tuple[int], motion: SensedMotion) -> tuple[ImuValues, Attitude]:
-    """Return the measured roll and pitch [rad], and the specific force [m/s2]."""
+    """Return the new state, and the measured roll and pitch [rad] with the specific force [m/s2]."""
     error = wandered_plane(s.error, p.kept, streams[0])
     e_r = p.bias[0] + p.slow * error[0] + p.sigma * normal(streams[0])
     e_p = p.bias[1] + p.slow * error[1] + p.sigma * normal(streams[0])
@@ -127,7 +127,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration forward and to the left that the aiding input gives [m/s2]."""
+    """Return the acceleration forward and to the left that is known from the aiding speed; 0 without aiding [m/s2]."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
@@ -137,7 +137,7 @@ def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple
 def _levelled(
     p: ImuLaw, tilt: tuple[float, float], pull: Vector, turned: float, motion: SensedMotion
 ) -> tuple[float, float]:
-    """Return the error of roll and pitch after a tick with the uncompensated acceleration `pull` [rad]."""
+    """Return the errors of roll and pitch [rad] after a tick with the uncompensated acceleration `pull` [m/s2]."""
     if p.inclined:
         f_x, f_y, f_z = _force(pull, motion)
         return atan2(f_y, f_z) - motion.roll, atan2(-f_x, hypot(f_y, f_z)) - motion.pitch
@@ -153,7 +153,7 @@ def _force(pull: Vector, motion: SensedMotion) -> Vector:
 
 
 class Imu(CompiledSensor):
-    """Inertial unit on the chassis, which the paper's tractor does not have; `[sensors.imu]`."""
+    """Inertial unit on the chassis; the paper's tractor has none; `[sensors.imu]`."""
 
     sized: ClassVar = {"up_m": {"length": 1}}
     law = attitude
@@ -162,25 +162,25 @@ class Imu(CompiledSensor):
     enabled: bool = False
     """Whether the unit is present; otherwise roll and pitch are NaN."""
     aiding: Literal["none", "speed"] = "speed"
-    """Aiding input: with `speed` the unit subtracts accelerations of the machine, as in guidance units."""
+    """Aiding: with `speed` the unit subtracts accelerations known from speed and yaw rate, as guidance systems do."""
     time_constant_s: NonNegative = 3.0
     """Time constant of the levelling by accelerometers; 0 for an inclinometer [s]. Assumed value (1-20)."""
     ahead_m: float = 0.0
-    """Distance of the unit ahead of the rear axle [m]. Assumed value: above the axle."""
+    """Distance of the unit ahead of the rear axle [m]. Assumed value: 0, above the axle."""
     left_m: float = 0.0
-    """Lateral offset of the unit, left positive [m]. Assumed value: on the centre line."""
+    """Lateral offset of the unit, left positive [m]. Assumed value: 0, on the centre line."""
     up_m: float = 1.0
-    """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3: cab floor to cab roof)."""
+    """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3), cab floor to cab roof."""
     sigma_deg: NonNegative = 0.1
-    """White noise of each axis [deg]. Assumed value (0.02-0.2: MEMS, mean over a tick)."""
+    """Standard deviation of the white noise of each axis [deg]. Assumed value (0.02-0.2) for the mean in a tick."""
     wander_sigma_deg: NonNegative = 0.2
     """Standard deviation of the slow error of each axis [deg]. Assumed value (0.1-0.5 in guidance systems)."""
     wander_time_s: Positive = 60.0
     """Correlation time of the slow error [s]. Assumed value: tens of seconds to minutes."""
     roll_bias_deg: float = 0.0
-    """Constant error of the roll from mounting and calibration [deg]. Assumed value: up to 0.5 before calibration."""
+    """Constant error of the roll from mounting and calibration [deg]. Assumed value: 0; up to 0.5 uncalibrated."""
     pitch_bias_deg: float = 0.0
-    """Constant error of the pitch [deg]. Assumed value: up to 0.5 before calibration."""
+    """Constant error of the pitch from mounting and calibration [deg]. Assumed value: 0; up to 0.5 uncalibrated."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -212,7 +212,7 @@ class Imu(CompiledSensor):
         )
 
     def init(self, seed: int) -> Noise:
-        """Return the state with a slow error sampled from its stationary distribution."""
+        """Return the initial state, with a slow error sampled from its stationary distribution."""
         error = GaussMarkov.stationary(stream(seed, "imu"), 2)
         return Noise((error.generator,), ImuValues(error.value))
 

@@ -1,8 +1,8 @@
 """Potentiometers of the steering and the pedal, sampled many times per tick.
 
-Each sample has noise and is rounded to the resolution. The samples pass a Savitzky-Golay filter [Savitzky1964] and are
-averaged, as in the paper, section V-B. This chain is linear: one vector of weights. Inputs and outputs are in radians
-or pedal positions, samples in degrees. A tick may have any number of physics steps.
+Each sample has noise and is rounded to the resolution. A Savitzky-Golay filter [Savitzky1964] smooths the samples,
+which are then averaged, as in the paper, section V-B. Filter and mean are linear and form one vector of weights. Inputs
+and outputs are in radians or pedal positions, samples in degrees. A tick may have any number of physics steps.
 """
 
 from functools import lru_cache
@@ -20,27 +20,27 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
 FULL_LOCK = pi / 4
-"""Angle at which the errors of a characteristic are specified [rad]."""
+"""Steering angle at which the errors of a nonlinear sensor characteristic are specified [rad]."""
 
 
 class PotentiometerLaw(NamedTuple):
-    """Parameters of a potentiometer."""
+    """Parameters of a potentiometer, as numbers for kernels."""
 
     before: Index
     """Index of the physics step before each sample, shape (samples,)."""
     shares: Array
-    """Weights of this physics step and the next one in each sample, shape (samples, 2)."""
+    """Interpolation weights of this physics step and the next one in each sample, shape (samples, 2) [-]."""
     weights: Array
-    """Weight of each sample in the reading, shape (samples,)."""
+    """Weight of each sample in the measurement, shape (samples,) [-]."""
     counts: float
-    """Counts per unit of the measured signal."""
+    """Resolution steps (counts) per unit of the measured signal."""
     sigma: float
     """White noise of each sample [counts]."""
 
 
 @jit
 def rounded_mean(p: PotentiometerLaw, generator: int, history: Array) -> float:
-    """Return the weighted mean of the noisy samples, each rounded to a count, in the unit of `history` (n,)."""
+    """Return the weighted mean of noisy samples of `history` (n,), each rounded to a count, in the same unit."""
     total, last = 0.0, history.size - 1
     for i in range(p.weights.size):
         left = p.before[i]
@@ -58,13 +58,13 @@ class Potentiometer(Sensor):
     resolution_deg: Positive = 1.0
     """Resolution to which each sample is rounded [deg]. Paper, section V-B."""
     noise_sigma_deg: NonNegative = 0.5
-    """White noise of each sample before rounding, which dithers the rounding [deg]. Assumed value (0.2-1)."""
+    """White noise of each sample; it reduces the rounding error of the mean [deg]. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
-    """Number of samples per tick, evenly spaced, the last one at the tick's end [-]. Paper, section V-B."""
+    """Number of evenly spaced samples per tick, the last at the end of the tick [-]. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
-    """Window of the Savitzky-Golay filter, odd [samples]. Assumed value (11-31; not given in the paper)."""
+    """Window length of the Savitzky-Golay filter, an odd number of samples [-]. Assumed value (11-31)."""
     savgol_polyorder: int = Field(3, ge=0)
-    """Polynomial order of the Savitzky-Golay filter [-]. Assumed value (2-4; not given in the paper)."""
+    """Polynomial order of the Savitzky-Golay filter [-]. Assumed value (2-4)."""
 
     @model_validator(mode="after")
     def _filter_fits(self) -> "Potentiometer":
@@ -78,7 +78,7 @@ class Potentiometer(Sensor):
 
     @property
     def weights(self) -> Array:
-        """Weights of filter and mean: the reading is `weights @ samples`, shape (samples,), sum 1 [-]."""
+        """Weights of filter and mean, with a sum of 1: the measurement is `weights @ samples`, shape (samples,) [-]."""
         return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
 
     @property
@@ -91,20 +91,20 @@ class Potentiometer(Sensor):
         return stream(seed, self.place)
 
     def parameters(self, steps: int) -> PotentiometerLaw:
-        """Return the parameters of `rounded_mean` for ticks of this number of physics steps."""
+        """Return the parameters of `rounded_mean` for ticks with `steps` physics steps."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
         return PotentiometerLaw(*_resampling(steps, self.samples), self.weights, counts, sigma)
 
     def seen(self, truth: Truth) -> Array:
-        """Return the measured signal after each physics step, shape (n >= 1,), in the unit of the reading."""
+        """Return the true signal after each physics step, shape (n >= 1,), in the unit of the measurement."""
         raise NotImplementedError
 
     def read(self, history: Array, generator: Generator) -> float:
-        """Return the reading of a tick with the signal `history` (n,) after each physics step."""
+        """Return the measurement in a tick with the true signal `history` (n,) after each physics step."""
         return rounded_mean(self.parameters(len(history)), address(generator), history)
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the random stream and the reading."""
+        """Return the random stream and the measurement."""
         return state, self.read(self.seen(truth), state)
 
 
@@ -121,7 +121,7 @@ class SteeringPotentiometer(Potentiometer):
     at: Literal["virtual", "left", "right"] = "virtual"
     """Measured wheel: the `virtual` wheel of the bicycle model, or the `left` or `right` knuckle."""
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg with the same sign on both sides: a rod that is not square when straight ahead [deg]."""
+    """Error at 45 deg with the same sign for left and right angles, from a rod that is not square at 0 deg [deg]."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Error at 45 deg with opposite signs on both sides: levers of unequal length [deg]."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
@@ -141,14 +141,14 @@ class SteeringPotentiometer(Potentiometer):
         return delta + radians(self.centre_deg) if self.centre_deg else delta
 
     def seen(self, truth: Truth) -> Array:
-        """Return the readings without noise for the angles of the measured wheel, left positive, shape (n,) [rad]."""
+        """Return the measured angles without noise after each physics step, left positive, shape (n,) [rad]."""
         if self.at == "virtual" or truth.knuckle_samples is None:
             return self.characteristic(truth.steer_samples)
         return self.characteristic(truth.knuckle_samples[0 if self.at == "left" else 1])
 
 
 class PedalPotentiometer(Potentiometer):
-    """Potentiometer of the pedal, with readings in pedal positions; `[sensors.pedal_pot]`."""
+    """Potentiometer of the pedal, which measures the pedal position; `[sensors.pedal_pot]`."""
 
     place = "pedal_pot"
 
@@ -157,11 +157,11 @@ class PedalPotentiometer(Potentiometer):
 
     @property
     def degrees_per_unit(self) -> float:
-        """Potentiometer angle per unit of the measured signal, full pedal [deg]."""
+        """Potentiometer angle per unit of the measured signal, which is full pedal [deg]."""
         return self.travel_deg
 
     def seen(self, truth: Truth) -> Array:
-        """Return the pedal position after each physics step, -1 to 1, shape (n,) [-]."""
+        """Return the true pedal position after each physics step, -1 to 1, shape (n,) [-]."""
         return truth.pedal_samples
 
 

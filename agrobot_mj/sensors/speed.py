@@ -1,16 +1,16 @@
-"""Speed sensors: wheel speed of the driven axle, and Doppler radar. SI units.
+"""Speed sensors: wheel-speed sensor of the driven axle, and Doppler radar. SI units.
 
-A pulse wheel on the differential gives the angular velocity of the rear wheels times an assumed radius:
+A pulse wheel on the differential measures the angular velocity of the rear wheels times an assumed radius:
 
     reading = (1 + scale error + slip) * circumferential speed + white noise.
 
-Plants with tyres have slip; `slip_sigma` adds slip for the plant without tyres and for ground that is uneven within a
-contact patch. A Doppler radar below the tractor measures without slip and without a sign:
+Plants with tyres have slip; `slip_sigma` adds slip for the plant without tyres, and for ground that is uneven within a
+contact patch. A Doppler radar below the tractor is independent of slip and measures no sign:
 
     reading = |u| / cos(pitch) * (1 + scale error + ground) + white noise,
 
-where moving crops and clods, and pitching of the tractor, change the reading. Slip and ground are slow errors,
-first-order Gauss-Markov [Brown2012]. Below a minimum speed both readings are zero: pulses are too far apart, and
+where moving crops and clods (ground) and the pitch of the tractor change the reading. Slip and ground are slow
+first-order Gauss-Markov errors [Brown2012]. Below a minimum speed both readings are zero: pulses are too far apart, and
 vibration masks the Doppler shift.
 """
 
@@ -25,7 +25,7 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, Sense
 
 
 class SpeedLaw(NamedTuple):
-    """Parameters of a speed sensor."""
+    """Parameters of a speed sensor, as numbers for kernels."""
 
     sigma: float
     """White noise [m/s]."""
@@ -34,13 +34,13 @@ class SpeedLaw(NamedTuple):
     slow: float
     """Standard deviation of the slow relative error [-]."""
     kept: Shares
-    """Weights of the slow error."""
+    """Weights of last value and white noise in the slow error."""
     least: float
     """Minimum speed, below which the reading is zero [m/s]."""
 
 
 class SpeedValues(NamedTuple):
-    """Numbers of a speed sensor between two ticks."""
+    """State of a speed sensor between two ticks."""
 
     slow: float
     """Slow error, divided by its standard deviation [-]."""
@@ -48,7 +48,7 @@ class SpeedValues(NamedTuple):
 
 @jit
 def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tuple[SpeedValues, float]:
-    """Return the reading for a true speed [m/s]."""
+    """Return the new state and the measured value for a true speed [m/s]."""
     slow = wandered(s.slow, p.kept, streams[0])
     white = normal(streams[0])
     found = (p.scale + p.slow * slow) * speed + p.sigma * white
@@ -57,13 +57,13 @@ def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tu
 
 @jit
 def wheel_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
-    """Return the measured speed of the driven axle [m/s]."""
+    """Return the new state and the measured speed of the driven axle [m/s]."""
     return _speed(p, s, streams, motion.wheel_speed)
 
 
 @jit
 def radar_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: SensedMotion) -> tuple[SpeedValues, float]:
-    """Return the measured speed over ground, not negative [m/s]."""
+    """Return the new state and the measured absolute speed over ground [m/s]."""
     s, found = _speed(p, s, streams, abs(motion.speed) / cos(motion.pitch))
     return s, max(found, 0.0)
 
@@ -72,7 +72,7 @@ class SpeedSensor(CompiledSensor, OptionalSensor):
     """Base class of speed sensors."""
 
     def init(self, seed: int) -> Noise:
-        """Return the slow error sampled from its stationary distribution."""
+        """Return the initial state, with a slow error sampled from its stationary distribution."""
         error = GaussMarkov.stationary(stream(seed, self.column.name))
         return Noise((error.generator,), SpeedValues(*error.value))
 
@@ -84,15 +84,15 @@ class WheelSpeed(SpeedSensor):
     law = wheel_speed
 
     sigma_m_s: NonNegative = 0.02
-    """White noise [m/s]. Assumed value (0.01-0.03: pulses within a tick)."""
+    """Standard deviation of the white noise [m/s]. Assumed value (0.01-0.03) for counting pulses within a tick."""
     scale_error: float = 0.02
-    """Constant relative error: assumed divided by true radius, minus 1 [-]. Assumed value (0-0.05: wear, pressure)."""
+    """Constant relative error: assumed wheel radius / true radius - 1 [-]. Assumed value (0-0.05: wear, pressure)."""
     slip_sigma: NonNegative = 0.002
-    """Standard deviation of the slow slip [-]. Assumed value (0.001-0.01): a tenth of the mean slip without draught."""
+    """Standard deviation of the slow slip [-]. Assumed value (0.001-0.01), a tenth of the mean slip without draught."""
     slip_time_s: Positive = 10.0
-    """Correlation time of the slow slip [s]. Assumed value: ten metres of ground."""
+    """Correlation time of the slow slip [s]. Assumed value: the time of driving 10 m."""
     least_speed_m_s: NonNegative = 0.03
-    """Minimum speed, below which the reading is zero [m/s]. Assumed value: several pulses per second."""
+    """Minimum speed, below which the measured speed is zero [m/s]. Assumed value: several pulses per second."""
 
     def parameters(self, dt: float) -> SpeedLaw:
         """Return the parameters of the law for ticks of length `dt` [s]."""
@@ -107,15 +107,15 @@ class RadarSpeed(SpeedSensor):
     law = radar_speed
 
     sigma_m_s: NonNegative = 0.03
-    """White noise [m/s]. Assumed value (0.02-0.05: width of the Doppler spectrum in a tick)."""
+    """Standard deviation of the white noise [m/s]. Assumed value (0.02-0.05: width of the Doppler spectrum)."""
     scale_error: float = 0.01
-    """Constant relative error [-]. Assumed value (0-0.03: mounting angle)."""
+    """Constant relative error [-]. Assumed value (0-0.03) for an error of the mounting angle."""
     ground_sigma: NonNegative = 0.01
     """Standard deviation of the slow relative error from crops and clods [-]. Assumed value (0.005-0.03)."""
     ground_time_s: Positive = 5.0
-    """Correlation time of the slow error [s]. Assumed value: several metres of ground."""
+    """Correlation time of the slow error [s]. Assumed value: the time of driving several metres."""
     least_speed_m_s: NonNegative = 0.2
-    """Minimum speed, below which the reading is zero [m/s]. Assumed value (0.1-0.5)."""
+    """Minimum speed, below which the measured speed is zero [m/s]. Assumed value (0.1-0.5)."""
 
     def parameters(self, dt: float) -> SpeedLaw:
         """Return the parameters of the law for ticks of length `dt` [s]."""

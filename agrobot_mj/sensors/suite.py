@@ -1,8 +1,8 @@
-"""Sensor suite of the tractor: a new sensor needs a module and a field in `Sensors`.
+"""Sensor suite of the tractor; to add a sensor, write a module and add a field to `Sensors`.
 
-The suite evaluates its sensors once per tick: those of the package in one compiled call, and others by `measure`. Every
-reading is in `Measurement.readings` under the name of the field; readings of the paper's sensors also have separate
-fields.
+The suite evaluates its sensors once per tick: the sensors of the package in one compiled call, and other sensors by
+`measure`. `Measurement.readings` contains the measurements of all sensors by field name; the basic measurements also
+have separate fields of `Measurement`.
 """
 
 from functools import lru_cache
@@ -49,7 +49,7 @@ LINES = {
 
 
 class Laws(NamedTuple):
-    """Parameters of the compiled sensors; those with a state of the same name follow `present`."""
+    """Parameters of the compiled sensors; the fields after `present` have the names of the fields of `Values`."""
 
     steering_pot: PotentiometerLaw
     pedal_pot: PotentiometerLaw
@@ -64,7 +64,7 @@ class Laws(NamedTuple):
 
 
 class Values(NamedTuple):
-    """Numbers of the compiled sensors between two ticks."""
+    """Numbers in the state of each compiled sensor between two ticks."""
 
     gnss: FixErrors
     gyro: GyroValues
@@ -88,7 +88,7 @@ class Generators(NamedTuple):
 
 
 class SensorReadings(NamedTuple):
-    """Readings of the compiled sensors; NaN without a sensor."""
+    """Measurements of the compiled sensors; NaN for absent sensors."""
 
     gnss: tuple[Solved, float]
     """Solution and heading computed in this tick."""
@@ -103,7 +103,7 @@ class SensorReadings(NamedTuple):
 
 _NOWHERE = (nan, nan, nan)
 AT_REST = SensedMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _NOWHERE, _NOWHERE, 0.0, _NOWHERE, _NOWHERE, (nan, nan))
-"""Motion with the types of all others."""
+"""Motion used to determine the argument types of the compiled call."""
 NO_ATTITUDE, NO_PLACE = Imu.absent, ImplementGnss.absent
 
 
@@ -117,7 +117,7 @@ def sense(
     steer: Array,
     pedal: Array,
 ) -> tuple[Values, SensorReadings]:
-    """Return the numbers after a tick and the readings; `steer` and `pedal` (n,) are seen by the potentiometers."""
+    """Return the numbers after a tick and the measurements; `steer` and `pedal` (n,) are potentiometer signals."""
     steer_angle = rounded_mean(p.steering_pot, streams.steering_pot, steer)
     pedal_place = rounded_mean(p.pedal_pot, streams.pedal_pot, pedal)
     gnss, solved = solution(p.gnss, s.gnss, streams.gnss, motion, sky)
@@ -148,13 +148,13 @@ class SensorState(NamedTuple):
     generators: Generators
     values: Values
     delivery: Delivery
-    """State of the GNSS receiver without its errors."""
+    """State of the GNSS receiver except its errors."""
     states: dict[str, Any]
     """States of the sensors that are not compiled."""
     readings: dict[str, Any]
-    """Last reading of each sensor; empty before the first tick."""
+    """Last measurement of each sensor; empty before the first tick."""
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """Lines distorted in the last tick, by name; for other lines the last reading is the last value."""
+    """Signal lines distorted in the last tick, by name; other lines have transmitted the last measurement."""
 
 
 class Sensors(Spec):
@@ -163,17 +163,17 @@ class Sensors(Spec):
     gnss: Gnss = Gnss()
     """RTK-GNSS receiver."""
     steering_pot: SteeringPotentiometer = SteeringPotentiometer()
-    """Potentiometer of the steering angle, on the front axle."""
+    """Potentiometer of the steering angle on the front axle."""
     pedal_pot: PedalPotentiometer = PedalPotentiometer()
     """Potentiometer of the pedal position."""
     gyro: Gyro = Gyro()
-    """Yaw rate gyro. Default: absent."""
+    """Yaw-rate gyro. Default: absent."""
     imu: Imu = Imu()
     """Inertial unit for roll and pitch. Default: absent."""
     wheel_speed: WheelSpeed = WheelSpeed()
     """Speed sensor of the driven wheels. Default: absent."""
     radar_speed: RadarSpeed = RadarSpeed()
-    """Radar for the speed over ground. Default: absent."""
+    """Doppler radar for the speed over ground. Default: absent."""
     implement_gnss: ImplementGnss = ImplementGnss()
     """GNSS receiver on the implement. Default: absent."""
 
@@ -214,15 +214,15 @@ class Sensors(Spec):
 
 
 NOISY = Values._fields[1:]
-"""Compiled sensors that may be absent."""
+"""Names of the compiled sensors that may be absent."""
 KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}
-"""Classes of the compiled sensors."""
+"""Classes of the compiled sensors by name."""
 
 
 def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
-    """Return the sensors to evaluate in the compiled call, and those to evaluate by their own `measure`.
+    """Return the sensors evaluated in the compiled call, and the sensors evaluated by their own `measure`.
 
-    A sensor whose class replaces `measure` leaves an absent one in the compiled call.
+    If the class of a sensor overrides `measure`, the compiled call contains a default sensor in its place.
     """
     every = sensors.all
     compiled = {k: every[k] if type(every[k]).measure is kind.measure else kind() for k, kind in KINDS.items()}
@@ -230,7 +230,7 @@ def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
 
 
 class Suite:
-    """Sensors of a run, with their parameters as numbers."""
+    """Sensors of a run, prepared for the compiled call."""
 
     def __init__(self, sensors: Sensors, dt: float) -> None:
         """Prepare the sensors for ticks of length `dt` [s]."""
@@ -247,7 +247,7 @@ class Suite:
             for name, sensor in self.others.items()
             if getattr(sensor, "enabled", True) or len(sensor.columns)
         }
-        """Other sensors to evaluate; the readings of absent ones keep their value of the first tick."""
+        """Other sensors that are present; absent sensors are evaluated only in the first tick."""
         self._reporting = [(name, sensor.report) for name, sensor in sensors.all.items() if len(sensor.columns)]
 
     def measure(self, state: SensorState, truth: Truth, conditions: Conditions) -> tuple[SensorState, Measurement]:
@@ -301,7 +301,7 @@ class Suite:
         return tuple(values)
 
     def _law(self, steps: int, state: SensorState) -> tuple[Any, Laws]:
-        """Return `sense`, compiled for its arguments, and its parameters for ticks of this number of physics steps."""
+        """Return the compiled `sense` and its parameters for ticks with `steps` physics steps."""
         if steps != self._prepared[0]:
             noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
             present: Any = tuple(sensor.enabled for sensor in noisy.values())
@@ -314,7 +314,6 @@ class Suite:
         return self._prepared[1:]
 
     def _addresses(self, generators: Generators) -> Generators:
-        """Return the addresses of the random streams."""
         known = self._streams
         if known[0] is not generators:
             found = Generators(*(_addresses(part) for part in generators))
@@ -335,7 +334,7 @@ class Suite:
 
 
 def _addresses(part: Any) -> Any:
-    """Return the address of a generator, or the addresses of several."""
+    """Return the address of a generator, or the addresses of a tuple of generators."""
     return address(part) if isinstance(part, Generator) else tuple(map(address, part))
 
 
