@@ -1,4 +1,4 @@
-"""Function `run` of the Python API: `simulation.run.run` with a warning for each hint about the scenario."""
+"""Function `run` of the Python API, which calls `simulation.run.run` and warns of probable mistakes in the scenario."""
 
 import warnings
 from collections.abc import Callable

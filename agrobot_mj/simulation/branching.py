@@ -1,7 +1,7 @@
-"""Runs that share their past: from a branch onwards, the noise comes from other random streams.
+"""Runs that share their past: after a branch, the noise comes from other random streams.
 
 Scenario and branches identify a run and make it reproducible. Each process stores the states of its runs once per
-second, so that a run can start from the last state shared with an earlier run.
+simulated second, so that a run can start from the last state shared with an earlier run.
 """
 
 import pickle
@@ -14,13 +14,13 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
 EVERY = 20
-"""Number of ticks between stored states [-]: one second."""
+"""Number of ticks between stored states [-]: one simulated second."""
 MOST_BYTES = 200_000_000
 """Maximum total size of the stored states [bytes]: hundreds of runs, fewer on deformable soil."""
 
 
 class Branch(NamedTuple):
-    """Branch of a run: a tick and the random streams used after it."""
+    """Branch of a run: a tick, and the random streams used after this tick."""
 
     tick: int
     """Number of ticks before the branch."""
@@ -29,7 +29,7 @@ class Branch(NamedTuple):
 
 
 class _States:
-    """Stored states of runs, by scenario, preceding branches, and tick."""
+    """Store of the states of runs, by scenario, preceding branches, and tick."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[str, tuple[Branch, ...], int], tuple[Snapshot, int]] = OrderedDict()
@@ -45,7 +45,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """Return the last stored state of a run before its last branch."""
+        """Return the last stored state of a run before its last branch; None without a stored state."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:
@@ -62,7 +62,7 @@ _STATES = _States()
 
 
 def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
-    """Simulate a run with its branches, which are in the order of their ticks; yield after each tick."""
+    """Simulate a run with its branches, given in the order of their ticks; yield after each tick."""
     past, name = tuple(branches), _name(sim.scenario)
     if state := _STATES.latest(name, past):
         sim.restore(state)

@@ -1,8 +1,8 @@
 """Checks of the messages between stages: a number that is not finite is an error of the stage that returned it.
 
-A `Stage` wraps the method of a stage and checks its results. The sum of all numbers of a message shows whether they are
-finite; numbers are checked individually only if the sum is not. Measurements that a real computer would reject, such as
-a fix that is not a number, count as missing, see `Reception`.
+A `Stage` wraps the method of a stage and checks its results. If the sum of all numbers of a message is finite, all
+numbers are finite; otherwise they are checked individually. Measurements that a real computer would reject, such as a
+fix that is not a number, count as missing, see `Reception`.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -30,14 +30,14 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState, Suite
 
 ABSURD_STEER = radians(90.0)
-"""Steering angle above which a command is implausible [rad]: wheels across the tractor."""
+"""Steering angle above which a command is implausible, with the wheels across the tractor [rad]."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Errors that numbers that are not finite may cause."""
+"""Types of errors that numbers that are not finite may cause."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Messages of ValueError that only numbers that are not finite cause."""
+"""Parts of the messages of a ValueError caused by numbers that are not finite."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
-"""Maximum plausible distance from the origin [m] and speed [m/s] of a fix: quarter of the equator, Mach 3."""
+"""Maximum plausible distance from the origin [m] and speed [m/s] of a fix: a quarter of the equator, and Mach 3."""
 OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
 """Measurements that are NaN without a sensor."""
 
@@ -45,7 +45,7 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """Numbers of a message that must be finite. Fields with the default NaN, "not given", are excluded."""
+    """Numbers of a message that must be finite, except fields with the default NaN, which means "not given"."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
         """Collect the numbers of the class `message` without the fields `but`; optional fields may be None."""
@@ -98,10 +98,10 @@ CONDITIONS = Numbers(Conditions)
 
 
 class Stage(Generic[Message]):
-    """Stage of the tick with checks of its results.
+    """Stage of a tick, such as the estimator, with checks of its results.
 
     `update` and `ask` raise `NotFiniteError` for failed arithmetic or numbers that are not finite, and `ScenarioError`
-    for a message of the wrong type.
+    for a message of a wrong type.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class Stage(Generic[Message]):
 
 
 class Reception(NamedTuple):
-    """State of the sensors between ticks, and numbers of rejected measurements."""
+    """State of the sensors between ticks, last valid angles, and numbers of rejected measurements."""
 
     sensors: SensorState
     steer: float = 0.0
@@ -149,13 +149,13 @@ class Reception(NamedTuple):
     pedal: float = 0.0
     """Last finite pedal position [-]."""
     rejected: tuple[tuple[str, int], ...] = ()
-    """Number of rejections for each field."""
+    """Number of rejected values for each field of `Measurement`."""
 
     def after(self, s: Scenario, suite: Suite, truth: Truth, conditions: Conditions) -> "tuple[Reception, Measurement]":
-        """Return the new state and the measurement.
+        """Return the new state and the measurement after a check of its numbers.
 
-        An invalid fix becomes missing, an invalid angle is replaced by its last valid value. Raises `NotFiniteError` if
-        the invalid number comes from the plant or from a fault.
+        An invalid fix becomes missing; the last valid value replaces an invalid steering angle or pedal position.
+        Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
         """
         STATE.check(truth, plant := f"the plant ({s.plant.kind})")
         if conditions is not NOMINAL:
@@ -204,7 +204,7 @@ def read_only(estimate: Estimate) -> Estimate:
 
 
 def steerable(s: Scenario, command: Command) -> Command:
-    """Return the `limited` command of the guidance law. Raises `NotFiniteError` for an implausible angle."""
+    """Return the `limited` command of the guidance law. Raises `NotFiniteError` for an implausible steering angle."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, more than 90 deg"
         raise NotFiniteError(
@@ -214,7 +214,7 @@ def steerable(s: Scenario, command: Command) -> Command:
 
 
 def limited(command: Command, steer_limit: float) -> Command:
-    """Return the command with its angle limited to the range of the steering [rad]."""
+    """Return the command with its steering angle limited to `steer_limit` [rad]."""
     if -steer_limit <= command.steer <= steer_limit:
         return command
     return command._replace(steer=min(max(command.steer, -steer_limit), steer_limit))

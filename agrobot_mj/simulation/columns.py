@@ -1,8 +1,8 @@
 """Table of the signals of a log: name, unit, description, and source of each value.
 
-The rows of the log, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md
-follow from this table. Units are SI, angles in radians. A missing value is NaN, or null in the file. Signals without a
-source are reported by stages: guidance laws, estimators and sensors declare `columns` and return their values from
+The rows of the log, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md use
+this table. Units are SI, angles in radians. A missing value is NaN, or null in the file. Signals without a source are
+reported by stages: guidance laws, estimators and sensors declare `columns` and return their values from
 `report(state)`. Reported signals that are not in this table are appended.
 """
 
@@ -27,7 +27,7 @@ class Tick(NamedTuple):
     command: Command
     """Command of the guidance law."""
     steer_ref: float
-    """Set point of the steering loop [rad]."""
+    """Setpoint of the steering loop [rad]."""
     pedal_ref: float
     """Pedal position commanded by the speed loop [-]."""
     drive: Drive
@@ -36,15 +36,15 @@ class Tick(NamedTuple):
     faults: int
     """Number of active faults."""
     actuation: tuple[float, float, float]
-    """Oil flow [m3/s], cylinder pressure [Pa] and torque on the driven wheels [N m] of the previous tick."""
+    """Oil flow [m3/s], cylinder pressure [Pa] and torque on the driven wheels [N m] at the end of the last tick."""
 
 
 class Signal(NamedTuple):
-    """Column of the log, and the source of its value."""
+    """Column of the log with the source of its value."""
 
     column: Column
     value: str | None
-    """Expression of the fields of `Tick` and `Derived`; None for a value reported by a stage."""
+    """Python expression of the fields of `Tick` and `Derived`; None for a value reported by a stage."""
 
 
 class Derived(NamedTuple):
@@ -67,7 +67,6 @@ class Derived(NamedTuple):
 
 
 def _derived(k: Tick) -> Derived:
-    """Return the signals computed from the messages of a tick."""
     t, r, e, fix = k.truth, k.reference, k.estimate, k.measured.fix
     p: list[list[float]] = e.covariance.tolist()
     dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
@@ -176,7 +175,7 @@ _SOURCES = ", ".join(signal.value or "nan" for signal in SIGNALS)
 _values: Callable[..., list[float]] = eval(
     f"lambda {', '.join((*Tick._fields, *Derived._fields))}: [{_SOURCES}]", {"nan": nan}
 )
-"""Return the values of `COLUMNS` for the fields of `Tick` and `Derived`."""
+"""Return the values of `COLUMNS` for the fields of `Tick` and `Derived` as arguments."""
 
 
 def row(tick: Tick) -> list[float]:
@@ -185,7 +184,7 @@ def row(tick: Tick) -> list[float]:
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:
-    """Return the columns of a log: common columns, columns of the wheels if present, columns reported by stages."""
+    """Return the columns of a log: common columns, columns of `wheels` if present, and columns reported by stages."""
     common = (*(signal.column for signal in SIGNALS), *(WHEEL_SIGNALS if wheels else ()))
     known = {column.name for column in common}
     return (*common, *(column for column in reported if column.name not in known))

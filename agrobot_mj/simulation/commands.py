@@ -10,11 +10,11 @@ from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.loop import Loop
 
 LEAST_SPEED = 0.1
-"""Minimum speed in the conversion of a yaw rate to a curvature [m/s]."""
+"""Minimum absolute speed in the conversion of a yaw rate to a curvature [m/s]."""
 
 
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:
-    """Return the command for the given steering arguments and speed [m/s]. Raises `CommandError`, TypeError."""
+    """Return the command for steering arguments `given` by name and a speed [m/s]. Raises `CommandError`, TypeError."""
     numbers = given if speed is None else {**given, "speed": speed}
     for name, value in numbers.items():
         check_argument(name, value, hasattr(value, "__float__"), "a number")  # text has no __float__

@@ -1,4 +1,4 @@
-"""Continuation of a run under a scenario that differs from now on, as if it had been that scenario from the start."""
+"""Continuation of a run with a changed scenario, as if the changed scenario had been simulated from the start."""
 
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.signals import TICK_S
@@ -9,14 +9,14 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation, resumed
 
 FREE = {"name", "title", "duration_s", "expected_outcome", "expected_reason", "fault", "guidance"}
-"""Keys in which the scenarios may differ."""
+"""Keys in which both scenarios may differ."""
 
 
 def continued(state: Snapshot, scenario: Scenario) -> Simulation:
-    """Return a simulation of `scenario` in a state saved in a run of a similar one.
+    """Return a simulation of `scenario` in a state saved during a run of a similar scenario.
 
-    Faults may be added and may end after the present tick, and the run may become shorter or longer. The guidance law
-    must be of the same kind, since it keeps its state. Raises `CommandError` if the past would have been different.
+    Faults that start or end after the present tick may be added or changed, and the duration may differ. The guidance
+    law must be of the same kind, since it keeps its state. Raises `CommandError` if the past would have been different.
     """
     before, t = state.scenario, state.loop.truth.t
     changed = [
@@ -33,7 +33,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
 
 
 def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[object, ...]:
-    """Return the states of the new scenario's faults: those of the faults that it keeps, and initial ones."""
+    """Return the states of the new scenario's faults: saved states of unchanged faults, initial states of others."""
     kept, old, new = state.loop.stages["faults"], state.scenario.fault, scenario.fault
     states = list(Script(new, scenario.seed).init())
     for k in range(max(len(old), len(new))):
@@ -46,7 +46,7 @@ def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[obje
 
 
 def _same_past(ours: Scripted, theirs: Scripted, now: float) -> bool:
-    """Return whether two faults are equal, except possibly for an end time later than `now` [s]."""
+    """Return whether two faults are equal, or differ only in end times later than `now` [s]."""
     if type(ours) is not type(theirs) or ours.model_copy(update={"end_s": theirs.end_s}) != theirs:
         return False
     return ours.end_s == theirs.end_s or min(ours.last_s, theirs.last_s) > now

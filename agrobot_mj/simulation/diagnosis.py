@@ -1,9 +1,9 @@
-"""Diagnosis of the estimate of a run: main cause of its error with a remedy, and consistency with its covariance.
+"""Diagnosis of the state estimate of a run: main cause of its error with a remedy, and consistency with its covariance.
 
-The numbers are metrics; this module describes them in words. An estimate contradicts its covariance if its NEES or NIS
-is outside the expected chi-square distribution. Position errors are correlated over minutes, so that a run may contain
-only one independent error; NEES_MOST is therefore the bound of a single sample. Innovations of a consistent filter are
-white, so that every statistic has at least LEAST independent samples; NIS_MOST is the bound of their mean.
+The numbers are metrics; this module describes the metrics in words. An estimate contradicts its covariance if its NEES
+or NIS is above a quantile of the chi-square distribution. Position errors are correlated over minutes, so that a run
+may contain only one independent error; NEES_MOST is therefore the bound of a single sample. Innovations of a consistent
+filter are white, so that every statistic has at least LEAST independent samples; NIS_MOST is the bound of their mean.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,7 +27,7 @@ SIDESLIP_MOST = 2.0
 """Maximum plausible steady sideslip on level ground [deg]. Assumed value: twice the mounting error of two antennas
 before calibration; the sideslip of tyres is below 0.5 deg."""
 WORTH_M = 0.03
-"""Error of the estimated CG, per axis, above which a remedy is given [m]. Assumed value: above the error of RTK."""
+"""Error of the estimated CG per axis above which a message states a remedy [m]. Assumed value, above the RTK error."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
@@ -55,9 +55,9 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 
 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
-    """Yield warnings about the estimate, without repeating the remedy `given`.
+    """Yield warnings about the estimate; the remedy `given` in another text is not repeated.
 
-    Sideslip on level ground is attributed to a mounting error, if any: only the sum of both is observable there.
+    Sideslip on level ground is attributed to an antenna mounting error, if any, because only their sum is observable.
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
@@ -77,7 +77,7 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
 
 
 def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
-    """Return a cause and its remedy as text; the remedy is empty if it is already set or does not apply."""
+    """Return a cause and its remedy as text; the remedy is empty if its keys are already set or do not apply."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
     if cause == PLACE:

@@ -1,4 +1,4 @@
-"""Feasibility checks of a scenario's tractor without a run, used to plan studies."""
+"""Checks without a run that a scenario's tractor can be built and is stable, used for the plans of studies."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -17,7 +17,7 @@ LEVEL = plane(0.0, 0.0, 10.0, 10.0)
 
 
 def tractor_key(scenario: Scenario) -> object:
-    """Return all data that affects the feasibility of the tractor; scenarios with equal keys share one check."""
+    """Return all data that affects the checks of a tractor; scenarios with equal data share one check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
         return s.tractor

@@ -1,4 +1,4 @@
-"""Exclusive and atomic calls of a simulation: one caller at a time, with signals delayed to the end of the call."""
+"""Exclusive and atomic calls of a simulation: one caller at a time; signals are delayed to the end of the call."""
 
 from threading import Lock
 

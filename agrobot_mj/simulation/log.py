@@ -1,6 +1,6 @@
 """Log of a run: one row per tick.
 
-`Rows` is filled during the run; `Log` is the return value of `run`. Units are SI and radians, as in `signals`. A
+`Rows` is filled during the run; `Log` is the return value of `run`. Units are SI and radians, as in `core.signals`. A
 missing value (no fix, no network) is NaN in arrays and null in tables. Rows of long runs are stored in a temporary file
 (`long_array`), and tables are built in blocks.
 """
@@ -41,10 +41,10 @@ class SavedRows(NamedTuple):
 
 
 class Rows:
-    """Arrays for the whole run, filled row by row."""
+    """Arrays for all ticks of a run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
-        """Create empty arrays for up to `ticks` rows; `wheels`: size of the wheel report, `reported`: stage columns."""
+        """Create empty arrays for up to `ticks` rows, a wheel report of size `wheels`, and columns of the stages."""
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
         self.ticks = ticks
@@ -71,7 +71,7 @@ class Rows:
 
     @property
     def values(self) -> Array:
-        """Columns, shape (ticks, columns). Rows after the first `filled` rows are undefined."""
+        """Values of all columns, shape (ticks, columns). Rows after the first `filled` rows are undefined."""
         return self._values.numbers
 
     @property
@@ -89,7 +89,7 @@ class Rows:
         self._poses.release()
 
     def save(self) -> SavedRows:
-        """Return the rows so far; only rows that are missing in earlier snapshots of the run are copied."""
+        """Return the rows so far; full blocks are copied once and shared with earlier snapshots of the run."""
         whole = self.filled // BLOCK
         for k in range(len(self._blocks), whole):
             self._blocks.append(self._copy(k * BLOCK, (k + 1) * BLOCK))
@@ -127,7 +127,7 @@ class Log:
     rows: Rows
     scene: Scene
     outcome: str
-    """Outcome of the run, one of `outcomes.Outcome`."""
+    """Outcome of the run, one of `core.signals.Outcome`."""
     wall_s: float
     """Wall time of the run [s]."""
     metrics: dict[str, Any] = field(default_factory=dict)
@@ -139,7 +139,7 @@ class Log:
 
     @cached_property
     def signals(self) -> pa.Table:
-        """Table with one row per tick, float64, null for missing values; units and descriptions are field metadata."""
+        """Table with one row per tick, float64, null for missing values; field metadata: units and descriptions."""
         return self._piece(0, self.rows.filled)
 
     @property
@@ -167,7 +167,7 @@ class Log:
 
     @property
     def rut_table(self) -> pa.Table | None:
-        """Table of the ruts with one row per sunken cell, or None; the cell size is in the metadata [m]."""
+        """Table of the ruts with one row per cell with sinkage, or None; the metadata contain the cell size [m]."""
         if self.ruts is None:
             return None
         columns = {

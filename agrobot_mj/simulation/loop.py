@@ -1,4 +1,4 @@
-"""One tick of the simulation, and the stages it calls.
+"""One tick of the simulation, and the stages that the tick calls.
 
 One tick (20 Hz): plant truth -> sensors -> estimator -> guidance (kinematic law and yaw controller, or another law) ->
 supervisor -> steering and speed loops -> valve voltages. The plant then performs its physics steps. Scripted faults
@@ -48,14 +48,14 @@ from agrobot_mj.terrain import height_and_gradient
 
 
 class Wiring(NamedTuple):
-    """State of both valve lines between two ticks, voltages relative to neutral [V]."""
+    """State of the signal lines to both valves between two ticks, with voltages relative to neutral [V]."""
 
     steer: SignalLine = SignalLine(0.0)
     pedal: SignalLine = SignalLine(0.0)
 
     @classmethod
     def after(cls, drive: Drive) -> "Wiring":
-        """Return the state of intact lines that have transmitted these voltages."""
+        """Return the state of fault-free lines that have transmitted these voltages."""
         return cls(SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V))
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":
@@ -68,13 +68,13 @@ class Wiring(NamedTuple):
 
 
 def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
-    """Return the state of the line and the received voltage, within the valve range; NaN (no power) stays NaN."""
+    """Return the new state of a line and the received voltage, within the valve range, or NaN (no power) [V]."""
     line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
 
 
 SATURATION_MARGIN = radians(0.01)
-"""Difference from the steering limit below which a command counts as saturated [rad]."""
+"""Difference to the steering limit below which a steering command counts as saturated [rad]."""
 
 
 @dataclass
@@ -94,14 +94,14 @@ class Stages:
     steering: Any
     brake: BrakeState
     wiring: Wiring | Drive
-    """Signal lines to the valves, or the last voltages of intact lines."""
+    """Signal lines to the valves, or the last voltages of fault-free lines."""
 
 
 class Loop:
-    """Stages of one scenario and their states. A `tick` consists of `sense`, `decide` and `act`; `advance` follows."""
+    """Stages of a scenario with their states. A `tick` consists of `sense`, `decide` and `act`; then call `advance`."""
 
     def __init__(self, scenario: Scenario, truth: Truth | None = None) -> None:
-        """Create the stages in the initial state, or for a saved run with the true state `truth`."""
+        """Create the stages in their initial state, or for a saved run with the true state `truth`."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
@@ -142,22 +142,22 @@ class Loop:
         return s.sensors.gnss.configured(s.tractor.antenna_ahead_m, s.tractor.antenna_left_m)
 
     def tick(self, command: Command | None = None) -> Tick:
-        """Compute one tick up to the valve voltages, with the command of the guidance law or an external command.
+        """Compute a tick up to the valve voltages, with the command of the guidance law or an external `command`.
 
-        Call `advance` afterwards. Raises `NotFiniteError`, which names the stage.
+        Call `advance` afterwards. Raises `NotFiniteError` naming the stage.
         """
         measured, situation = self.now()
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and situation of this tick. The sensors are read once per tick."""
+        """Return measurement and situation of the present tick; the sensors are read once per tick."""
         if self.sensed is None or self.sensed[1].t != self.truth.t:
             self.sensed = self.sense()
         return self.sensed
 
     @property
     def has_sensed(self) -> bool:
-        """Whether the sensors were read in this tick."""
+        """Whether the sensors have been read in the present tick."""
         return self.sensed is not None and self.sensed[1].t == self.truth.t
 
     def sense(self) -> tuple[Measurement, Situation]:
@@ -175,7 +175,7 @@ class Loop:
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Return the command of the guidance law or of the supervisor.
 
-        The steering valve stays closed while the brake holds a tractor that follows a path.
+        The steering valve remains closed while the brake holds a tractor that follows a path.
         """
         state = self.stages
         state.guidance, command = self.law.update(state.guidance, situation, TICK_S)
@@ -189,7 +189,7 @@ class Loop:
         return command
 
     def _stands(self, command: Command, reference: Reference) -> bool:
-        """Return whether the brake holds the tractor also after this command."""
+        """Return whether the brake still holds the tractor after this command."""
         return self.stages.brake.after(command, reference, TICK_S).stands
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
@@ -212,7 +212,7 @@ class Loop:
         )
 
     def advance(self, drive: Drive) -> Truth:
-        """Advance the plant by one tick; apply the faults of the next tick."""
+        """Advance the plant by one tick, apply the faults of the next tick, and return the true state."""
         state = self.stages
         if not self.script.faults:
             state.wiring, self.truth = drive, self.plant.advance(drive, state.conditions)

@@ -28,7 +28,7 @@ class LoopStates(Protocol):
 
 
 class LowLevelLoops:
-    """Low-level loops with their parameters as numbers; other steering loops than `SteeringLoop` are not compiled."""
+    """Low-level loops of a scenario. Steering loops other than `SteeringLoop` run outside the compiled call."""
 
     def __init__(self, s: Scenario) -> None:
         """Prepare the loops of a scenario."""
@@ -41,7 +41,7 @@ class LowLevelLoops:
         self._run = bound(loops_step, self.law, start, wishes_of(Command(0.0, 0.0), False), 0.0, 0.0, 0.0, TICK_S)
 
     def drive(self, states: LoopStates, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Return the valve voltages and the brake; the command may bypass either loop."""
+        """Return the valve voltages and the brake, and update `states`; the command may bypass each of both loops."""
         reference, other = situation.reference, self.other
         wishes = wishes_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering

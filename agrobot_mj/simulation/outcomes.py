@@ -1,4 +1,4 @@
-"""Conditions that end a run early, detected by the plant, from the reference, or from earlier ticks."""
+"""Conditions that end a run early, detected from the plant, the reference, and earlier ticks."""
 
 from math import hypot, inf
 from typing import NamedTuple
@@ -14,9 +14,9 @@ STUCK_S = 10.0
 STUCK_M = 0.3
 """Maximum displacement of a stuck tractor [m]. Assumed value: 0.03 m/s."""
 STUCK_PEDAL = 0.05
-"""Minimum pedal position of a command to drive [-]: 0.25 m/s. Assumed value."""
+"""Minimum pedal position of a command to drive [-]. Assumed value: 0.25 m/s."""
 LEFT_M = 1.0
-"""Increase of the distance to the reference above which a tractor is left behind [m]. Assumed value: 1 s of driving."""
+"""Increase of the distance to the reference above which a tractor at rest is stuck [m]. Assumed: 1 s of driving."""
 
 
 class Standstill(NamedTuple):
@@ -27,7 +27,7 @@ class Standstill(NamedTuple):
     y: float = inf
     """Position of the standstill, north; infinite before the first tick [m]."""
     tried_s: float = 0.0
-    """Time at standstill with the pedal pressed or commanded [s]."""
+    """Time at standstill with a measured or commanded pedal position above STUCK_PEDAL [s]."""
     waited_s: float = 0.0
     """Time at standstill while the tractor should follow its reference [s]."""
     distance: float = 0.0
@@ -43,8 +43,8 @@ class Watch:
     def trouble(self, truth: Truth, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
         """Return the outcome that ends the run after this tick, or None.
 
-        `distance`: distance from the reference [m]; `asked`: pedal position commanded by the speed loop [-]; `led`:
-        whether the tractor should follow the reference in this tick.
+        `distance` [m] is the distance from the reference, `asked` [-] the pedal position commanded by the speed loop,
+        and `led` whether the tractor should follow the reference in this tick.
         """
         found = self.plant.trouble()
         if found is not None:
@@ -54,7 +54,7 @@ class Watch:
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
     def _stuck(self, truth: Truth, distance: float, asked: float, led: bool) -> bool:
-        """Return whether the tractor is at standstill for a long time although commanded to drive or left behind."""
+        """Return whether a tractor with a command to drive, or behind its reference, has been at rest for STUCK_S."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)
@@ -70,7 +70,7 @@ class Watch:
 
 
 def past_end(path: ReferencePath, truth: Truth) -> bool:
-    """Return whether the tractor has passed the end of an open path, after its reference has."""
+    """Return whether first the reference and then the tractor have passed the end of an open path."""
     if not path.ends or truth.t < path.duration_s:
         return False
     end = path.at(path.duration_s)

@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal; in a pipe, a line for each of many runs and no output for a single run."""
+"""Progress on stderr: a bar on a terminal, otherwise lines for a series of runs and no output for a single run."""
 
 import sys
 import time
@@ -19,7 +19,7 @@ BETWEEN_LINES_S = 1.0
 SILENCE_S = 8.0
 """Maximum time without a progress line [s]."""
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
-"""Maximum times given in seconds and in minutes."""
+"""Maximum duration written in seconds [s], and maximum duration written in minutes [min]."""
 
 
 def bar() -> "Bar | None":
@@ -53,7 +53,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count finished tasks; `expected`: whether they ended as expected, `there`: whether their results existed."""
+        """Count finished tasks, which ended as expected if `expected`, and whose results already existed if `there`."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected
@@ -65,7 +65,7 @@ class Count:
 
     @contextmanager
     def breaking_silence(self) -> Iterator[None]:
-        """Print the elapsed time where no task has finished for `SILENCE_S`."""
+        """Print the elapsed time whenever no line was printed for `SILENCE_S`, within the block."""
         ended = Event()
 
         def print_time() -> None:
@@ -92,7 +92,7 @@ class Count:
         return True
 
     def _time(self) -> str:
-        """Return the estimated remaining time as text; at the end, the total time."""
+        """Return the estimated remaining time as text, or after the last task the total time."""
         spent = self.told - self.began
         if self.done >= self.total:
             return f", {span(spent)} in all"

@@ -16,7 +16,7 @@ from agrobot_mj.core.geometry import from_heading, to_level, wrap
 from agrobot_mj.core.signals import Estimate, Measurement
 
 SLOWLY_S = 3.0
-"""Time constant with which the heading follows the estimate [s]. Assumed value: from gyro bias and filter."""
+"""Time constant with which the heading follows the estimate [s]. Assumed value, limited by gyro bias and filter."""
 
 
 class MountedReceiver(NamedTuple):

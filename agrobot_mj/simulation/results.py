@@ -1,6 +1,6 @@
-"""Results folders: exclusive access, atomic writes, and protection of other files.
+"""Results folders: exclusive access, atomic writes, and protection of files of the user.
 
-A results folder contains a mark: a file with the names of the files written by this package. Other files are neither
+A results folder contains a mark, a file with the names of the files written by this package. Other files are neither
 overwritten nor deleted, and no file is written to a folder that contains files but no mark. An empty mark, created by
 the user, permits overwriting all files in the folder.
 
@@ -32,16 +32,16 @@ HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other
 PATIENCE_S = 60.0
 """Maximum time to wait for another process that prepares a shared folder [s]."""
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
-"""Pattern of the names of temporary files, also those of earlier versions."""
+"""Pattern of the names of temporary files of this and earlier versions."""
 
 
 @contextmanager
 def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> Iterator[Path]:
-    """Open `folder` exclusively: create and mark it if missing, and delete partial files of a killed process.
+    """Open `folder` exclusively: create and mark a missing folder, and delete partial files of a killed process.
 
     `names` are the files to be written; names of folders end with a slash. A new folder is removed if it is empty at
-    the end. Processes that share a folder wait for each other, and partial files remain. Raises `ScenarioError` as
-    `check_folder`, or if another process writes to the folder.
+    the end. Processes that open a folder as `shared` wait for each other, and partial files remain. Raises the
+    `ScenarioError` of `check_folder`, and `ScenarioError` if another process writes to the folder.
     """
     check_folder(folder, names := tuple(names))
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -97,7 +97,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Return the names in the mark of `folder`; None without a mark."""
+    """Return the names in the mark of `folder`, or of all files for an empty mark; None without a mark."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -108,7 +108,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete the named files if they are in the mark."""
+    """Delete the named files if their names are in the mark of `folder`."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:
@@ -120,8 +120,8 @@ def atomic(path: Path) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path`; rename the file to `path` at the end, or delete it after an
     error.
 
-    Raises OSError that names `path`, also for a device, which must not be replaced, and `ScenarioError` for a foreign
-    file in a results folder.
+    Raises OSError naming `path`, also for a device, which must not be replaced, and `ScenarioError` for a file in a
+    results folder that this package did not write.
     """
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; specify a file", str(path))
@@ -145,7 +145,7 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def is_bare(name: object) -> bool:
-    """Return whether `name` is a plain file name: without folder, and not the mark."""
+    """Return whether `name` is a plain file name, without a folder, and not the name of the mark."""
     return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
 
 
@@ -156,7 +156,7 @@ def temporary_path(path: Path) -> Path:
 
 @contextmanager
 def errors_naming(path: Path) -> Iterator[None]:
-    """Replace the file name in errors of the block by `path`."""
+    """Replace the file name in OSErrors of the block by `path`."""
     try:
         yield
     except (ConnectionError, TimeoutError):  # network errors of the block
@@ -167,7 +167,7 @@ def errors_naming(path: Path) -> Iterator[None]:
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` if `folder` contains a file with one of the names that this package did not write."""
+    """Raise `ScenarioError` for an invalid name, and for an existing file of this name from another origin."""
     ours = owned(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
@@ -183,7 +183,7 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
 
 
 def _is_torn_mark(path: Path) -> bool:
-    """Return whether the mark of a new folder is incomplete, because a command was killed."""
+    """Return whether a file is the incomplete mark of a new folder, left by a killed command."""
     return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
 
 

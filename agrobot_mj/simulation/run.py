@@ -14,7 +14,7 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 1200
-"""Number of new rows between calls of the observers: 60 s of simulated time. More calls slow down recordings."""
+"""Number of new rows between calls of the observers: 60 s of simulated time. More calls would slow down recordings."""
 REPORT_S = 5.0
 """Maximum wall time between calls of the observers [s]."""
 
@@ -32,7 +32,7 @@ class Watcher(Protocol):
         """Finish observing; called after the last tick, with all metrics in `log`."""
 
     def fail(self, error: BaseException) -> None:
-        """Handle the error that ends the run; called instead of `finish`."""
+        """Handle the error that has ended the run; called instead of `finish`."""
 
 
 def run(
@@ -46,9 +46,9 @@ def run(
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
     as `aborted` if it returns True. Each of the `branches` switches the noise to other random streams, and states are
-    stored for other runs; an empty sequence only stores states. `ticks` may replace the loop over all ticks: it begins
-    the run or restores a state, and yields after each tick. Raises `ScenarioError` for an impossible tractor and
-    for a guidance law that is an external program.
+    stored for other runs; an empty sequence only stores states. `ticks` may replace the loop over all ticks by a
+    function that begins the run or restores a state, and yields after each tick. Raises `ScenarioError` for an
+    impossible tractor and for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
@@ -78,7 +78,7 @@ def run_with_watchers(
     drive: Callable[[Simulation, Callable[[], None]], None],
     finish: Callable[[Log], Log] = lambda log: log,
 ) -> Log:
-    """Return the log of a simulation run to its end by `drive`, with observers.
+    """Simulate with observers until `drive` returns, and return the log.
 
     `drive` calls its second argument after each tick. `finish` may extend the log before the observers receive it.
     """
@@ -101,13 +101,13 @@ def run_with_watchers(
 
 
 class _Reporting:
-    """Calls of the observers, in blocks of new rows."""
+    """Calls of the observers with blocks of new rows."""
 
     def __init__(self, rows: Rows, watchers: tuple[Watcher, ...]) -> None:
         self.rows, self.watchers, self.reported, self.due = rows, watchers, 0, time.perf_counter() + REPORT_S
 
     def tell(self, at_the_end: bool = False) -> None:
-        """Call the observers if due; `tell` is called after each tick and once at the end."""
+        """Call the observers if a call is due; `tell` is called after each tick and once at the end."""
         rows = self.rows
         if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:

@@ -1,8 +1,8 @@
 """Snapshot of a simulation: its complete state, and the log up to the present time.
 
 A snapshot is independent of its simulation. It can be restored any number of times, in any `Simulation` of the same
-scenario, and in another process (it can be pickled). Snapshots of a run share the blocks of the log, so that the cost
-of saving does not grow during the run.
+scenario, and (pickled) in another process. Snapshots of a run share the blocks of the log, so that the cost of saving
+does not increase during the run.
 """
 
 from typing import Any, NamedTuple
@@ -38,7 +38,7 @@ class Snapshot(NamedTuple):
     standstill: Standstill
     """Position and duration of the standstill."""
     ending: tuple[str, str]
-    """Outcome and reason; empty before the end."""
+    """Outcome and reason of the end of the run; empty before the end."""
 
 
 def loop_state(loop: Loop) -> LoopState:
@@ -47,7 +47,7 @@ def loop_state(loop: Loop) -> LoopState:
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
-    """Continue a loop from a state; the loop takes ownership of the state."""
+    """Set the state of a loop, which then owns the objects in `state`."""
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)

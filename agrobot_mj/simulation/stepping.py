@@ -1,4 +1,4 @@
-"""Simulation that is stepped from outside, tick by tick.
+"""Simulation that the caller steps tick by tick.
 
 >>> sim = Simulation("side_slope", {"seed": 3})
 >>> m = sim.reset()
@@ -56,7 +56,7 @@ class Simulation:
             self._begin()
 
     def _begin(self, saved: Snapshot | None = None) -> None:
-        """Start a run in its initial state, or for a state that is restored next."""
+        """Start a run in its initial state, or prepare the run for the state `saved`, which is restored next."""
         with without_exit():
             loop = Loop(self.scenario, saved and saved.loop.truth)
         plant = loop.plant
@@ -72,7 +72,7 @@ class Simulation:
         return self.__deepcopy__({})
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Simulation":
-        """Return an independent simulation, with deep copies of subclass attributes."""
+        """Return an independent simulation in the same state, with deep copies of the attributes of subclasses."""
         rebuild, arguments, others = self.__reduce__()
         sim: Simulation = rebuild(*arguments)
         memo[id(self)] = sim
@@ -80,7 +80,7 @@ class Simulation:
         return sim
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the class, the state of `save`, and subclass attributes."""
+        """Return the class, the saved state and the attributes of subclasses for pickling."""
         others = {name: value for name, value in vars(self).items() if name not in OWN}
         with self._guard:
             if not self.done:
@@ -108,10 +108,10 @@ class Simulation:
         """Advance one tick with a command; return the measurement at its end.
 
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6]
-        may be given, all left positive; without them the guidance law of the scenario steers. Default of `speed` [m/s]:
-        the speed of the guidance law or, with a steering command, of the reference. The supervisor only monitors the
-        guidance law. A step is atomic: signals are delayed to its end, and an error of a law restores the previous
-        state. Raises `CommandError` for an invalid command, after the end, and while another thread uses the
+        may be given, all left positive; without a steering argument the guidance law of the scenario steers. Default of
+        `speed` [m/s]: the speed of the guidance law or, with a steering argument, of the reference. The supervisor only
+        monitors the guidance law. A step is atomic: signals are delayed to its end, and an error of a law restores the
+        previous state. Raises `CommandError` for an invalid command, after the end, and while another thread uses the
         simulation.
         """
         given = {}
@@ -122,7 +122,7 @@ class Simulation:
             return self._step(given, speed)
 
     def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
-        """Perform `step`. An error after the row is written leaves half a tick, and the state becomes unusable."""
+        """Perform `step`. After an error later than the writing of the row, the state is incomplete and unusable."""
         self._require_whole()
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -197,7 +197,7 @@ class Simulation:
             self._diverge(str(error))
 
     def _diverge(self, reason: str) -> None:
-        """End the run as `diverged`; a first row contains only t = 0."""
+        """End the run as `diverged`; an empty log receives a row that contains only t = 0."""
         self.outcome, self.reason = "diverged", reason
         plant, unknown = self.loop.plant, [nan] * (len(COLUMNS) - 1)
         if not self.rows.filled:
@@ -208,18 +208,18 @@ class Simulation:
             raise CommandError("an error interrupted the last step; call reset(), or restore() a state saved before")
 
     def _last(self) -> Measurement:
-        """Return the last measurement."""
+        """Return the last measurement; `NOTHING` if the run ended before the first measurement."""
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     def _seen(self) -> tuple[Measurement, Situation]:
-        """Return `_now` for external callers; the sensors are not read during a step."""
+        """Return `_now` for external callers; reading the sensors requires that no step is in progress."""
         if self.done or self.loop.has_sensed:
             return self._now()
         with self._guard:
             return self._now()
 
     def _now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and situation of this tick; after the end, of the last tick."""
+        """Return measurement and situation of the present tick or, after the end of the run, of the last tick."""
         if not self.done:
             return self.loop.now()
         if self.loop.sensed is None:
@@ -227,9 +227,9 @@ class Simulation:
         return self.loop.sensed
 
     def save(self, rows: SavedRows | None = None) -> Snapshot:
-        """Return the present state, which `restore` continues bit-identically; takes less than half a tick.
+        """Return the present state, from which `restore` continues bit-identically; takes less than half a tick.
 
-        `rows` take the place of a copy of the log.
+        `rows` replace the copy of the log in the returned snapshot.
         """
         with self._guard:
             self._now()
@@ -246,7 +246,7 @@ class Simulation:
         )
 
     def restore(self, state: Snapshot) -> Measurement:
-        """Continue from a state that any simulation of the same scenario has saved; return its measurement.
+        """Continue from a state saved by any simulation of the same scenario; return the measurement in this state.
 
         A state can be restored any number of times. Raises `CommandError` for another scenario, TypeError for another
         object.
@@ -265,7 +265,7 @@ class Simulation:
         self._broken_off = False
 
     def branch(self, number: int) -> None:
-        """Continue with other noise: all random generators of the stages switch to the streams of this number.
+        """Continue with other noise: all random generators of the stages switch to the streams with this `number`.
 
         Past signals, values sampled once (ground, biases) and present values of random walks do not change. Raises
         TypeError unless `number` is an integer.
@@ -276,7 +276,7 @@ class Simulation:
                 branch(generator, number)
 
     def abort(self) -> None:
-        """End the run as `aborted`; the outcome of an ended run does not change."""
+        """End the run as `aborted`; has no effect on a run that has ended."""
         self.outcome = self.outcome or "aborted"
 
     @property
@@ -301,17 +301,17 @@ class Simulation:
 
     @property
     def estimate(self) -> Estimate:
-        """Estimate at the present time."""
+        """Estimated state at the present time."""
         return self.situation.estimate
 
     @property
     def reference(self) -> Reference:
-        """Reference at the present time."""
+        """Reference on the path at the present time."""
         return self.situation.reference
 
     @property
     def path(self) -> SampledRoute:
-        """Sampled path, with nearest points and curvature ahead."""
+        """Sampled path, with queries for nearest points and curvature ahead."""
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
@@ -345,7 +345,7 @@ OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_
 
 
 def resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
-    """Return a simulation of a class in a saved state."""
+    """Return a simulation of the class `cls` in a saved state."""
     sim = cls.__new__(cls)
     sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()
     with sim._guard:

@@ -24,7 +24,7 @@ from agrobot_mj.simulation.results import claim, errors_naming, remove, temporar
 RECORDING = "run.rrd"
 """File name of the recording of a run."""
 RUTS = "ruts.parquet"
-"""File name of the map of ruts, for a run on deformable soil."""
+"""File name of the map of ruts of a run on deformable soil."""
 SET = (
     *("metrics.json", "identified.json", "vehicle.json", "link.parquet"),
     *(RUTS, LEARNED, "signals.parquet", "scenario.toml"),
@@ -46,9 +46,9 @@ def can_record() -> bool:
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
     """Write the files of a run, its data files and the files of `more` into `folder`, which is created if missing.
 
-    The new files replace the files of an earlier run together. The recording of the earlier run is removed unless the
-    new run is `recorded`. Raises OSError that names a file that cannot be written, `ScenarioError` for a file of other
-    origin.
+    The new files replace all files of an earlier run at the same time. The recording of the earlier run is removed
+    unless the new run is `recorded`. Raises OSError naming a file that cannot be written, and `ScenarioError` for an
+    existing file of another origin.
     """
     text, data_files = log.scenario.portable()
     text = f"# identity {log.metrics.get('identity', '')}\n{plugin_note()}{text}"
@@ -101,9 +101,9 @@ def _table(table: Any) -> Writer:
 
 
 def _signals(log: Log, path: Path) -> None:
-    """Write the signals in row groups, so that memory does not grow with the length of the run.
+    """Write the signals in row groups, so that the memory usage does not increase with the length of the run.
 
-    Dictionary encoding is off: measured values rarely repeat, and files are a sixth smaller.
+    Without dictionary encoding, which is useful only for repeated values, files are a sixth smaller.
     """
     with pq.ParquetWriter(path, log.schema, compression="zstd", use_dictionary=False) as writer:
         for piece in log.pieces():
