@@ -1,4 +1,4 @@
-"""Entry point of `python -m agrobot_mj`, which is equivalent to the command `agrobot-mj`."""
+"""Entry point of `python -m agrobot_mj`, which is the same as the command `agrobot-mj`."""
 
 from agrobot_mj.cli import main
 

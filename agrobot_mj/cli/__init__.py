@@ -1,9 +1,9 @@
-"""Command line, based on typer. Each command loads its input, calls one function, and prints the result.
+"""Command line, based on typer. Each command loads its input, calls one function and prints the result.
 
-Exit status: 0, the run ended as its scenario expects; 1, another outcome, or files could not be written; 2, invalid
-input, reported in one message without traceback; 130, interrupted by Ctrl-C or SIGTERM. With `--json` stdout contains
-one JSON document for every status (`answers`). Commands import large libraries only when called, so that `--help` and
-`list` start fast.
+Exit status 0: the run ended as its scenario expects. 1: another outcome, or files could not be written. 2: the input is
+invalid; one message reports the error, without a traceback. 130: Ctrl-C or SIGTERM interrupted the command. With
+`--json` stdout contains one JSON document for every status (`answers`). Commands import large libraries only when
+called, so that `--help` and `list` start fast.
 """
 
 import atexit
@@ -30,23 +30,23 @@ __all__ = ["app", "main"]
 
 
 BROKEN_OFF = 130
-"""Exit status of a command interrupted by a signal, as in shells."""
+"""Exit status of a command interrupted by a signal, as in Unix shells."""
 OBJECTS_PER_COLLECTION = 500_000
-"""Number of new objects between garbage collections. The default of Python adds 0.25 s to the start."""
+"""Number of new objects between two garbage collections. Python's default adds 0.25 s to the start-up time."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Disk errors that are not caused by the input."""
+"""Error numbers of a full or faulty disk, which the input does not cause."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
-"""Error class of the command-line parser: click's or typer's copy of it."""
+"""Base class of usage errors of the command-line parser: from click, or from the copy of click in typer."""
 
 
 def main() -> None:
-    """Run the program. Invalid input ends with status 2 and one message, in the document if `--json` is given."""
+    """Run the program. Invalid input ends with exit status 2 and one message, or a JSON document with `--json`."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
-    atexit.register(gc.freeze)  # avoids a final search for cycles in all modules, which takes 0.4 s
+    atexit.register(gc.freeze)  # avoids a garbage collection over all modules at exit, which takes 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a terminal without the characters of a name shows the rest
+        if isinstance(stream, io.TextIOWrapper):  # terminals show characters outside their encoding as escape sequences
             stream.reconfigure(errors="backslashreplace")
     try:
         status, message = _called()
@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of an error, starting in the plugin; empty if no plugin file raised the error."""
+    """Return the traceback of an error from the first frame in a plugin file; empty if no frame is in a plugin file."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
@@ -103,7 +103,7 @@ def _called() -> tuple[int, str]:
 
 
 def _flushed(status: int) -> int:
-    """Write the remaining stdout and return the status, which a closed pipe or a full disk does not change."""
+    """Write the remaining stdout and return the status. A closed pipe or a full disk does not change the status."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -119,13 +119,13 @@ OTHER_NAMES = {
     "output": "--out",
     "verbose": "--help",
 }
-"""Options by words often used in place of their names."""
+"""Options, keyed by words that users often write in place of the option names."""
 OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
-"""Tables by words often used in place of their names."""
+"""Tables of a scenario, keyed by words that users often write in place of the table names."""
 
 
 def meant(error: Any) -> str:
-    """Return the end of a parser error message, such as `use --set seed=3`; otherwise an empty string."""
+    """Return a suggestion for the end of a parser error message, such as `use --set seed=3`; empty without one."""
     if (context := error.ctx) is None:
         return ""
     options = _options(context.command)
@@ -137,7 +137,7 @@ def meant(error: Any) -> str:
 
 
 def _for_option(flag: str, options: set[str], context: Any) -> str:
-    """Return the suggestion for an unknown option of a command."""
+    """Return the suggestion for an option that the command does not have."""
     word = flag.lstrip("-").replace("-", "_")
     if (other := OTHER_NAMES.get(word)) in options:
         return f"use {other}"
@@ -157,7 +157,7 @@ def _options(command: Any) -> set[str]:
 
 
 def _value(flag: str) -> str:
-    """Return the value of an option on the command line, or dots for an option without a plain value."""
+    """Return the value of an option on the command line; dots if the value is missing or needs quotes."""
     for word, following in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
         given = following if word == flag else word.removeprefix(f"{flag}=") if word.startswith(f"{flag}=") else ""
         if re.fullmatch(r"[\w.+-]{1,40}", given) and not given.startswith("--"):
@@ -170,7 +170,7 @@ def _as_toml(value: str) -> str:
 
 
 def _key(word: str) -> str:
-    """Return the scenario key with this name, with or without unit, or the kind of the table with this name."""
+    """Return the scenario key with this name, with or without unit, or the key `kind` of the table with this name."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

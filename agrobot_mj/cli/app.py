@@ -1,6 +1,6 @@
 """Command-line application: commands, help texts, and global options.
 
-Extensions and installed packages add commands by entry points of the group `agrobot_mj.commands`.
+Extensions and installed packages add commands through entry points of the group `agrobot_mj.commands`.
 """
 
 import sys
@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Functions of commands with their help entries; commands with examples only are listed last."""
+"""Functions of commands, mapped to their help entries or only to their examples; the latter are listed last."""
 CORE: Commands = {
     runs.run: listed(
         "Run",
@@ -53,11 +53,11 @@ CORE: Commands = {
     authoring.schema: listed("Write scenarios", "schema > scenario.schema.json", advanced=True),
 }
 WIDEST = 74
-"""Maximum line length of an example, for terminals with 80 columns."""
+"""Maximum line length of an example [characters], for terminals with 80 columns."""
 
 
 def epilog(examples: Sequence[str]) -> str:
-    """Return the examples at the end of the help of a command, with long lines continued as in a shell."""
+    """Return the examples section at the end of a command's help. Long lines continue as in a shell."""
     if not examples:
         return ""
     lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]
@@ -65,7 +65,7 @@ def epilog(examples: Sequence[str]) -> str:
 
 
 def _folded(text: str) -> list[str]:
-    """Return a command line as lines of at most `WIDEST` characters, split before options."""
+    """Split a command line before its options into lines of at most `WIDEST` characters."""
     if len(text) <= WIDEST or (at := text.rfind(" --", 0, WIDEST - 1)) < 0:
         return [text]
     return [f"{text[:at]} \\", *(f"    {line}" for line in _folded(text[at + 1 :]))]

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM: a run ends as aborted with complete files; other work is cancelled and cleaned up."""
+"""Handling of Ctrl-C and SIGTERM. A run ends as aborted with complete files; other work is cancelled and cleaned up."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[int]]:
-    """Yield a list for the received signal, so that a run can end with complete files; a second one interrupts it."""
+    """Yield a list that receives the first signal, so that a run can end early. A second signal interrupts."""
     received: list[int] = []
 
     def handle(number: int, _frame: Any) -> None:
@@ -25,8 +25,8 @@ def stop_on_signals() -> Iterator[list[int]]:
 def interruptible() -> Iterator[None]:
     """End the block on SIGTERM as on Ctrl-C, with clean-up.
 
-    The block raises KeyboardInterrupt even if an extension module converts the exception in a callback, or the
-    interpreter drops it in a finaliser.
+    KeyboardInterrupt is raised even if an extension module converts the exception in a callback, or if the interpreter
+    drops the exception in a finaliser.
     """
     received: list[int] = []
 

@@ -1,4 +1,4 @@
-"""Common arguments and options of commands, conversion of texts to values, and results of commands."""
+"""Arguments and options shared by commands, conversion of their texts to values, and the result of a command."""
 
 import json
 import os
@@ -49,14 +49,14 @@ def _folder(text: str) -> Path:
 
 
 def number(value: float | None) -> float | None:
-    """Return a number that may be infinite; reject NaN."""
+    """Return a number, which may be infinite; reject NaN."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is not a number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """Return a finite number; reject NaN and infinity, also from overflow."""
+    """Return a finite number; reject NaN, and infinity written as such or caused by overflow."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -78,11 +78,11 @@ class Answer(NamedTuple):
     """Result of a command."""
 
     content: Mapping[str, Any]
-    """Keys of the JSON document, as plain data."""
+    """Result as plain data: keys and values of the JSON document."""
     text: str
     """Text printed at the end of the command."""
     failed: str = ""
-    """Reason for exit status 1; empty for exit status 0."""
+    """Error message of exit status 1; empty for exit status 0."""
 
 
 LONGEST_NAME = 150
@@ -90,7 +90,7 @@ LONGEST_NAME = 150
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
-    """Convert texts `key=value` to values by dotted key: TOML values, or bare words as strings."""
+    """Convert texts `key=value` to values by dotted key. A value is TOML; a bare word is a string."""
     found: dict[str, Any] = {}
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
@@ -111,7 +111,7 @@ def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
 
 
 def utf8(text: str, option: str) -> str:
-    """Return an argument as text, independent of the locale. Raises `ScenarioError` for text that is not UTF-8."""
+    """Decode an argument as UTF-8 in every locale. Raises `ScenarioError` for text that is not UTF-8."""
     try:
         return os.fsencode(text).decode("utf-8")
     except UnicodeError:
@@ -120,11 +120,11 @@ def utf8(text: str, option: str) -> str:
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--plugin`, which loads plugin files before the command."""
+    """Return a command with the option `--plugin`, which loads plugin files before the command runs."""
 
     @wraps(command)
     def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
-        if plugins:  # without plugins, the import of the schema can wait
+        if plugins:  # the import of the schema is slow and only needed with plugins
             from agrobot_mj.scenario.plugins import load_plugins
 
             load_plugins(plugins)
@@ -134,7 +134,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--machine`, which is applied before the other overrides."""
+    """Return a command with the option `--machine`. The machine is applied before the other overrides."""
     if "sets" not in signature(command).parameters:
         return command
 
@@ -177,7 +177,7 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the results folder: `out`, or a folder in runs/ named after `default` in safe characters."""
+    """Return the results folder: `out`, or a folder in runs/ named after `default` without special characters."""
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]

@@ -1,4 +1,4 @@
-"""Output of commands: results on stdout, which may be closed or full, and hints on stderr."""
+"""Output of commands: results on stdout, hints on stderr. Stdout may be a closed pipe or a file on a full disk."""
 
 import sys
 from collections.abc import Iterable
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Maximum number of scenarios checked for hints, and maximum number of printed lines."""
+"""Maximum number of scenarios checked for hints, and maximum number of hints printed."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
@@ -28,7 +28,7 @@ def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
 
 
 def say(text: object) -> None:
-    """Print a result; report on stderr if stdout cannot be written."""
+    """Print a result to stdout. A write error other than a closed pipe is reported on stderr."""
     try:
         print(text, flush=True)
     except BrokenPipeError:

@@ -1,4 +1,4 @@
-"""List of commands in the help, grouped in panels: basic commands, or all with `--help-all`."""
+"""Commands in the help text, grouped in panels. Advanced commands are listed with `--help-all` only."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from typer.core import TyperGroup
 
 PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
-"""Panels in the order of the help, followed by those of installed packages."""
+"""Panels in the order of the help text. The panels of installed packages follow."""
 
 
 class HelpEntry(NamedTuple):
@@ -22,7 +22,7 @@ class HelpEntry(NamedTuple):
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
-    """Return the help entry of a command in a panel."""
+    """Return the help entry of a command for a panel, with example command lines."""
     return HelpEntry(examples, panel, advanced)
 
 
@@ -30,28 +30,28 @@ COMMANDS: dict[str, HelpEntry] = {}
 
 
 def command_name(function: Callable[..., Any]) -> str:
-    """Return the name of a command: that of its function, with a space for an underscore inside."""
+    """Return the name of a command: its function's name without trailing underscores, with spaces for the others."""
     return function.__name__.rstrip("_").replace("_", " ")
 
 
 def split_command(words: Sequence[str]) -> tuple[str, list[str]]:
-    """Return the command at the start of a command line, of one or two words, and the words after it."""
+    """Split a command line into its command, of one or two words, and the remaining words."""
     count = 2 if " ".join(words[:2]) in COMMANDS else 1
     return " ".join(words[:count]), list(words[count:])
 
 
 class PanelledGroup(TyperGroup):
-    """Command group that lists its commands in panels, and joins the words of a command of two words."""
+    """Command group that lists its commands in panels and supports commands of two words."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return name, command and remaining arguments."""
+        """Return the name of the command, the command, and the remaining arguments."""
         name, rest = split_command(args)
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
             ctx.fail(f"{name}: specify one of its commands: {', '.join(parts)}")
         return super().resolve_command(ctx, [name, *rest])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the panels, with `--help-all` including the advanced commands."""
+        """Write the panels; include advanced commands with `--help-all`."""
         whole = ctx.params.get("help_all", False)
         shown = {name: each for name, each in COMMANDS.items() if not each.now and (whole or not each.advanced)}
         width = max(map(len, shown))

@@ -64,7 +64,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorder of a run, to its folder or to a live viewer; empty if neither is requested."""
+    """Return the recorder of a run, to its folder, a live viewer or both; empty if neither is requested."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
@@ -75,7 +75,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """Return the result of a command with one run; `about` are texts for its first line."""
+    """Return the result of a command that simulated one run. The texts `about` follow the outcome in the first line."""
     from agrobot_mj.metrics.safety import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
@@ -158,7 +158,7 @@ if TYPE_CHECKING:
 LONGEST_NAME = 60
 """Maximum number of characters of a variant's name."""
 BRACKETS = set("[]{}\"'")
-"""Characters that end a bare word."""
+"""Characters that mark a value as TOML instead of a bare word."""
 FORM = '"name: key=value, key=value"'
 
 
@@ -186,7 +186,7 @@ def _variant(text: str) -> "SweepVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield keys and values of `KEY=VALUE, ...`; a value is TOML, which may contain commas, or a bare word."""
+    """Yield keys and values of `KEY=VALUE, ...`. A value is TOML, which may contain commas, or a bare word."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

@@ -1,4 +1,4 @@
-"""Files to pass on: the recording of a results folder with its viewer in one page, and a poster image."""
+"""Files to share a results folder: an HTML page that contains recording and viewer, and a poster image."""
 
 import json
 import sys
@@ -27,7 +27,7 @@ def recording_of(folder: Path) -> Path:
 
 
 def share(recording: Path) -> list[Path]:
-    """Write page and poster into the folder of a recording and return them; without a poster if it cannot be drawn."""
+    """Write page and poster into the folder of a recording and return both files; only the page if rendering fails."""
     from agrobot_mj.recording.transport.share import write_shared
 
     folder = recording.parent
@@ -38,7 +38,7 @@ def share(recording: Path) -> list[Path]:
 
 
 def _poster(recording: Path, file: Path) -> Path | None:
-    """Draw the first tab of a recording, and return the image; None, with the reason on stderr, without a driver."""
+    """Render the first tab of a recording to a file and return the file. Return None if rendering fails."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
     with tempfile.TemporaryDirectory() as place:
@@ -53,7 +53,7 @@ def _poster(recording: Path, file: Path) -> Path | None:
 
 
 def _about(folder: Path) -> tuple[str, str]:
-    """Return title and facts of a results folder."""
+    """Return the title and the main facts of a results folder: outcome, lateral error, law."""
     try:
         said = tomllib.loads((folder / "scenario.toml").read_text("utf-8"))
         metrics = json.loads((folder / "metrics.json").read_text("utf-8"))

@@ -1,1 +1,1 @@
-"""Optional parts of the package with their own commands, kinds, tests and pages. No part imports another."""
+"""Optional extensions of the package with their own commands, kinds, tests and pages. No extension imports another."""
