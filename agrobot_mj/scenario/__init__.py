@@ -6,4 +6,4 @@ from agrobot_mj.scenario.schema import Scenario
 
 __all__ = ["Scenario", "load_scenario", "scenario_files"]
 
-load_installed()  # registered here, so that every user of the schema includes them
+load_installed()  # registered here, so that all users of the schema see these kinds

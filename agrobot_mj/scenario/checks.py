@@ -1,4 +1,4 @@
-"""Checks of a scenario that read the files it names: path, ground, and learned tables of earlier runs."""
+"""Checks of a scenario that read files: the path, the ground, and tables learned in earlier runs."""
 
 import re
 from collections.abc import Iterator
@@ -12,13 +12,13 @@ from agrobot_mj.paths.base import start_of
 from agrobot_mj.scenario.tables import LONGEST_S, Tables
 
 MOST_ASIDE_M_S2 = 8.0
-"""Lateral acceleration above the grip limit of tractor tyres [m/s2]. Assumed value: friction coefficient of 0.8."""
+"""Maximum plausible lateral acceleration [m/s2]. Assumed value: friction coefficient 0.8, above that of tyres."""
 FAR_M = 2000.0
-"""Distance from the ground above which a path is assumed to be in map coordinates [m]. Assumed value: a large field."""
+"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value: a large field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
-    """Build path and ground from their files, and check that they fit the tractor and each other.
+    """Build path and ground from their files, and check that both suit the tractor and each other.
 
     Without `ground` only the path is checked. Raises `ScenarioError` with all errors; `source` names the scenario.
     """
@@ -33,7 +33,7 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
 
 
 def prefixed(table: str, text: str) -> str:
-    """Return the message of a part with the key of its table as prefix; a leading key is appended to the prefix."""
+    """Prefix an error message with the key of a table. A message that starts with a key extends the prefix."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 
@@ -52,7 +52,7 @@ def path_errors(s: Tables) -> list[str]:
     if s.path.speed_m_s > s.driveline.full_speed_m_s:
         top = f"driveline.full_speed_m_s ({s.driveline.full_speed_m_s:g})"
         found.append(f"path.speed_m_s: must be at most {top}, got {s.path.speed_m_s:g}")
-    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths with computed speed observe this limit
+    allowed = getattr(s.path, "lateral_acceleration_m_s2", inf)  # paths that compute their speed observe this limit
     if (aside := min(curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
         found.append(
             f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend ({curvature:.3g} 1/m) needs "
@@ -77,7 +77,7 @@ def _are_spans(turns: Any) -> bool:
 
 
 def equipment_errors(s: Tables) -> Iterator[str]:
-    """Yield error messages about missing equipment and missing learned tables."""
+    """Yield error messages about missing equipment and missing files of learned tables."""
     for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
         try:
             part.check()
@@ -88,7 +88,7 @@ def equipment_errors(s: Tables) -> Iterator[str]:
 
 
 def ground_errors(s: Tables) -> list[str]:
-    """Return error messages about an invalid ground, or about missing ground below the tractor at its start."""
+    """Return error messages about invalid ground, or about a start of the path outside the ground."""
     start = start_of(s.path)
     try:
         if s.terrain.ground().covers(start.x, start.y):

@@ -1,10 +1,10 @@
-"""Hints about valid scenario keys that have no effect, or probably not the intended effect. Hints do not end a run.
+"""Hints about keys of a valid scenario that have no effect, or probably another effect than intended.
 
-Hints about the path: bends that are too tight, curvature changes that are too fast, and paths that leave the ground.
-
-At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor drives v T. If the law
-starts to steer half of this distance before the step, the lateral offset after the step has its minimum, dk (v T)^2 /
-24. For a gradual change, T is the time that the wheels need in addition to the duration of the change.
+Hints do not end a run. Hints about the path: bends too tight, curvature changes too fast, and a path that leaves the
+ground. At a step dk of the curvature, the wheels need the time T = d(delta)
+rate, in which the tractor travels v T. The offset after the step has its minimum, dk (v T)^2
+24, if the law starts to steer half of this distance before the step. For a gradual change, T is the time that the
+wheels need in addition to the duration of the change.
 """
 
 from collections.abc import Iterator
@@ -25,11 +25,11 @@ from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Maximum relative difference between the lap of a learned map and the path [-]. Assumed value: points 0.25 m apart."""
+"""Maximum relative difference of the lap lengths of learned map and path [-]. Assumed value: points 0.25 m apart."""
 
 
 def hints(scenario: Scenario) -> list[str]:
-    """Return one line for each key that has no effect or does not suit the size of the machine or the path."""
+    """Return one line for each key that has no effect, or does not suit the machine size or the path."""
     own = (_faults, _late, _overruled, _machine, _learned, path_hints)
     return [line for part in own for line in part(scenario)]
 
@@ -66,7 +66,7 @@ def _machine(scenario: Scenario) -> list[str]:
         with without_exit():
             return list(scenario.plant.hints(scenario.vehicle, scenario.path.speed_m_s))
     except ValueError:
-        return []  # the machine is invalid; its construction reports the error
+        return []  # the machine is invalid, and its construction reports the error
 
 
 def _learned(scenario: Scenario) -> Iterator[str]:
@@ -74,7 +74,7 @@ def _learned(scenario: Scenario) -> Iterator[str]:
         return
     lap = SampledRoute(scenario.path).lap()
     for places in (rows[:, 0] for rows in read_learned(file).values() if len(rows) > 1):
-        learnt = float(places[0] + places[-1])  # map points are at the middle of equal segments of the lap
+        learnt = float(places[0] + places[-1])  # map points are at the centres of equal segments of the lap
         if abs(learnt - lap) > OTHER_LAP * lap:
             laps = f"a lap of {learnt:.4g} m, but the lap of this path is {lap:.4g} m"
             yield f"guidance.file: the file was learned on {laps}; check that the path is the same"
@@ -82,14 +82,14 @@ def _learned(scenario: Scenario) -> Iterator[str]:
 
 
 LEAVES_M = 0.15
-"""Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: without preview, laws have
-about twice the minimum offset."""
+"""Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: the offset of laws without
+preview is about twice the minimum."""
 MOST_LOCK = 0.9
-"""Fraction of the steering limit above which a bend leaves no margin [-]. Assumed value."""
+"""Fraction of the steering limit above which a bend leaves no margin for control [-]. Assumed value."""
 EDGE_M = 0.5
-"""Minimum distance between path and edge of the ground [m]. Assumed value: the tractor may lead its reference."""
+"""Minimum distance between the path and the edge of the ground [m]. Assumed value: the tractor may lead the path."""
 WIDEST = 100.0
-"""Maximum factor by which the search increases the radius [-]."""
+"""Maximum factor by which the search for a feasible radius increases the radius [-]."""
 
 
 class Change(NamedTuple):
@@ -107,21 +107,21 @@ class Change(NamedTuple):
     """Position of the change (east, north) [m]."""
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the time T for the steering rate `rate` [rad/s], see the module [s]."""
+        """Return the additional time T that the wheels need at the steering rate `rate` [rad/s], see the module [s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 
     def leaves(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the minimum lateral offset from the path after the change [m]."""
+        """Return the minimum lateral offset after the change, at the steering rate `rate` [rad/s] [m]."""
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":
-        """Return the change for a path with radii multiplied by `factor` [-]."""
+        """Return the same change on a path whose radii are multiplied by `factor` [-]."""
         return self._replace(begin=self.begin / factor, end=self.end / factor)
 
 
 def path_hints(scenario: Scenario) -> Iterator[str]:
-    """Yield lines about the path's file, about turns, and about a path that leaves the ground."""
+    """Yield hints about the path file, about bends, and about a path that leaves the ground."""
     yield from (f"path.file: {note}" for note in scenario.path.notes)
     if scenario.guidance.using(scenario.controller).follows_path:
         outline = scenario.path.outline()
@@ -153,7 +153,7 @@ def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
 
 
 def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
-    """Return the change of curvature with the maximum additional time T, for turns to the left and to the right."""
+    """Return the change of curvature with the maximum lateral offset, in turns to the left and to the right."""
     changes = []
     curvatures, where = np.unique(outline.curvature, return_inverse=True)
     needed = np.array([s.tractor.steering_for(curvature) / rate for curvature in curvatures.tolist()])[where]
@@ -169,7 +169,7 @@ def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
 
 
 def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
-    """Return the minimum radius at which bend and change of curvature are feasible, rounded to 0.1 m [m]."""
+    """Return the minimum radius for which the steering limit and rate suffice, rounded up to 0.1 m [m]."""
 
     def excess(radius: float) -> float:
         lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)
@@ -196,7 +196,7 @@ def _ground(s: Scenario, outline: PathOutline) -> Iterator[str]:
     try:
         west, east, south, north = s.terrain.ground().extent
     except ValueError:
-        return  # the construction of the ground reports the error
+        return  # the construction of the ground reports this error
     within = outline.t <= s.ticks * TICK_S
     x, y = outline.x, outline.y
     inside = np.minimum(np.minimum(x - west, east - x), np.minimum(y - south, north - y))

@@ -18,8 +18,8 @@ __all__ = ["load_scenario", "read_toml", "scenario_files"]
 def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """Load a scenario by name or path, with overrides by dotted key.
 
-    File paths in overrides are relative to the working directory or, if missing there, to the folder of the scenario.
-    Raises `ScenarioError` with all errors of the input, TypeError if an argument has a wrong type.
+    File paths in overrides are relative to the working directory or, if the file is missing there, to the folder of the
+    scenario. Raises `ScenarioError` with all errors of the input, and TypeError for an argument of a wrong type.
     """
     check_argument("scenario", source, isinstance(source, str | FilePath), "a name or a path")
     check_overrides({} if overrides is None else overrides)
@@ -37,10 +37,10 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """Return a file given by path or name, also without `.toml`; user files take precedence over files of the package.
+    """Find a file by path or name, also without `.toml`. Files of the user take precedence over files of the package.
 
-    `shipped` are the files of the package. The error message contains `noun` (type of file), and ends with `folder` for
-    a folder or `known` for an unknown name. Raises `ScenarioError`.
+    `shipped` are the files of the package. `noun` names the type of file in error messages. A message ends with
+    `folder` if the source is a folder, with `known` for an unknown name. Raises `ScenarioError`.
     """
     path = FilePath(source)
     if path.is_dir():

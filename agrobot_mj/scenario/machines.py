@@ -1,9 +1,9 @@
-"""Machine files: TOML files with the scenario tables of one machine, by name from `scenarios/machines/` or by path.
+"""Machine files: TOML files with the scenario tables of one machine, given by name (`scenarios/machines/`) or path.
 
-The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine, and
-these over the defaults. Machine files have the keys and messages of scenario files. The `[guidance]` of a machine
-applies if the scenario sets neither a guidance law nor a yaw controller. A body file, `tractor.mjcf`, defines keys of
-`[tractor]`; values given for these keys must agree with the file.
+The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine,
+which take precedence over the defaults. The keys and error messages are those of scenario files. The `[guidance]` of a
+machine applies if the scenario sets neither a guidance law nor a yaw controller. An MJCF body file (`tractor.mjcf`)
+defines keys of `[tractor]`; values given for these keys must agree with the body file.
 """
 
 from math import isclose
@@ -16,9 +16,9 @@ from agrobot_mj.plants.mujoco.own_body import measures
 from agrobot_mj.scenario.overrides import machine_data, names_file
 
 COMPACT = "compact"
-"""Machine of a scenario without the key `machine`."""
+"""Default machine of a scenario."""
 TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "speed", "guidance")
-"""Tables allowed in a machine file, in addition to its title."""
+"""Tables that a machine file may contain, in addition to the key `title`."""
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
@@ -36,7 +36,7 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
 
 
 def machine_tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a machine file as plain data, with absolute file paths. Raises `ScenarioError`."""
+    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError`."""
     data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):
@@ -48,11 +48,11 @@ TYRE_KEYS = ("pressure_bar", "stiffness_n_m", "damping_n_s_m")
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in TYRE_KEYS)
 """Keys that affect the height of the tractor body on its tyres."""
 EXACT = 1e-6
-"""Maximum relative difference between a given value and the value of the body file [-]."""
+"""Maximum relative difference between a given value and the value from the body file [-]."""
 
 
 def embody(data: dict[str, Any], source: str) -> set[str]:
-    """Add the keys of `[tractor]` that the body file defines to plain data; return their names."""
+    """Add the keys of `[tractor]` that the body file defines to `data` (plain data), and return their names."""
     tractor = data.get("tractor")
     if not isinstance(tractor, dict) or not isinstance(name := tractor.get("mjcf"), str) or not name:
         return set()

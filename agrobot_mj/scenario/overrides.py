@@ -21,7 +21,7 @@ from agrobot_mj.plants.mujoco.own_files import own_files
 
 S = TypeVar("S", bound=Spec)
 FILE_KEYS = ("file", "machine", "mjcf")
-"""Names of keys with a file path. Relative paths start at the folder of the scenario or of the library."""
+"""Names of keys whose values are file paths, relative to the folder of the scenario or of the library."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -30,14 +30,14 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError(f"{path}: {absence(path)}")  # reading a pipe would block
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:  # also huge integers and text that is not UTF-8
+    except (ValueError, RecursionError) as error:  # includes huge integers and text that is not UTF-8
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from None
     except OSError as error:
         raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Convert plain data to JSON, in which strict validation accepts lists as tuples. Raises `ScenarioError`."""
+    """Convert plain data to JSON. Strict validation of JSON accepts lists for tuples. Raises `ScenarioError`."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
@@ -49,7 +49,7 @@ def _as_plain(value: Any) -> Any:
 
 
 def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
-    """Return a validated spec of class `kind`; `source` names the data. Raises `ScenarioError` with all errors."""
+    """Validate data as a spec of class `kind`; `source` names the data. Raises `ScenarioError` with all errors."""
     try:
         return kind.model_validate_json(json_text(data, source))
     except ValidationError as error:
@@ -57,9 +57,9 @@ def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
-    """Set the value of a dotted key in plain data; list items have indices from 0. Raises `ScenarioError`.
+    """Set the value of a dotted key in plain data. List items are numbered from 0. Raises `ScenarioError`.
 
-    A new `kind` keeps the keys that both kinds have. A table without `kind` has the kind of `default`.
+    A table with a new `kind` keeps the keys that both kinds have. A table without `kind` has the kind of `default`.
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
@@ -101,7 +101,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key `tables`, or else the kind in `default`; None for tables with no kind."""
+    """Return the kind of the table at the key `tables`, by default from `default`; None for a table without kinds."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -110,7 +110,7 @@ def _kind(data: Any, tables: list[str], default: Spec) -> Any:
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Yield dotted keys and values of nested tables; lists are not split."""
+    """Return dotted keys and values of nested tables; lists are not split."""
     found = []
     for key, value in table.items():
         found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
@@ -118,7 +118,7 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def complete(table: dict[str, Any], default: Spec) -> None:
-    """Add to a partial table its kind, and the values in which `default` differs from the defaults of its class."""
+    """Complete a partial table with its kind and with the values in which `default` differs from its class defaults."""
     for name, field in type(default).model_fields.items():
         value, given = getattr(default, name), table.get(name)
         if isinstance(given, dict) and isinstance(value, Spec):
@@ -134,13 +134,13 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """Return the explicitly set values of a spec as plain data. Defaults are excluded, the keys `kind` are included."""
+    """Return the explicitly set values of a spec and its key `kind` as plain data, without defaults."""
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
 
 def forget(spec: Spec, own: Mapping[str, Any]) -> None:
-    """Mark only the keys in `own` as explicitly set."""
+    """Mark only the keys in `own` as explicitly set, in a spec and its nested specs."""
     for name in list(spec.model_fields_set):
         if name not in own:
             spec.model_fields_set.discard(name)
@@ -155,13 +155,13 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute: in the first folder that contains the file, otherwise in the last folder."""
+    """Make file paths absolute, in the first of the folders that contains the file, otherwise in the last folder."""
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]
         found = next((folder / file for folder in others if is_file(folder / file)), None)
         if found or not is_file(SCENARIOS / file):
-            # One path per file, even if the file has several names.
+            # Gives one path per file, even if the file has several names.
             table[key] = str(found.parent.resolve() / found.name if found else others[-1] / file)
 
 
@@ -171,7 +171,7 @@ def absolute_values(overrides: Mapping[str, Any], *folders: Path) -> dict[str, A
 
 
 def absolute_value(key: str, value: Any, *folders: Path) -> Any:
-    """Return a copy of a dotted key's value with absolute file paths, as by `absolute_paths`."""
+    """Return a copy of the value of a dotted key with absolute file paths, as by `absolute_paths`."""
     table = {key.rpartition(".")[2]: deepcopy(value)}
     absolute_paths(table, *folders)
     return table.popitem()[1]
@@ -186,13 +186,13 @@ def beside_copies(data: Any, folder: Path) -> None:
 
 
 def files(data: Any) -> list[Path]:
-    """Yield each file named in plain data, and recursively the files named in these files, without repetition."""
+    """Return the files named in plain data, and recursively the files named in these files, without repetition."""
     found = [(key, library_file(table[key])) for table, key in naming_files(data)]
     return list(dict.fromkeys(file for key, path in found for file in (path, *beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace file paths in plain data by unique file names in one folder; return the original path of each name."""
+    """Replace file paths in plain data by unique names in one folder, and return the original path for each name."""
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):
@@ -207,12 +207,12 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Return the files named in the file at this key, which may be a machine file or a body file."""
+    """Return the files that the file at this key names, if the file is a machine file or a body file."""
     try:
         if key == "mjcf":
             return own_files(str(path)).others
         tables = machine_data(path) if key == "machine" else {}
-    except ValueError:  # reported when the file is read
+    except ValueError:  # the error is reported when the file is read
         return ()
     named = [(inner, library_file(table[inner])) for table, inner in naming_files(tables) if inner != "machine"]
     return tuple(file for inner, path in named for file in (path, *beside(inner, path)))
@@ -227,7 +227,7 @@ def machine_data(path: Path) -> dict[str, Any]:
 
 
 def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
-    """Yield each table of plain data with a file path, innermost tables first, and the key of the path."""
+    """Yield each table of plain data that contains a file path, and the key of the path. Inner tables come first."""
     for table in data.values() if isinstance(data, dict) else data if isinstance(data, list) else ():
         yield from naming_files(table)
     if isinstance(data, dict):
@@ -237,5 +237,5 @@ def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 def names_file(key: str, value: str) -> bool:
-    """Return whether the value of a key in `FILE_KEYS` is a path; a machine may also be a name."""
+    """Return whether the value of a key in `FILE_KEYS` is a path. A machine can also be given by name."""
     return key != "machine" or value.endswith(".toml") or len(Path(value).parts) > 1

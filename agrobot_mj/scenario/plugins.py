@@ -1,8 +1,8 @@
 """Registration of user-defined kinds: a law, tyre, path or fault becomes a member of the family of its base class.
 
 `register` adds a class to the unions of the schema. Its kind is then validated, overridden, listed and written to
-`scenario.toml` like any other kind. Plugin code is loaded by an explicit call, from `--plugin FILE.py` or from an entry
-point of the group `agrobot_mj.plugins`. A scenario file cannot load code.
+`scenario.toml` like any other kind. Plugin code is loaded only by an explicit call, from `--plugin FILE.py` or from an
+entry point of the group `agrobot_mj.plugins`. A scenario file cannot load code.
 """
 
 import importlib.util
@@ -38,16 +38,16 @@ from agrobot_mj.sensors import Sensor, Sensors
 Member = TypeVar("Member", bound=type[Spec])
 _files: dict[Path, ModuleType] = {}
 RUN_WITH, NOTED_WITHIN = "# run with ", 5
-"""Start of the comment that lists plugin files, and number of lines at the top of a file that may contain it."""
+"""Start of the comment that lists the plugin files, and number of lines at the top of a file that may contain it."""
 WITHOUT = ": the scenario was run with plugins; add "
-"""Text before the options in the message about missing plugins."""
+"""Text that precedes the `--plugin` options in the message about missing plugins."""
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class. Also a decorator. Raises `ScenarioError`, TypeError.
+    """Add a class to the family of its base class; also usable as a decorator. Raises `ScenarioError`, TypeError.
 
-    A sensor becomes the table `[sensors.NAME]`, by default its class name in lower case with underscores. A metric is
-    evaluated in every run.
+    A sensor becomes the table `[sensors.NAME]`. By default the name is the class name in lower case with underscores. A
+    metric is evaluated in every run.
     """
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a string")
@@ -81,7 +81,7 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the abstract methods and properties that a class does not define; empty for classes derived from kinds."""
+    """Return the abstract methods and properties that a class leaves undefined; empty if it derives from a kind."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []
@@ -115,7 +115,7 @@ def _add_metric(metric: Metric) -> None:
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
-    """Insert a member at the front of a list family, so that it takes precedence over members of the package."""
+    """Insert a member at the front of the list of its family, so that the member precedes those of the package."""
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:
@@ -129,7 +129,7 @@ def _add_kind(member: type[Spec]) -> None:
     if not isinstance(kind, str):
         raise ScenarioError(f'register: {member.__name__}: the class needs a kind: Literal["my_kind"] = "my_kind"')
     first, *nested = _family(member)
-    # A law that contains another law is not allowed inside another such law.
+    # A law that contains another law must not contain a law of its own type.
     contains = any(key.owner is member or key.kinds.keys() & first.kinds.keys() for key in keys(member))
     family = [first] if contains else [first, *nested]
     for key in family:
@@ -142,7 +142,7 @@ def _add_kind(member: type[Spec]) -> None:
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
-    """Return whether two classes have the same module and name, for example after a cell of a notebook is run again."""
+    """Return whether two classes have the same module and name, for example after a notebook cell was run again."""
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
@@ -153,7 +153,7 @@ def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
 
 
 def _family(member: type[Spec]) -> list[Key]:
-    """Return the keys of the family of a class, shortest key first."""
+    """Return the keys whose kinds belong to the family of a class, shortest key first."""
     bases: dict[type, dict[Key, None]] = {}
     for key in keys(Scenario):
         for known in key.kinds.values():
@@ -163,14 +163,14 @@ def _family(member: type[Spec]) -> list[Key]:
         family = sorted(bases.get(base, {}), key=lambda key: len(key.dotted))
         if family and all(f"{key.dotted}.".startswith(f"{family[0].dotted}.") for key in family):
             return family
-    # The base class of a family declares `kind` as str, the members as Literal.
+    # The base class of a family declares `kind` as str; its members declare a Literal.
     public = [base.__name__ for base in bases if vars(base).get("__annotations__", {}).get("kind") is str]
     names = ", ".join(sorted([*public, Metric.__name__, Sensor.__name__]))
     raise ScenarioError(f"register: {member.__name__}: the class belongs to no family; derive it from one of {names}")
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
-    """Return the annotation with `member` added to its union, in place of its older version `instead`."""
+    """Return the annotation with `member` in its union. `member` replaces its older version `instead`."""
     if get_origin(annotation) is Annotated:
         union, *metadata = get_args(annotation)
         return Annotated[(_with_member(union, member, instead), *metadata)]
@@ -181,7 +181,7 @@ def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None
 
 
 def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec], bool]) -> bool:
-    """Rebuild the validators of classes that contain a changed class, inner ones first; return whether `owner` does."""
+    """Rebuild the validators of all classes that contain a changed class. Return whether `owner` contains one."""
     if owner not in seen:
         seen[owner] = False
         inner = [part for field in owner.model_fields.values() for part in members(field.annotation).values()]
@@ -201,12 +201,12 @@ def load_plugins(paths: Iterable[Path]) -> None:
 
 
 def loaded_files() -> tuple[Path, ...]:
-    """Return the plugin files loaded in this process; worker processes must also load them."""
+    """Return the plugin files loaded in this process, which worker processes must also load."""
     return tuple(_files)
 
 
 def place_in_plugin(error: Exception) -> str:
-    """Return ` (own.py, line 12)`, the innermost line of a plugin file that led to an error, or an empty string."""
+    """Return the innermost line of a plugin file in a traceback as ` (own.py, line 12)`; empty if there is none."""
     files = set(map(str, _files))
     lines = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     found = [f" ({Path(file).name}, line {line})" for file, line in lines if file in files]
@@ -219,19 +219,19 @@ def plugin_options(files: Iterable[Path] | None = None) -> str:
 
 
 def plugin_note() -> str:
-    """Return the comment that lists the plugin files of a run in its results; empty without plugins."""
+    """Return the comment that lists the plugin files in the results of a run; empty without plugins."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 
 def with_plugin_options(error: ScenarioError, file: Path) -> ScenarioError:
-    """Return the error, extended by the plugin options of a results file if this process has not loaded its plugins."""
+    """Return the error with the `--plugin` options that a results file lists and this process has not loaded."""
     if WITHOUT in str(error) or not (absent := _absent(file)):
         return error
     return ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}")
 
 
 def _absent(file: Path) -> list[Path]:
-    """Return the plugin files listed in the `plugin_note` of a file that are not loaded in this process."""
+    """Return the plugin files in the `plugin_note` of a file that this process has not loaded."""
     if not is_file(file):  # reading a pipe would block
         return []
     try:
@@ -245,7 +245,7 @@ def _absent(file: Path) -> list[Path]:
 
 @cache
 def load_installed() -> None:
-    """Register the members of the extensions and of installed plugins. Raises `ScenarioError`."""
+    """Register the kinds, sensors and metrics of extensions and of installed plugins. Raises `ScenarioError`."""
     for entry in installed("plugins"):
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             with taking_in_imports():
@@ -260,7 +260,7 @@ def load_installed() -> None:
 
 @contextmanager
 def _naming(source: str) -> Iterator[None]:
-    """Convert every error within the block to a `ScenarioError` that starts with `source`."""
+    """Convert every error raised in the block to a `ScenarioError` whose message starts with `source`."""
     try:
         yield
     except ScenarioError as error:
@@ -273,11 +273,11 @@ def _naming(source: str) -> Iterator[None]:
 def _run(path: Path) -> ModuleType:
     if not path.is_file() or path.suffix != ".py":
         raise ScenarioError("the file is not a Python file (.py)" if path.exists() else "no such file")
-    # The content is part of the name: equal file names may have different content, and copies are the same module.
+    # The name contains a digest of the content, because files of the same name may differ. Copies are the same module.
     name = f"agrobot_mj_plugin_{path.stem}_{digest(path.read_bytes())}"
     spec = cast(ModuleSpec, importlib.util.spec_from_file_location(name, path))
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    # Python compares bytecode by file size and whole seconds, and would import the old module after a quick edit.
+    # Python identifies bytecode by file size and whole seconds, so that a quick edit would import the old module.
     written, sys.dont_write_bytecode = sys.dont_write_bytecode, True
     try:
         with taking_in_imports():
@@ -290,7 +290,7 @@ def _run(path: Path) -> ModuleType:
 
 
 def _register_all(parts: Iterable[Any]) -> None:
-    """Register the public sensors and kinds in the namespace of a module, except those of the package."""
+    """Register all public sensors and kinds in the namespace of a module that are not defined in the package."""
     for part in list(parts):
         if not inspect.isclass(part) or not issubclass(part, Spec) or part.__name__.startswith("_"):
             continue

@@ -15,9 +15,9 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import Sensors
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")
-"""Pattern of a citation key in brackets; other brackets contain a unit."""
+"""Pattern of a citation key in brackets. Other brackets contain a unit."""
 SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Assumed|assumed|Paper)\b.*)$", re.DOTALL)
-"""Pattern of the sentence with the source in a description."""
+"""Pattern of the sentence that gives the source of a value in a description."""
 SHORTEST_WORD = 3
 """Minimum number of letters of a search word."""
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
@@ -34,18 +34,18 @@ class Doc(NamedTuple):
     """Documentation of one key."""
 
     text: str
-    """Description without its source."""
+    """Description without the sentence about the source."""
     unit: str
     """Unit in the description; empty for a key without unit."""
     source: str
-    """Source of the default; empty for a default without source."""
+    """Source of the default; empty if the description gives none."""
     kind: str
     default: str
-    """Default as TOML."""
+    """Default value as TOML text."""
 
 
 def families() -> dict[str, dict[str, type[Spec]]]:
-    """Return the kinds of each family: dotted key of the table, then name of the kind, to class."""
+    """Return the kinds of each family as a mapping: dotted key of the table, to name of the kind, to class."""
     return _families(Scenario.__pydantic_validator__)
 
 
@@ -59,16 +59,16 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
 
 
 def first_line(part: type[Spec], kind: str = "") -> str:
-    """Return the first line of a class docstring without control characters; for a line fault, with its signal."""
+    """Return the first line of a class docstring without control characters. A fault's signal replaces "signal"."""
     signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 
 
 class KnownKind(NamedTuple):
-    """Description of one kind, such as a guidance law or a sensor."""
+    """Description of one possible value of a key `kind`, or of a sensor or metric."""
 
     table: str
-    """Dotted key of the table; `sensors` for a sensor, `metric` for a metric."""
+    """Dotted key of the table that contains `kind`; `sensors` for a sensor, `metric` for a metric."""
     kind: str
     """Value of the key `kind`, or name of the sensor or metric."""
     text: str
@@ -141,7 +141,7 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a key, of the scenario, or of keys and kinds with a word. Raises `ScenarioError`."""
+    """Return the documentation of a key, of all keys if empty, or of a word's matches. Raises `ScenarioError`."""
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
@@ -169,11 +169,11 @@ def explain_key(key: str) -> str:
 
 
 Chosen = list[tuple[str, str]]
-"""Tables with their selected kinds."""
+"""Dotted keys of tables with the kind selected for each."""
 
 
 def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
-    """Split a key such as `fault.gnss_drift.start_s` into its steps and the kinds in it."""
+    """Split a key such as `fault.gnss_drift.start_s` into the steps of the dotted key and the selected kinds."""
     steps, chosen = list[str](), Chosen()
     for name in named:
         table = ".".join(steps)
@@ -185,7 +185,7 @@ def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
 
 
 def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
-    """Return all classes that a table can have, if other tables have the given kinds."""
+    """Return all classes that the table at the key `steps` can have, if other tables have the selected kinds."""
     tables = dict(chosen)
     return [
         place
@@ -210,7 +210,7 @@ def _metric_text(metric: Metric) -> str:
 
 
 def _holding(words: list[str]) -> list[str]:
-    """Return one line per key and kind named by the words or, if there are none, described by them."""
+    """Return one line per key or kind whose name matches the words; without such names, match the descriptions."""
     known = dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
     if len("".join(words)) < SHORTEST_WORD:
         return []
@@ -257,7 +257,7 @@ def _kinds_of(table: str) -> list[str]:
 
 
 def usual_kind(table: str) -> str | None:
-    """Return the default kind of a table; None in a list, where each item must set its kind."""
+    """Return the default kind of a table; None for lists, whose items must each set `kind`."""
     *above, last = table.split(".")
     owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
     found = (getattr(place.default, last, None) for place in owners)
@@ -307,7 +307,7 @@ def json_schema() -> dict[str, Any]:
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}
     names = {part.__name__ for part in implied}
-    for name, part in schema["$defs"].items():  # classes of equal names are prefixed with their modules
+    for name, part in schema["$defs"].items():  # the names of classes with equal names are prefixed with their modules
         if "const" in part.get("properties", {}).get("kind", {}) and name.rpartition("__")[2] not in names:
             part.setdefault("required", []).append("kind")
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "agrobot_mj scenario", **schema}

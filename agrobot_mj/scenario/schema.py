@@ -30,32 +30,32 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys without effect on a run, and keys that repeat other keys."""
+"""Keys that do not affect a run, and keys that repeat the content of other keys."""
 
 
 class Scenario(Tables):
-    """One experiment."""
+    """Description of one experiment."""
 
     @property
     def hash8(self) -> str:
-        """Hash of the scenario and of its files, eight hexadecimal digits."""
+        """Hash of the scenario and its files: eight hexadecimal digits."""
         return joined(self.identity[:2])
 
     @property
     def identity(self) -> Identity:
-        """Hashes of scenario, files and code of this process; the expected outcome is excluded."""
+        """Hashes of the scenario, its files and the code of this process. The expected outcome is excluded."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
-        relocate_files(content)  # the location of a file is not part of the experiment
+        relocate_files(content)  # the locations of files are not part of the experiment
         said = digest(json.dumps(content, sort_keys=True).encode())
         return Identity(said, joined(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
-        """Return the resolved scenario as TOML. The same version reproduces the same signals from it."""
+        """Return the scenario with all values as TOML. The same version of the package reproduces the same signals."""
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def portable(self) -> tuple[str, dict[str, FilePath]]:
-        """Return TOML with the names of the data files instead of their paths, and the path of each file."""
+        """Return the scenario as TOML with names of data files instead of paths, and the path of each named file."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
         moved = relocate_files(data)
         return tomli_w.dumps(data), moved
@@ -63,7 +63,7 @@ class Scenario(Tables):
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
         """Return a validated copy with overrides by dotted key. Raises `ScenarioError`.
 
-        Without `files`, path and ground are not checked; call `check_files` before a run.
+        Without `files`, path and ground are not checked; `check_files` must then be called before a run.
         """
         check_overrides(overrides)
         return resolve(explicit_values(self), self.name or "scenario", overrides, files)
@@ -72,7 +72,7 @@ class Scenario(Tables):
 def resolve(
     data: dict[str, Any], source: str, overrides: Mapping[str, Any] | None = None, files: bool = True
 ) -> Scenario:
-    """Return a scenario from plain data with overrides by dotted key; `source` names the data in messages."""
+    """Build a scenario from plain data with overrides by dotted key. `source` names the data in error messages."""
     overrides = overrides or {}
     default = on_machine(data, overrides)
     for key, value in sorted(overrides.items(), key=lambda item: item[0] != "machine"):
@@ -96,8 +96,8 @@ def _validated(data: dict[str, Any], source: str) -> Scenario:
 def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
     """Return the default scenario with the machine that plain data or overrides name.
 
-    Omits the guidance law of the machine if data or overrides set only a yaw controller. Raises `ScenarioError` for an
-    unknown machine.
+    The guidance law of the machine is omitted if data or overrides set only a yaw controller. Raises `ScenarioError`
+    for an unknown machine.
     """
     name = overrides.get("machine", data.get("machine", COMPACT))
     if not isinstance(name, str) or (found := machine_file(name)) is None:

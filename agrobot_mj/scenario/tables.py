@@ -33,9 +33,9 @@ SHORTEST_S = 0.001
 LONGEST_S = 24 * 3600.0
 """Maximum duration of a run [s]."""
 REASONED = ("stopped", "unfinished", "diverged")
-"""Outcomes with a reason."""
+"""Outcomes for which a run also reports a reason."""
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of physics steps per tick for which the step has a short decimal form."""
+"""Numbers of physics steps per tick for which the step is a short decimal number."""
 
 
 def long_enough(seconds: float) -> float:
@@ -46,7 +46,7 @@ def long_enough(seconds: float) -> float:
 
 
 class Steering(Spec):
-    """Steering system between the steering reference and the wheels."""
+    """Steering system: angle controller, valve, cylinder and linkage."""
 
     valve: Valve = Valve()
     """Electro-hydraulic valve and pump."""
@@ -59,7 +59,7 @@ class Steering(Spec):
 
 
 class Tables(Spec):
-    """Tables of one experiment, validated without opening any file."""
+    """Tables of one experiment. Their validation opens no files."""
 
     name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
     """Short name. Default: the file name."""
@@ -134,7 +134,7 @@ class Tables(Spec):
 
     @property
     def vehicle(self) -> Machine:
-        """Machine parameters of the plant."""
+        """Parameters of the machine that the plant simulates."""
         steering = self.steering
         return Machine(
             self.tractor, steering.valve, steering.cylinder, self.driveline, self.implement, steering.linkage
@@ -142,7 +142,7 @@ class Tables(Spec):
 
     @property
     def law(self) -> str:
-        """Kind of the guidance law, followed by the kind of its yaw controller if it has one."""
+        """Kind of the guidance law, with the kind of its yaw controller if the law has one."""
         takes = self.guidance.using(self.controller) is not self.guidance
         return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
 
@@ -203,7 +203,7 @@ def _contradictions(s: Tables) -> list[str]:
 
 
 def _special(terrain: Terrain) -> str:
-    """Return the key of ground with its own properties; empty without one."""
+    """Return the key of ground properties that vary with position; empty for uniform ground."""
     found = {"patch": terrain.patch, "surface": terrain.surface, "variation": terrain.variation.active}
     return next((key for key, value in found.items() if value), "")
 

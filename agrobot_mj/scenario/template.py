@@ -1,6 +1,6 @@
-"""Template of a scenario file: title, seed, and the keys of all tables with kinds, all with their defaults.
+"""Template of a scenario file: title, seed, and all tables that have kinds, with default values.
 
-The template is generated from the schema, with the texts of `agrobot-mj explain`, and runs unchanged.
+The template is generated from the schema, with the texts of `agrobot-mj explain`. It runs unchanged.
 """
 
 import json
@@ -16,7 +16,7 @@ from agrobot_mj.scenario.reference import families, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
 
 SKIPPED = ("name", "title", "version", "seed")
-"""Keys in the header of the template, or written by a run."""
+"""Keys that the header of the template contains, or that a run writes."""
 HEAD = """\
 # {name}: purpose of this experiment
 # Expected result: ...
@@ -55,7 +55,7 @@ def template(name: str) -> str:
 
 
 def _in_default(key: str) -> bool:
-    """Return whether the default scenario contains this table; other tables belong to another kind of their parent."""
+    """Return whether the default scenario contains this table. Others belong to another kind of the parent table."""
     part: object = Scenario()
     for name in key.split("."):
         part = getattr(part, name, None)
