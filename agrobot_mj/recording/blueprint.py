@@ -1,4 +1,4 @@
-"""Layout of a recording: tabs by subject, time axes over the whole run, and a camera that follows the tractor."""
+"""Layout of a recording in the viewer: tabs by subject, time axes of the whole run, and a camera on the tractor."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -17,11 +17,11 @@ from agrobot_mj.recording.plots.network import Map
 from agrobot_mj.recording.transport.timeline import TIMELINE
 
 FOLLOWED = "world/bodies/chassis/boxes"
-"""Entity that the camera follows; it must have geometry."""
+"""Entity that the camera follows, which must have geometry."""
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
-"""Entities that stay visible after their time."""
+"""Entities that grow during a run: their content stays visible after the time at which it was logged."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
-"""Background colours of the side view and of the view from above."""
+"""Background colours of the view that follows the tractor and of the top view."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
@@ -32,34 +32,34 @@ TABS = {
     "Network": ("network/",),
     "More": ("reported/",),
 }
-"""Path prefixes of the plots on each further tab. A tab is omitted if no plot has one of its prefixes."""
+"""Further tabs, with the path prefixes of their plots. A tab without plots is omitted."""
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
-"""Additional plots of a tab. They do not create the tab."""
+"""Path prefixes of additional plots of a tab. They do not create the tab."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Initial position of the following camera relative to the default tractor: forward, left, up [m]."""
+"""Initial position of the following camera relative to the default tractor: forward, left and up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Initial point of view of the following camera, in the same frame [m]."""
+"""Initial target point of the following camera, in the same frame [m]."""
 VIEWED = (2.2, 0.85)
-"""Width and height of the visible ground in the overview, divided by the camera height [-]. Measured in the viewer."""
+"""Width and height of the ground visible in the top view, divided by the camera height [-]. Measured in the viewer."""
 TILT = 0.1
-"""Southward tilt of the overview camera. In an exactly vertical view the viewer may place south at the top."""
+"""Southward tilt of the camera of the top view [-]. In a vertical view, the viewer may show south at the top."""
 COLUMNS, MOST_PLOTS = 3, 12
-"""Number of columns of plots on a tab, and maximum number of plots on it; more plots continue on further tabs."""
+"""Number of columns of plots on a tab, and maximum number of plots on a tab. More plots continue on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Height of a lane, of the other parts of the state pane, and maximum height of the pane, relative to the tab [-]."""
+"""Height of a lane, of the rest of the state view, and maximum height of the view [fraction of the tab height]."""
 NAMES = "world/names"
-"""Entities with 3D names, which are hidden in the view from above because they would overlap."""
+"""Entity with the 3D names. The top view hides them, because they would overlap."""
 
 
 class Shown(NamedTuple):
-    """Content of a recording, as input of the layout."""
+    """Content of a recording that determines the layout."""
 
     plots: Sequence[Plot]
     maps: Sequence[Map] = ()
-    """Heat maps of the network."""
+    """Heat maps of the neural network."""
     lanes: int = 3
     frames: Mapping[str, Frame] = MappingProxyType({})
-    """Frames of plots, by path; the viewer chooses frames that are missing."""
+    """Axes and legend of each plot, by path of the plot. The viewer chooses missing ones."""
     outcome: str = ""
     size: float = 1.0
     """Size of the tractor, including drawn implements, divided by the size of the default tractor [-]."""
@@ -67,9 +67,9 @@ class Shown(NamedTuple):
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
-    """Return the layout of a run until `end_s` [s].
+    """Return the layout of a run that ends at `end_s` [s].
 
-    All `places` (n, 3) [m] are visible from above; the tractor starts at the first one with heading `yaw` [rad].
+    The top view contains all `places` (n, 3) [m]. The tractor starts at the first one with the heading `yaw` [rad].
     """
 
     def framed(starts: tuple[str, ...]) -> list[tuple[Plot, Frame]]:
@@ -95,7 +95,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """Return a layout with the scene, plots next to it, further tabs, and a tab of text. All panels are collapsed."""
+    """Return a layout: the scene with plots next to it, further tabs, and a tab of text. All panels are collapsed."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -115,7 +115,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots with heights for their axes, and of views `below` with their fractions of the height."""
+    """Return a column of plots with heights that suit their axes, and of views `below` with fractions of the height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -132,7 +132,7 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with equal time axes: if one axis has space for a legend, all have it."""
+    """Return the plots with equal time axes. If one time axis reserves space for a legend, all do."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)
@@ -140,7 +140,7 @@ def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
-    """Return the views in a grid of at most `columns` columns without empty cells."""
+    """Return the views in a grid with at most `columns` columns and without empty cells."""
     rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
@@ -148,10 +148,9 @@ def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.V
 def scenes(
     places: Array, yaw: float, size: float = 1.0, followed: str = FOLLOWED, growing: Sequence[str] = GROWING
 ) -> rrb.Vertical:
-    """Return two views of the scene: from a camera that follows the entity `followed`, and of all `places` (n, 3) [m]
-    from above.
+    """Return two views of the scene: one that follows the entity `followed`, and a top view of all `places` (n, 3) [m].
 
-    `size` is the size of the tractor divided by the default size. The entities `growing` stay visible after their time.
+    `size` is the size of the tractor divided by the default size. Entities in `growing` stay visible after their time.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
@@ -169,7 +168,7 @@ def scenes(
 
 @lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
-    """Return a time axis for a run of `end_s` [s], with a fraction `room` for a legend on the right."""
+    """Return a time axis for a run of `end_s` [s] that reserves the fraction `room` on the right for a legend."""
     return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))
 
 
@@ -178,7 +177,7 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """Return the view of a plot with the fraction `share` of the height. A single series has no legend."""
+    """Return the view of a plot with the fraction `share` of the tab height. A single series has no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; clipped, maximum {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

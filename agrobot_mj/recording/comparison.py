@@ -1,8 +1,8 @@
 """Recording of several runs: tractors of different colours on the same ground, and plots with one line per run.
 
-The tractor of the last run is opaque and followed by the camera; other tractors are translucent. Each has a name above.
-Tracks are stacked, with narrower tracks on top, so that all colours are visible. The recording is written from the
-logs: poses ten times per second, signals at every tick, up to the end of each run.
+The tractor of the last run is opaque, and the camera follows it; the other tractors are translucent. Each tractor has a
+name above it. Tracks are stacked, with narrower tracks on top, so that all colours are visible. The recording is
+written from the logs: poses ten times per second, signals at every tick, up to the end of each run.
 """
 
 import uuid
@@ -36,15 +36,15 @@ from agrobot_mj.simulation.log import Log
 
 PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY)
 POSE_TICKS = 2
-"""Number of ticks between poses."""
+"""Number of ticks between recorded poses."""
 BESIDE = 3
 """Number of plots next to the scene."""
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
-"""Height of the lowest track above the ground, and distance between tracks, visible in oblique views [m]."""
+"""Height of the lowest track above the ground, and vertical distance between stacked tracks [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
-"""Half width of the top track, and increase of the half width per lower track [pixels]."""
+"""Half width of the top track, and increase of the half width for each lower track [pixels]."""
 PAINTED = 0.12
-"""Difference of brightest and darkest channel above which a part gets the colour of the run; others stay grey."""
+"""Minimum difference between colour channels of parts that get the colour of the run; grey parts stay grey [-]."""
 GHOST = 0.22
 """Opacity of the translucent tractors [-]."""
 NAME_M, NAME_STEP_M = 0.2, 0.2
@@ -52,7 +52,7 @@ NAME_M, NAME_STEP_M = 0.2, 0.2
 
 
 class RecordedRun(NamedTuple):
-    """Run of a comparison."""
+    """Run of a comparison, with its colour and its position in the stack of tracks."""
 
     name: str
     entity: str
@@ -65,7 +65,7 @@ class RecordedRun(NamedTuple):
     """Number of tracks drawn above the track of this run; 0 for the run with the opaque tractor."""
 
     values: dict[str, Array]
-    """Available signals of the run by plot of `COMPARED`, in the unit of the plot."""
+    """Available signals of the run in the unit of the plot, by path of the plot in `COMPARED`."""
 
     @property
     def place(self) -> str:
@@ -74,7 +74,7 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record the runs `named` plant-law to `path`, on the ground of the first, if Rerun is enabled. Raises OSError."""
+    """Record named runs to `path`, on the ground of the first run, if Rerun is enabled. Raises OSError."""
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [
@@ -120,7 +120,7 @@ def _add_differences(runs: Sequence[RecordedRun]) -> None:
         own = run.values.get("cross_track")
         if first is not None and own is not None and run.log.scenario.path == runs[0].log.scenario.path:
             both = min(len(own), len(first))
-            with np.errstate(invalid="ignore", over="ignore"):  # diverged runs contain values up to infinity
+            with np.errstate(invalid="ignore", over="ignore"):  # diverged runs may contain infinite values
                 run.values[DIFFERENCE] = own[:both] - first[:both]
 
 
@@ -161,7 +161,7 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
 
 
 def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRun]) -> list[tuple[Plot, Frame]]:
-    """Send one line for each run with the signal of a plot; return the plot and its frame, or an empty list."""
+    """Send one line for each run with the signal of a plot. Return the plot with its axes, or an empty list."""
     having = [run for run in runs if plot.path in run.values]
     if not having:
         return []
@@ -185,7 +185,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
-    """Return the geom in the colour of the run if it has the colour of the body; tyres, metal and glass remain grey."""
+    """Return a geom in the colour of the run if it is coloured. Tyres, metal and glass remain grey."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:

@@ -1,4 +1,4 @@
-"""Text of a recording in Markdown: scenario and, after the run, outcome and metrics."""
+"""Text of a recording in Markdown: the scenario and, after the run, outcome and metrics."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from agrobot_mj.simulation.log import Log
 
 
 def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
-    """Set the name of the recording and its properties: the scenario, also as complete TOML."""
+    """Set the name and properties of a recording, and send the complete scenario as TOML text."""
     stream.send_recording_name(name)
     identity = str(scenario.identity)
     about = rr.AnyValues(version=__version__, identity=identity, seed=scenario.seed, name=scenario.name)
@@ -24,17 +24,17 @@ def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
 
 
 def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
-    """Show a text in Markdown."""
+    """Send a text in Markdown to an entity."""
     stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def running(scenario: Scenario) -> str:
-    """Return the text during a run."""
+    """Return the text that is shown during a run."""
     return _page(scenario, "*The run is active or was killed before its end.*")
 
 
 def broken(scenario: Scenario, error: BaseException, t: float) -> str:
-    """Return the text of a run that ended by an error after `t` [s]."""
+    """Return the text of a run that ended with an exception after `t` [s]."""
     return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
 
 
@@ -44,7 +44,7 @@ def summary(log: Log) -> str:
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."
     )
-    name = log.scenario.guidance.outside  # guidance that is an external program has separate metrics
+    name = log.scenario.guidance.outside  # an external guidance program has its own metrics
     outside = [_metrics(log.metrics[name], name)] if name in log.metrics else []
     parts = end, _metrics(log.metrics, "Metrics"), *outside, _turns(log.metrics), _passes(log.metrics)
     return _page(log.scenario, "\n\n".join(parts))

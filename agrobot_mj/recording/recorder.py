@@ -1,4 +1,4 @@
-"""Recording of a run, written in blocks during the run. The file can be opened even after the process was killed."""
+"""Recording of a run, written in blocks during the run. The file can be opened even if the process was killed."""
 
 import errno
 import uuid
@@ -26,20 +26,20 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
 
 SPARE_BYTES = 1_000_000
-"""Disk space reserved for the other files of the run, in addition to the size of all signals [bytes]."""
+"""Disk space reserved for other files of the run, in addition to the size of all signals [bytes]."""
 
 
 class Recording:
-    """Observer that records a run to the file `path`, to a live viewer if `live`, or to both."""
+    """Observer that records a run to the file `path`, to a live viewer (`live`), or to both."""
 
     def __init__(self, path: Path | None, live: bool = False) -> None:
         self.path, self.live = path, live
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file and write the static content. Raises OSError if the file cannot be written."""
+        """Open the file and send the static content. Raises OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         if self.path is not None and self.path.name == RECORDING:
-            clear(self.path.parent)  # they would not match the new recording
+            clear(self.path.parent)  # older results would not match the new recording
         self.stream = rr.RecordingStream(APPLICATION, recording_id=f"{scenario.name}-{scenario.hash8}-{uuid.uuid4()}")
         self.recording = enabled(self.stream, self.path)
         if not self.recording:
@@ -60,7 +60,7 @@ class Recording:
             raise OSError(errno.ENOSPC, "there is no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
-        """Write the rows `first` to `rows.filled`."""
+        """Send the rows `first` to `rows.filled`, and wait until they are written."""
         if self.rows.filled == first or not self.recording:
             return
         times = nanoseconds(self.rows.column("t", first))
@@ -84,17 +84,17 @@ class Recording:
         self.sink.close()
 
     def fail(self, error: BaseException) -> None:
-        """Write the error that ended the run, and close the recording."""
+        """Send the error that ended the run, and close the recording."""
         if not self.recording:
             return
         tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
-        """Send the layout of the present content. The viewer opens the last layout."""
+        """Send a layout of the present content. The viewer uses the last layout."""
         places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
         plots, frames = self.signals.shown, dict[str, Frame]()
-        if outcome:  # constant plots are known only at the end
+        if outcome:  # constant plots are identified at the end of the run
             frames = self.signals.finish(self.stream)
             plots = [plot for plot in plots if plot.path in frames]
         size, seen = self.scenario.tractor.size, f"world/bodies/{followed(self.motion.scene)}"

@@ -1,8 +1,8 @@
 """Axes of plots: ranges with readable labels, robust against outliers, and space for a legend.
 
 The viewer labels multiples of a power of ten that are at least 20 pixels apart. An automatic range such as -8 to 8 may
-contain a single label, which does not define a scale. Sizes are given for a window of 1400 x 850 pixels, typical of
-browsers; larger windows show more labels.
+contain a single label, which does not define a scale. Sizes are given for a window of 1400 x 850 pixels, which is
+typical of browsers; larger windows show more labels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,32 +16,32 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
-"""Height of the plots of a tab, of the title and time axis of a plot, and minimum distance between labels [pixels]."""
+"""Height of all plots of a tab, height of the title and time axis of a plot, minimum distance of labels [pixels]."""
 MARGIN = 0.04
-"""Margin above and below the values as a fraction of the range, so that the outermost label is complete."""
+"""Margin above and below the values [fraction of the range], so that the outermost label is complete."""
 THIRD = 1.6
 """Maximum factor by which an axis is extended to obtain a third label [-]."""
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
-"""Number of axis steps for unknown values, and number of steps below which each step is divided into ten [-]."""
+"""Number of axis steps if the values are unknown, and number of steps below which steps are divided by ten [-]."""
 ROOM = 1.02
 """Length of the time axis divided by the duration of the run [-]."""
 EDGE = 0.045
-"""Fraction at the end of the time axis in which a label would be cut off."""
+"""Fraction at the end of the time axis in which a label would be cut off [-]."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""An axis may end at CUT_AT times this quantile if the maximum value exceeds CUT_ABOVE times this end."""
+"""An axis may end at CUT_AT times the CUT_QUANTILE of the values, if their maximum exceeds CUT_ABOVE times this end."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),
     Corner2D.RightBottom: (True, False),
     Corner2D.LeftBottom: (False, False),
 }
-"""Corners for a legend in order of preference: whether on the right, and whether at the top."""
+"""Corners for a legend in order of preference, with two flags: on the right, at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
-"""Width of an empty legend and of a character, height of an empty legend and of a line, as measured [pixels]."""
+"""Width of an empty legend and of a character, height of an empty legend and of a line [pixels]. Measured."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Maximum fraction of points hidden by a legend, and of an axis reserved for a legend [-]. Assumed values."""
+"""Maximum fractions: of points hidden by a legend, and of an axis reserved for a legend [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
-"""Size of one of nine plots on a tab, and of one of three plots next to the scene [pixels]."""
+"""Size of a plot on a tab of nine plots, and of one of three plots next to the scene [pixels]."""
 
 
 class Range(NamedTuple):
@@ -50,7 +50,7 @@ class Range(NamedTuple):
     low: float
     high: float
     beyond: float | None = None
-    """Maximum value of a plot that is cut off, otherwise None."""
+    """Maximum of the values if the axis cuts it off, otherwise None."""
 
 
 class Frame(NamedTuple):
@@ -60,13 +60,13 @@ class Frame(NamedTuple):
     """Range of the values; None for the automatic range of the viewer."""
     legend: Corner2D = Corner2D.RightTop
     room: float = 0.0
-    """Fraction of the time axis reserved for the legend if it would hide too many points in every corner [-]."""
+    """Fraction of the time axis reserved for the legend; 0 if a corner is free enough [-]."""
     mean_s: float | None = None
-    """Length of the moving mean drawn with the signals [s]; None without mean."""
+    """Window length of the moving mean drawn with the signals [s]; None without a mean."""
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
-    """Return the frame of a plot of `numbers` (n, series) at times `t` (n,) [s]; `beside`: next to the scene."""
+    """Return the axes of a plot of `numbers` (n, series) at times `t` (n,) [s]; `beside`: next to the scene."""
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
@@ -76,7 +76,7 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
     corner, hidden = free_corner(along, numbers, values, size)
     if hidden <= MOST_HIDDEN * np.isfinite(numbers).sum():
         return Frame(values, corner)
-    if beside:  # all plots next to the scene have the same time axis
+    if beside:  # plots next to the scene share their time axis
         return Frame(values, Corner2D.RightTop, min(size[0], MOST_ROOM))
     share = min(size[1], MOST_ROOM)
     high = values.high + (values.high - values.low) * share / (1 - share)
@@ -84,14 +84,14 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return the size of the legend of `names`, divided by the size `of` a plot [pixels]."""
+    """Return the width and height of a legend with `names`, divided by those of a plot of the size `of` [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
-    """Return the corner in which a legend hides the fewest of the points `numbers` (n, series) at positions `along`
-    (n,) of the time axis, and their number."""
+    """Return the corner in which a legend hides the fewest points, and the number of hidden points. `numbers` (n,
+    series) are the values, `along` (n,) their positions on the time axis [-]."""
     up = (numbers - values.low) / (values.high - values.low)
 
     def hidden(corner: Corner2D) -> int:
@@ -120,12 +120,12 @@ def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
 
 
 def most_steps(share: float) -> float:
-    """Return the maximum number of axis steps of a plot with this fraction of the height of a tab."""
+    """Return the maximum number of axis steps of a plot with the fraction `share` of the height of a tab."""
     return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
 
 
 def pixels(values: Range | None) -> float:
-    """Return the height of a plot at which the axis has space for all labels of its range [pixels]."""
+    """Return the height at which a plot has space for all labels of its value axis [pixels]."""
     steps = USUAL_STEPS
     if values is not None:
         span = (values.high - values.low) * (1 + 2 * MARGIN)
@@ -135,7 +135,7 @@ def pixels(values: Range | None) -> float:
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """Return the range of the finite `values` and of `includes`; None (automatic) if all are equal."""
+    """Return the range of the finite `values` and of `includes`; None (automatic range) if all values are equal."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
@@ -147,7 +147,7 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Return the end of the time axis of a run of `run_s` [s], with space for the last label and a legend [s]."""
+    """Return the end of the time axis of a run of `run_s` [s], with space for the last label and for a legend [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

@@ -1,7 +1,7 @@
-"""Table of plots: column of the log, unit, label and colour of each line.
+"""Catalogue of plots: log column, unit, label and colour of each line.
 
-`PLOTS` and `network.network_plots` define the plots of a recording, `COMPARED` those of a comparison. Plots with
-columns missing in the log are omitted. `derived` computes quantities from the log.
+A recording contains `PLOTS` and `network.network_plots`; a comparison contains `COMPARED`. Plots whose columns are
+missing in the log are omitted. `derived` computes quantities from the log.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -20,7 +20,7 @@ FACTORS = {
     **{"cm": 100.0, "kN": 1e-3, "%": 100.0, "l/min": 6e4, "bar": 1e-5},
     **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1)},
 }
-"""Factor from the unit of the log to the unit of a plot, if they differ."""
+"""Conversion factors from the unit of the log to the unit of a plot, where the units differ."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
@@ -31,36 +31,36 @@ class Series(NamedTuple):
 
     label: str
     column: str
-    """Column of the log, or key of `derived`."""
+    """Column of the log, or key of the result of `derived`."""
     colour: int
     """Colour as 0xRRGGBBAA."""
     sign: float = 1.0
     wider: int = 0
-    """Number of width steps in addition to the width of a normal line."""
+    """Number of steps by which the line is wider than normal."""
 
 
 class Plot(NamedTuple):
-    """Series of one entity with a common unit."""
+    """Definition of a plot: lines with a common unit, recorded as one entity."""
 
     path: str
     title: str
     unit: str
     series: tuple[Series, ...]
     every: int = 1
-    """Number of ticks between points; more than one for slow signals."""
+    """Number of ticks between points. Slow signals have more than one."""
     includes: tuple[float, ...] = ()
     """Values that the axis range always includes."""
     may_be_cut: bool = False
-    """Whether the axis may exclude rare values that would compress the others."""
+    """Whether the axis may cut off rare values that would compress all others."""
     steps: bool = False
-    """Whether values are constant between points."""
+    """Whether values are constant between points, so that the line has steps."""
     as_logged: bool = False
-    """Whether the log contains the values in the unit of the plot."""
+    """Whether the log already contains the values in the unit of the plot."""
     legend: bool = True
 
     @property
     def factor(self) -> float:
-        """Conversion factor from the unit of the log to that of the plot [-]."""
+        """Conversion factor from the unit of the log to the unit of the plot [-]."""
         return 1.0 if self.as_logged else FACTORS.get(self.unit, 1.0)
 
     @property
@@ -88,7 +88,7 @@ def _estimated(name: str, title: str, unit: str) -> Plot:
 
 def _wheels(path: str, title: str, unit: str, quantity: str) -> Plot:
     series = (Series(wheel, f"{quantity}_{wheel}", c) for wheel, c in zip(WHEELS, WHEEL_COLOURS, strict=True))
-    return Plot(f"tyres/{path}", title, unit, tuple(series), legend=path == "load")  # one legend is enough
+    return Plot(f"tyres/{path}", title, unit, tuple(series), legend=path == "load")  # one legend is sufficient
 
 
 def _single(path: str, title: str, unit: str, label: str, column: str, colour: int = MEASURED) -> Plot:
@@ -96,7 +96,7 @@ def _single(path: str, title: str, unit: str, label: str, column: str, colour: i
 
 
 # The log contains the errors of the paper, reference minus position. Plots show position minus reference, so that
-# positive means left of the path in the lateral and in the cross-track error.
+# positive lateral and cross-track errors are to the left of the path.
 _ERRORS = (Series("longitudinal", "e_longitudinal", MEASURED, -1.0), Series("lateral", "e_lateral", TRUE, -1.0))
 _COMMAND = (
     *(Series("total", "steer_ref", WANTED), Series("PD tau_c", "tau_c", PD)),
@@ -138,10 +138,10 @@ PLOTS = (
 )
 """All plots of a run except those of the network, in the order of the tabs."""
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
-"""Prefixes of the paths of the plots next to the scene."""
+"""Path prefixes of the plots next to the scene."""
 
 DIFFERENCE = "difference"
-"""Column of a comparison: the cross-track error minus the cross-track error of the first run."""
+"""Signal of a comparison: cross-track error minus the cross-track error of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
     _single("difference", "Cross-track error minus that of", "m", "", DIFFERENCE),
@@ -150,19 +150,19 @@ COMPARED = (
     _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
     _single("speed", "Speed", "m/s", "", "speed"),
 )
-"""All plots of a comparison. Each has one line per run in the label and colour of the run."""
+"""Plots of a comparison. Each plot has one line per run, with the name and colour of the run."""
 NEGATED = ("tau_n",)
-"""Columns with the opposite sign in a comparison."""
+"""Columns plotted with the opposite sign in a comparison."""
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Unit of a plot by unit of the log, unless the plot defines a unit."""
+"""Unit of a plot by unit of the log column, for plots that do not define a unit."""
 REPORTED = "reported/"
-"""Path prefix of plots that are not in the catalogue."""
+"""Path prefix of plots of log columns that the catalogue does not contain."""
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """Return a plot for each reported column that is to be plotted and is not shown elsewhere."""
+    """Return a plot for each log column that is marked for plotting and is not shown elsewhere."""
     known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
     return [
         _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)._replace(
@@ -179,7 +179,7 @@ def _title(column: Column) -> str:
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """Return quantities derived from the log from row `first`: estimation errors and their 3 sigma bounds, SI units."""
+    """Return estimation errors and 3 sigma bounds, computed from the rows of the log from `first`, in SI units."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)

@@ -1,7 +1,7 @@
-"""Network of a run: plots of its parameters, and heat maps of its normalised firing strengths.
+"""Plots of the fuzzy neural network of a run: its parameters, and heat maps of its normalised firing strengths.
 
-The size of the network follows from the columns of the log. Heat maps are sent four times per second, with the value in
-each cell.
+The size of the network follows from the columns of the log. Heat maps are sent four times per second, with the value of
+each cell as text.
 """
 
 from collections.abc import Sequence
@@ -33,32 +33,32 @@ COLOURS = tuple(
     rgba(colour) for colour in (SKY_BLUE, ORANGE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY, BROWN)
 )
 MOST_LINES = 18
-"""Maximum number of lines of a plot; evenly chosen lines of larger networks are shown."""
+"""Maximum number of lines of a plot. For larger networks, evenly spaced parameters are plotted."""
 EVERY_TICKS = 5
-"""Number of ticks between heat maps, and between the points of parameter plots. Both change slowly."""
+"""Number of ticks between heat maps, and between points of the parameter plots. Both change slowly."""
 MOST_LABELS = 64
-"""Maximum number of cells of a heat map with values as text."""
+"""Maximum number of cells of a heat map whose values are shown as text."""
 BESIDE, ABOVE = 0.2, 0.2
-"""Positions of the names of the sets, as fractions of the width and height of the map."""
+"""Distance of the set names from the map: left [fraction of its width], and above [fraction of its height]."""
 MOST_SHARE = 1e3
-"""Normalised firing strength above which a network has diverged and the map is omitted [-]."""
+"""Normalised firing strength above which the network counts as diverged and heat maps are omitted [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
-"""Unit of the sets by number of the input: yaw-rate error and its derivative."""
+"""Unit of each input of the network: 1, yaw-rate error; 2, derivative of the yaw-rate error."""
 
 
 class Map(NamedTuple):
-    """Heat map: rows are the sets of x1, columns the sets of x2."""
+    """Heat map of firing strengths: rows are the sets of x1, columns the sets of x2."""
 
     entity: str
     title: str
     sizes: tuple[int, int]
     columns: Index
-    """Columns of the log with the values of the cells, row by row."""
+    """Log columns with the cell values, row by row."""
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Return the plots of the network with parameters in `columns` of the log; empty without network."""
+    """Return the plots of the network whose parameters are in the log `columns`; empty without a network."""
     if not family("c1", columns):
         return []
     return [
@@ -84,13 +84,13 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the line of a rule: the colour shows the set of x2, the width the set of x1."""
+    """Return the line of a rule. The colour shows the set of x2, the line width the set of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the line of a parameter of a set: the colour shows the set, the width the bound."""
+    """Return the line of a parameter of a fuzzy set. The colour shows the set, the line width the bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -104,12 +104,12 @@ def _lines(series: list[Series]) -> tuple[Series, ...]:
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:
-    """Return the columns named `start`_0, `start`_1, ... or `start`_0_0, ..."""
+    """Return the columns with the name `start` and one or two numbers: `start`_0, ... or `start`_0_0, ..."""
     return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return the network columns of a log; empty without network."""
+    """Return the network columns of a log; empty without a network."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -117,7 +117,7 @@ def network_columns(columns: Sequence[str]) -> list[str]:
 
 
 class Firing:
-    """Sender of the heat maps of a run, without effect if there is no network."""
+    """Sender of the heat maps of a run. Runs without a network have none."""
 
     def __init__(self, rows: Rows) -> None:
         self.rows, columns = rows, rows.columns
@@ -134,7 +134,7 @@ class Firing:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send every fifth of the rows `first` to `rows.filled` at the times `times` (n,)."""
+        """Send a heat map for every fifth of the rows `first` to `rows.filled`, at the times `times` (n,)."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
             values = self.rows.values[np.ix_(first + chosen, shown.columns)]
@@ -152,7 +152,7 @@ class Firing:
 
     def _frame(self, stream: rr.RecordingStream, shown: Map) -> None:
         height, width = shown.sizes
-        brightest = min(4.0 / (height * width), 1.0)  # four times the value if all rules fire equally
+        brightest = min(4.0 / (height * width), 1.0)  # four times the value for equal firing of all rules
         size = rr.components.ImageFormat(width=width, height=height, channel_datatype=rr.ChannelDatatype.F32)
         viridis = rr.components.Colormap.Viridis
         picture = rr.DepthImage.from_fields(format=size, meter=1.0, colormap=viridis, depth_range=[0.0, brightest])
@@ -167,7 +167,7 @@ class Firing:
 
 
 def _buffers(values: Array) -> pa.Array:
-    """Return one image per row of `values` (n, cells) in Rerun's memory layout, because its own conversion is slow."""
+    """Return one image per row of `values` (n, cells) in Rerun's memory layout, because Rerun's conversion is slow."""
     cells = values.astype(np.float32)
     ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
     kind = ImageBufferBatch([]).as_arrow_array().type
@@ -175,7 +175,7 @@ def _buffers(values: Array) -> pa.Array:
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
-    """Return labels at `places`; default: the labels that were sent last."""
+    """Return text labels at `places`. Default labels: the labels sent last."""
     return rr.Points2D.from_fields(
         positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
     )

@@ -1,8 +1,8 @@
-"""Sender of the plots of a run; `catalogue` defines the plots.
+"""Sender of the plots of a run, as defined by `catalogue`.
 
-The entity `plots/<path>` contains the series of one plot. Series are sent as columns, ten times as fast as rows. Rows
-with a missing value are omitted; therefore signals that may be missing have separate plots. At the end of the run,
-noisy series get a bold moving mean in the entity `plots/<path>/mean`.
+The entity `plots/<path>` contains the series of one plot. Series are sent as columns, which is ten times as fast as
+sending rows. Rows with a missing value are omitted; therefore signals that may be missing have separate plots. At the
+end of the run, noisy series get a bold moving mean in the entity `plots/<path>/mean`.
 """
 
 from collections.abc import Collection, Sequence
@@ -20,39 +20,39 @@ from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nano
 from agrobot_mj.simulation.log import Rows
 
 SETTLED_S = 5.0
-"""Time after which the axis includes the bounds of the estimate [s]. The initial bounds are wide."""
+"""Time after which axes include the bounds of the estimate [s]. The initial bounds are wide."""
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
-"""Line widths: normal, with a mean, of the mean, and step to the next wider line [pixels]."""
+"""Line widths: normal, of a signal with a mean, of the mean; and difference to the next wider line [pixels]."""
 PALE = 0x48
-"""Opacity of a line with a mean, out of 0xFF."""
+"""Opacity of a signal that has a mean, out of 0xFF."""
 MEAN_S = 2.0
-"""Length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s."""
+"""Window length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s."""
 MEAN_TICKS = 5
-"""Number of ticks between points of the mean."""
+"""Number of ticks between points of the moving mean."""
 MEAN = "mean"
-"""Name of the entity of the means, below the entity of the plot."""
+"""Name of the entity with the moving means, below the entity of the plot."""
 WINDOWS = 100
-"""Number of windows in which the noise of a run is evaluated; each is 6 pixels wide, so that lines in it touch."""
+"""Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
 MOST_NOISE = 0.1
-"""Maximum oscillation about the mean in the noisier half of the windows, per plot range [-]. Assumed value."""
+"""Mean noise amplitude in the noisier half of the windows above which a mean is drawn, per range [-]. Assumed value."""
 
 
 class _Lines(NamedTuple):
-    """Plot and its columns in the table of all signals."""
+    """Plot, with its columns in the table of all signals."""
 
     plot: Plot
     columns: Index
-    """Columns of the table, one for each series."""
+    """Column of the table for each series."""
     factors: Array
-    """Factors from the SI unit of the log to the unit of the plot, including the sign."""
+    """Factor of each series from the SI unit of the log to the unit of the plot, including the sign."""
 
 
 class Signals:
-    """Sender of the plots of a run. The style of a plot is sent with its first value."""
+    """Sender of the plots of a run. The style of a plot is sent with its first values."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Create the common plots of all runs, followed by the plots `more`. Columns in `without` are not plotted."""
+        """Create the catalogue plots with existing columns, then the plots `more`. Columns in `without` are omitted."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -84,7 +84,7 @@ class Signals:
             _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
-        """Send the means of the noisy series; return the frames of all plots that are not constant, by plot path."""
+        """Send the means of noisy series. Return the axes of all plots whose values vary, by path of the plot."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
             further = list(derived(self.rows, 0).values())
@@ -108,7 +108,7 @@ class Signals:
 
     def _table(self, first: int) -> Array:
         values = self.rows.values[first : self.rows.filled]
-        with np.errstate(over="ignore", invalid="ignore"):  # diverged runs contain values up to infinity
+        with np.errstate(over="ignore", invalid="ignore"):  # diverged runs may contain infinite values
             return np.column_stack([values, *derived(self.rows, first).values()])
 
 
@@ -123,7 +123,7 @@ def _varies(numbers: Array) -> bool:
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Return the moving means of `numbers` (rows, series), NaN for missing values; None if no series is noisy."""
+    """Return moving means of `numbers` (rows, series), NaN for missing values. Return None if no series is noisy."""
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
     if len(numbers) < 2 * WINDOWS or not 0 < span < np.inf:
@@ -136,17 +136,17 @@ def noisy_means(numbers: Array) -> Array | None:
 
 
 def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -> None:
-    """Send the moving `means` (rows, series) of a noisy plot, and the style that makes its signals pale."""
+    """Send the moving `means` (rows, series) of a noisy plot, and a style that makes its signals pale."""
     there = np.isfinite(means).all(axis=1) & (np.arange(len(t)) % MEAN_TICKS == 0)
     entity = f"{plot.entity}/{MEAN}"
     stream.log(plot.entity, style(plot, PALE, PALE_WIDTH), static=True)
-    # A series and its mean have the same name, so that the legend has one entry in the colour of the mean.
+    # A signal and its mean have the same name. The legend then has one entry, in the colour of the mean.
     stream.log(entity, style(plot, width=BOLD_WIDTH), static=True)
     _send(stream, entity, rr.TimeColumn(TIMELINE, duration=nanoseconds(t[there])), means[there])
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Return the names, colours and widths of the lines. Spikes remain visible after zooming out."""
+    """Return the style of a plot: names, colours and widths of its lines. Zooming out keeps spikes visible."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

@@ -1,6 +1,6 @@
-"""States shown as lanes: GNSS solution, steering limit, supervisor, link, faults, and outcome of the run.
+"""States over time, shown as coloured lanes: GNSS solution, steering limit, supervisor, link, faults and run outcome.
 
-A lane of `LANES` is shown if the log contains its column. States are integers from 0; only changes are sent.
+A lane of `LANES` is recorded if the log contains its column. The values are integers from 0; only changes are sent.
 """
 
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708
 
 
 class Lane(NamedTuple):
-    """Lane of the entity `states/<path>`. States are integers from 0."""
+    """Lane of a state over time. The values are integers from 0, which index `labels` and `colours`."""
 
     path: str
     labels: tuple[str, ...]
     colours: tuple[int, ...]
     column: str = ""
     faults: tuple[Scripted, ...] = ()
-    """Faults whose activity is the state, in place of a column."""
+    """Faults of a fault lane, which has no column: the state is 1 while one of them is active."""
 
     @property
     def entity(self) -> str:
@@ -35,7 +35,7 @@ class Lane(NamedTuple):
         return f"states/{self.path}"
 
     def values(self, rows: Rows, first: int) -> Array:
-        """Return the states from row `first`, shape (n,)."""
+        """Return the state in each row from `first`, shape (n,)."""
         if self.faults:
             return under(self.faults, rows.column("t", first)).astype(float)
         return rows.column(self.column, first)
@@ -63,17 +63,17 @@ LANES = (
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
-"""Lane of the run: one state during the run, and the outcome at its end."""
+"""Lane of the run: `running`, then the outcome at the end."""
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults grouped by subject. The faults of a group share a lane."""
+    """Return the faults grouped by subject. The faults of one subject share a lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
 
 def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
-    """Return whether any of `faults` is active at times `t` (n,) [s]."""
+    """Return whether any of the faults is active at each of the times `t` (n,) [s]."""
     return np.array([any(fault.active(at) for fault in faults) for at in t.tolist()], dtype=bool)
 
 
@@ -94,7 +94,7 @@ class States:
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the changes in rows `first` to `rows.filled` at the times `times` (n,)."""
+        """Send the state changes in the rows `first` to `rows.filled`, at the times `times` (n,)."""
         if first == 0:
             stream.log(RUN.entity, _style(RUN), static=True)
             _send(stream, RUN, times[:1], [RUNNING])

@@ -1,7 +1,7 @@
 """Repair of incomplete recordings, whose writer was killed or is still active.
 
-A complete recording ends with a footer. A recording that ends within a chunk cannot be opened; the program of Rerun can
-read and copy the complete chunks.
+A complete recording ends with a footer. The viewer cannot open a recording that ends within a chunk, but Rerun's
+command-line program can copy its complete chunks.
 """
 
 import os
@@ -15,11 +15,11 @@ from pathlib import Path
 from agrobot_mj.recording.transport.viewer import RERUN
 
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""Marker in the footer of a complete file, and number of bytes at the end of the file that contain it."""
+"""Marker in the footer of a complete recording, and number of bytes at the end of the file that contain the marker."""
 
 
 def ends_well(path: Path) -> bool:
-    """Return whether a recording is complete, that is, has a footer."""
+    """Return whether a recording is complete: the file has a footer."""
     with path.open("rb") as file:
         file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
         return FOOTER in file.read()
@@ -27,7 +27,7 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield a recording that can be opened: `path`, or a temporary repaired copy of an incomplete file."""
+    """Yield a recording that the viewer can open: `path`, or a temporary repaired copy of an incomplete file."""
     if ends_well(path):
         yield path
         return

@@ -1,7 +1,7 @@
-"""Page with a recording and Rerun's web viewer in one HTML file that opens in a browser without a network.
+"""HTML page with a recording and Rerun's web viewer in one file, which opens in a browser without a network.
 
-The viewer is the one in the installed rerun-sdk, which serves it on the loopback interface. Viewer and recording are
-compressed and written into the page as text. A browser older than 2023 cannot decompress them.
+The viewer comes from the installed rerun-sdk, whose server provides its files on the loopback interface. Viewer and
+recording are compressed and embedded as text. Browsers older than 2023 cannot decompress them.
 """
 
 import base64
@@ -20,10 +20,10 @@ from agrobot_mj.recording.transport.viewer import RERUN, free_port, started
 from agrobot_mj.simulation.results import atomic
 
 START_S = 60.0
-"""Time limit for the start of the server of the viewer [s]."""
+"""Time limit for the start of the viewer's server [s]."""
 LEVEL = 6
 SCRIPT_NAME, MODULE_NAME = "re_viewer.js", "re_viewer_bg.wasm"
-"""Files of the web viewer."""
+"""Names of the files of the web viewer."""
 STYLE = """
 html, body { margin: 0; height: 100%; background: #0d1011; color: #cad8de; font: 15px/1.4 system-ui, sans-serif; }
 body { display: flex; flex-direction: column; }
@@ -67,7 +67,7 @@ if (typeof DecompressionStream === "undefined") {
 
 
 def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Path | None = None) -> Path:
-    """Write a page with a recording, and a PNG to show until the viewer has started; return the page."""
+    """Write a page with a recording, and a PNG that is shown until the viewer has started. Return the page."""
     files = viewer_files()
     with whole(recording) as readable:
         content = readable.read_bytes()
@@ -97,7 +97,7 @@ def _base64(data: bytes) -> str:
 
 
 def viewer_files() -> Mapping[str, bytes]:
-    """Return script and WebAssembly module of the web viewer of rerun-sdk. Raises OSError."""
+    """Return the script and the WebAssembly module of rerun-sdk's web viewer, by file name. Raises OSError."""
     web = free_port()
     ports = ("--port", str(free_port()), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports)

@@ -1,7 +1,7 @@
 """Destination of a recording: a file that can be opened at any time, a viewer, or both.
 
 Rerun writes in the background without reporting errors, and a file that ends within a chunk cannot be opened. Each
-flush therefore waits for the file. If it fails, as on a full disk, the file is truncated to the previous flush.
+flush therefore waits for the file. If a flush fails, as on a full disk, the file is cut to the previous flush.
 """
 
 import ctypes
@@ -25,17 +25,17 @@ except ImportError:  # pragma: no cover - Windows has no file size limits
     resource = None  # type: ignore[assignment]
 
 PATIENCE_S = 5.0
-"""Maximum duration of a flush [s]. A normal flush takes a thousandth of it."""
+"""Time limit of a flush [s]. A normal flush takes a thousandth of this time."""
 LAST_WORDS_S = 0.5
-"""Delay between a failed flush and the truncation of the file, in which rerun retries to write [s]."""
+"""Delay between a failed flush and the truncation of the file, in which Rerun tries again to write [s]."""
 FULL_BYTES = 200_000
-"""Free space below which a disk counts as full [bytes]. Rerun leaves incomplete chunks without an error."""
+"""Free space below which a disk counts as full [bytes]. On a full disk Rerun writes incomplete chunks silently."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) for the static content [bytes]. With a lower limit rerun waits forever."""
+"""Minimum file size limit (`ulimit -f`) for the static content [bytes]. Below this limit Rerun waits forever."""
 
 
 class Sink:
-    """Connection of `stream` to a file, a viewer, or both."""
+    """Connection of a recording stream to a file, a viewer, or both."""
 
     def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False, spare: int = 0) -> None:
         self.stream, self.path, self.live, self.whole, self.spare = stream, path, live, 0, spare
@@ -52,12 +52,12 @@ class Sink:
                 raise OSError(errno.EIO, str(error), str(path)) from None
 
     def flush(self) -> bool:
-        """Write all logged data; return False, with a message on stderr, if the file cannot grow."""
+        """Write all logged data. If the file cannot grow, print a message to stderr and return False."""
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
             if self.live and not self._full():
-                return True  # the viewer is slow or was closed
+                return True  # the viewer is slow or closed
             self._cut()
             return False
         if self.path is not None:
@@ -91,7 +91,7 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Create an empty file in place of a link or older file. Raises OSError, `ScenarioError` for a foreign file."""
+    """Create an empty file in place of a link or recording. Raises OSError, `ScenarioError` for a foreign file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
@@ -100,14 +100,14 @@ def _make(path: Path) -> None:
     if resource is not None and 0 <= resource.getrlimit(resource.RLIMIT_FSIZE)[0] < LEAST_BYTES:
         raise OSError(errno.EFBIG, "there is no space for a recording", str(path))
     path.unlink(missing_ok=True)
-    path.open("xb").close()  # the errors of rerun are not OSError
+    path.open("xb").close()  # errors raised by Rerun are not OSError
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Return whether Rerun records to `path`; the environment variable `RERUN` may disable it.
+    """Return whether Rerun is enabled; the environment variable `RERUN` may disable it.
 
-    A disabled recording is reported once on stderr. An earlier recording at `path` is deleted because it belongs to
-    another run.
+    If it is disabled, a message is printed once to stderr, and an earlier recording at `path` is deleted, because it
+    belongs to another run.
     """
     if rr.is_enabled(stream):
         return True
@@ -124,6 +124,6 @@ def _report_switched_off() -> None:
 
 
 def abandon(stream: rr.RecordingStream) -> None:
-    """Keep `stream` until the process ends: rerun may wait forever for a writer that has failed."""
+    """Keep a stream alive until the process ends, because Rerun may wait forever for a writer that has failed."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
     rr.unregister_shutdown()

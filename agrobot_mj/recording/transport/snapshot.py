@@ -1,8 +1,8 @@
-"""Images and animations of a recording, rendered without a display by the viewer of Rerun.
+"""Images and animations of a recording, rendered by the Rerun viewer without a display.
 
-The viewer needs a Vulkan driver; the software driver of Mesa is sufficient. The title bar, which describes the machine,
-is removed. Images are written completely or not at all. A viewer that fails or exceeds its time limit, as on a busy
-machine, is restarted with a longer limit.
+The viewer needs a Vulkan driver; the software driver of Mesa is sufficient. The title bar, which describes the
+computer, is removed. Images are written completely or not at all. A viewer that fails or exceeds its time limit, for
+example on a busy machine, is restarted with a longer limit.
 """
 
 import io
@@ -30,32 +30,32 @@ from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic, check_names
 
 Kind = Literal["png", "gif", "mp4"]
-"""Type of file."""
+"""Format of the output file."""
 SIZE, TITLE_BAR = (1920, 1080), 37
 """Width and height of the images, and height of the removed title bar [pixels]."""
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
-"""Duration of an animation [s], frames per second, maximum size [pixels], and number of colours."""
+"""Duration of an animation [s], frame rate [1/s], maximum size [pixels], and number of colours."""
 SHOWN_S = 60.0
-"""Default time of an image [s]; the end of a shorter recording."""
+"""Default time of an image [s]; a shorter recording is shown at its end."""
 TRIES = 3
-"""Maximum number of attempts. The time limits of the n-th attempt are n times those of the first attempt."""
+"""Maximum number of attempts. The time limits of attempt n are n times those of the first attempt."""
 START_S = 30.0
 """Time limit for the start of the viewer in the first attempt [s]."""
 LOAD_S = 60.0
 """Time limit for loading a recording in the first attempt [s]."""
 TOASTS_S = 4.5
-"""Time for which start messages of the viewer cover the image [s]."""
+"""Duration for which start-up messages of the viewer cover the image [s]."""
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
-"""Time until all views are rendered after a change of time or tab, and between frames of an animation [s]."""
+"""Time in which all views are rendered after a change of time or tab, and in an animation after each frame [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
 class SnapshotError(Exception):
-    """Error that prevents images; the message names the file and the fix."""
+    """Error that prevents rendering; the message names the file and the fix."""
 
 
 class _LateError(Exception):
-    """Failure of a viewer after which another attempt is useful."""
+    """Failure of the viewer after which another attempt may succeed."""
 
 
 def snapshots(
@@ -67,11 +67,11 @@ def snapshots(
     size: tuple[int, int] = SIZE,
     quiet: bool = True,
 ) -> list[Path]:
-    """Write one PNG for each tab (default: all) at each time [s], as `folder`/<tab>_<time>.png.
+    """Write a PNG of each tab (default: all) at each time [s] to `folder`/<tab>_<time>.png. Return the files.
 
     A 3D view can be named in place of a tab and then fills the image. The kinds `gif` and `mp4` are animations of the
     10 s after each time, or of the last 10 s near the end; `mp4` needs the program ffmpeg. Default time: `SHOWN_S`, or
-    the end. `size` is width and height of the images [pixels]. Unless `quiet`, progress is printed on stderr.
+    the end. `size` is the width and height of the images [pixels]. Progress is printed to stderr unless `quiet`.
 
     Raises `SnapshotError` if the viewer cannot render or open the file, `ScenarioError` for an unknown tab or a time
     after the end.
@@ -106,7 +106,7 @@ def _draw(
 ) -> None:
     root, named = _tabs(file, layout)
     asked, views = {name.lower() for name in tabs}, _views(layout)
-    every = named | views  # a maximised view hides the tabs after it
+    every = named | views  # a maximised view hides the tabs that follow
     known = {name.lower() for name in every}
     if unknown := [name for name in tabs if name.lower() not in known]:
         raise ScenarioError(f"{file}: there is no tab or view {unknown[0]} (available: {', '.join(every)})")
@@ -158,8 +158,8 @@ def _animation(
 
 
 def as_mp4(frames: Sequence[Image.Image]) -> bytes:
-    """Return frames as a video that browsers play, encoded by ffmpeg. Raises `SnapshotError` if ffmpeg fails."""
-    even = "scale=trunc(iw/2)*2:trunc(ih/2)*2"  # required by the pixel format
+    """Encode frames with ffmpeg as a video that browsers can play. Raises `SnapshotError` if ffmpeg fails."""
+    even = "scale=trunc(iw/2)*2:trunc(ih/2)*2"  # the pixel format requires even sizes
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "video.mp4"
         command = ("ffmpeg", "-loglevel", "error", "-f", "image2pipe", "-framerate", str(FRAMES_PER_S), "-i", "-")
@@ -172,7 +172,7 @@ def as_mp4(frames: Sequence[Image.Image]) -> bytes:
 
 
 def frame_times(t: float, end: float) -> Array:
-    """Return the times of the frames of an animation from `t` [s], or of the last frames before `end` [s]."""
+    """Return the frame times of an animation that starts at `t` [s], or earlier if the recording ends at `end` [s]."""
     times = max(min(t, end - ANIMATED_S), 0.0) + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
     return times[: max(np.searchsorted(times, end), 1)]
 
@@ -183,7 +183,7 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return a common palette of all frames, computed from ten evenly spaced frames including the last."""
+    """Return a common colour palette of all frames, computed from ten evenly spaced frames including the last."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):
@@ -192,7 +192,7 @@ def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
-    """Return the image of the viewer or of one view at a time, without the title bar."""
+    """Return the image of the viewer, without its title bar, or of one view at a time [s]."""
     viewer.set_time(TIMELINE, duration=t, play_state="paused")
     viewer.take_screenshot(max_size=64)  # loads the data of the first frame
     time.sleep(settle_s)

@@ -1,4 +1,4 @@
-"""Common definitions of recordings: application name, timeline `sim_time` since the start of the run, and columns."""
+"""Shared definitions of recordings: application name, the timeline `sim_time` (time since the start), and columns."""
 
 from collections.abc import Iterable
 
@@ -10,24 +10,24 @@ from agrobot_mj.core.signals import Array
 APPLICATION = "agrobot_mj"
 TIMELINE = "sim_time"
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-"""Indices of rows of the log, or of tiles."""
+"""Array of integer indices, such as row numbers of the log."""
 Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 
 def nanoseconds(t: Array) -> Times:
-    """Return seconds (n,) as integer nanoseconds, so that equal times compare equal."""
+    """Convert times (n,) in seconds to integer nanoseconds, so that equal times compare equal."""
     return np.rint(t * 1e9).astype("timedelta64[ns]")
 
 
 def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
-    """Send columns of an entity at `times` (n,)."""
+    """Send columns of data to an entity, for the times `times` (n,)."""
     stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=times)], columns)
 
 
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
     """Return a column with `size` instances of a component at each time.
 
-    The method `columns` of an archetype has the same result but takes four times as long.
+    An archetype's method `columns` gives the same result, but takes four times as long.
     """
     offsets = np.arange(0, len(batch.as_arrow_array()) + 1, size, dtype=np.int32)
     return rr.ComponentColumn(descriptor, batch, offsets=offsets)

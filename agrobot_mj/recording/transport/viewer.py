@@ -1,4 +1,4 @@
-"""Rerun viewer on the loopback interface: for a live run, for a file, or in the browser."""
+"""Rerun viewer on the loopback interface: for a live run, for a file, or in a browser."""
 
 import ctypes
 import os
@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the Rerun command: on Linux the binary, which ends with its parent, or else the launcher."""
+    """Return the Rerun command. On Linux it is the binary itself, which can end with its parent process."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -41,7 +41,7 @@ def view(file: Path) -> int:
 
 
 def serve(file: Path) -> int:
-    """Serve `file` to browsers on this machine until interrupted; return the exit status."""
+    """Serve a recording to browsers on this machine until interrupted. Return the exit status of the server."""
     port, web = free_port(), free_port()
     data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
     print(f"http://127.0.0.1:{web}?url={data}&theme=dark (Ctrl-C ends it)", flush=True)
@@ -55,10 +55,10 @@ def serve(file: Path) -> int:
 def started(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Yield a viewer in a separate process session; the viewer ends with the block or with this process."""
+    """Run a viewer in a separate process session; the viewer ends with the block or with this process."""
     process = None
     try:
-        with held_back():  # a signal before the assignment would leave the process running
+        with held_back():  # a signal before the assignment would leave the viewer running
             process = subprocess.Popen(
                 command,
                 env=environment,
@@ -74,13 +74,13 @@ def started(
 
 
 def _die_with_parent() -> None:
-    """Request SIGTERM for the viewer when its parent ends, even by SIGKILL; called in the viewer process on Linux."""
+    """Let the kernel send SIGTERM to the viewer when its parent ends, even by SIGKILL. Called in the viewer process."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 
 
 def end(process: "subprocess.Popen[bytes]") -> None:
-    """End a viewer that leads a session, and its launcher."""
+    """Terminate a viewer that leads a process session, together with its launcher."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
         process.wait(timeout=5)
@@ -92,14 +92,14 @@ def end(process: "subprocess.Popen[bytes]") -> None:
 
 
 def free_port() -> int:
-    """Return a free port on loopback."""
+    """Return a free TCP port on the loopback interface."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run, and wait until it listens; print a message and return False if it fails."""
+    """Start a viewer that outlives the run, and wait until it listens. On failure, print a message and return False."""
     quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

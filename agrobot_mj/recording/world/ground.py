@@ -1,8 +1,8 @@
-"""Ground mesh: tiles in two shades that make motion visible, with a finer mesh where needed.
+"""Ground mesh: tiles in two shades that make motion visible, with a finer mesh where relief or patches need it.
 
 Coarse tiles cover the field around the path. Tiles with relief or on the border of patches are subdivided, nearest to
 the path first, up to a maximum number of vertices. Relief is coloured by height and shaded with light from the
-north-west. Soft soil is brown, slippery ground bluish.
+north-west. Soft soil is brown, slippery ground is bluish.
 """
 
 from collections.abc import Sequence
@@ -20,42 +20,42 @@ from agrobot_mj.terrain.grid import Surface, heights
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MARGIN_M = 50.0
-"""Width of the ground around the path [m]. A tractor farther away has diverged."""
+"""Width of the ground drawn around the path [m]. A tractor farther away has diverged."""
 APRON_M, APRON_STEPS = 400.0, 8
-"""Width of the apron around the tiles of a plane [m], and its number of segments per side."""
+"""Width of the apron, a surface around the tiles [m], and its number of segments per side."""
 TILE_M = 2.0
-"""Side of a tile [m]; larger on fields that would need more than `MOST_TILES`."""
+"""Side length of a tile [m]. Fields that would need more than `MOST_TILES` have larger tiles."""
 MOST_TILES = 6_000
 MOST_VERTICES = 60_000
-"""Maximum number of vertices of subdivided tiles; a vertex needs 52 bytes with normal and triangles."""
+"""Maximum number of vertices of subdivided tiles. A vertex needs 52 bytes, including normal and triangles."""
 FINEST_M = 0.1
-"""Distance between vertices on relief [m]: 7 vertices per furrow of 0.75 m."""
+"""Minimum distance between vertices on relief [m]: 7 vertices per furrow of 0.75 m."""
 SMOOTH_M = 0.004
-"""Deviation of relief from a straight line along a tile below which the direction is not subdivided [m]."""
+"""Maximum deviation from a straight line at which relief is not subdivided in a direction [m]."""
 BORDER_M = 0.25
-"""Distance between vertices at the borders of patches [m]."""
+"""Distance between vertices at borders of patches [m]."""
 BLEND_M = 0.35
-"""Half width of the strip in which the colours of two patches are blended to avoid jagged borders [m]."""
+"""Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]."""
 CORRIDOR_M = 4.0
-"""Distance from the path within which tiles are always subdivided, if necessary more coarsely [m]."""
+"""Distance from the path within which all tiles with relief are subdivided, if necessary more coarsely [m]."""
 DIVIDED_M = 25.0
-"""Distance from the path above which relief is omitted, because it would flicker in distant views [m]."""
+"""Distance from the path above which relief is omitted, because relief flickers in distant views [m]."""
 ROUGH_LIFT_M = 0.02
-"""Maximum distance between the mesh and the corners of relief [m]."""
+"""Maximum height of mesh corners above relief [m]."""
 SHADES = 0.96, 1.04
-"""Brightness of the two shades of tiles [-]."""
+"""Brightness factors of the two shades of tiles [-]."""
 SUN = np.array([-0.45, 0.45, 0.77])
-"""Direction of the light on relief and slopes: north-west, elevation 50 degrees."""
+"""Direction of the light on relief and slopes, as a vector (east, north, up): from the north-west, 50 degrees high."""
 DARKEST, BRIGHTEST = 0.55, 1.45
-"""Minimum and maximum brightness after shading [-]."""
+"""Minimum and maximum brightness factor after shading [-]."""
 
 
 Steps = tuple[int, int]
-"""Number of segments of a tile along x and y."""
+"""Number of segments of a tile in x and y."""
 
 
 class _Field(NamedTuple):
-    """Grid of tiles: `columns` x `rows` of size (width, height), starting at (x0, y0) [m]."""
+    """Grid of `columns` x `rows` tiles of size (width, height), with its corner at (x0, y0) [m]."""
 
     x0: float
     y0: float
@@ -65,8 +65,8 @@ class _Field(NamedTuple):
     rows: int
 
     def points(self, tiles: Index, steps: Steps, beyond: float = 0.0) -> tuple[Array, Array]:
-        """Return the nodes of `tiles` (n, 2), given by row and column, divided into `steps` (along x, along y) and
-        extended by `beyond` [m]: x, y of shape (n, steps[1] + 1, steps[0] + 1)."""
+        """Return the nodes of `tiles` (n, 2), given by row and column, divided into `steps` (in x, in y) and extended
+        by `beyond` [m] on each side: x and y [m], shape (n, steps[1] + 1, steps[0] + 1) each."""
         u, v = (np.arange(count + 1) / count for count in steps)
         u, v = u + (2 * u - 1) * beyond / self.width, v + (2 * v - 1) * beyond / self.height
         x = self.x0 + self.width * (tiles[:, 1, None, None] + u[None, None, :])
@@ -81,20 +81,20 @@ class _Field(NamedTuple):
 
 
 def on_ground(ground: Ground, points: Array, lift: float) -> Array:
-    """Return the points (n, 2) at height `lift` above the ground and the corners of its mesh, shape (n, 3) [m]."""
+    """Return points (n, 2) raised by `lift` above the ground and above the corners of its mesh, shape (n, 3) [m]."""
     lift += 0.0 if ground.is_plane else ROUGH_LIFT_M
     return np.column_stack([points, heights(ground, points[:, 0], points[:, 1]) + lift])
 
 
 def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Array]:
-    """Return dh/dx and dh/dy [-] from central differences over +-`reach` [m], shape as `x` and `y` [m]."""
+    """Return the slopes dh/dx and dh/dy [-] at `x` and `y` [m], by central differences over +-`reach` [m]."""
     dx = heights(ground, x + reach, y) - heights(ground, x - reach, y)
     dy = heights(ground, x, y + reach) - heights(ground, x, y - reach)
     return dx / (2 * reach), dy / (2 * reach)
 
 
 def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
-    """Return the mesh of the ground around `path` (n, 2)."""
+    """Return the ground mesh around the points `path` (n, 2) [m]."""
     field = _field(ground, path)
     fine, steps = _divided(ground, field, path)
     corners = _corners(ground, field, fine)
@@ -117,7 +117,7 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
 
 
 def smooth_corners(ground: Ground, path: Array) -> Array:
-    """Return the ground without relief around `path` (n, 2), at tile corners, shape (rows + 1, columns + 1, 3)."""
+    """Return the ground around `path` (n, 2) without relief, at tile corners, shape (rows + 1, columns + 1, 3) [m]."""
     field = _field(ground, path)
     if ground.is_plane:
         field = _Field(field.x0, field.y0, field.width * field.columns, field.height * field.rows, 1, 1)
@@ -126,16 +126,16 @@ def smooth_corners(ground: Ground, path: Array) -> Array:
 
 
 class _Part(NamedTuple):
-    """Vertices, and triangles between them."""
+    """Part of the mesh: vertices and the triangles between them."""
 
     positions: Array
     """Positions of the vertices, shape (n, 3) [m]."""
     normals: Array
     """Normals of the vertices, shape (n, 3)."""
     shade: Array
-    """Shade of the tile of each vertex from 0 (dark) to 1 (light), shape (n,)."""
+    """Shade of each vertex from 0 (dark tile) to 1 (light tile), shape (n,)."""
     triangles: Index
-    """Vertices of the triangles, counter-clockwise from above, shape (m, 3)."""
+    """Vertex indices of the triangles, counter-clockwise seen from above, shape (m, 3)."""
 
 
 def _field(ground: Ground, path: Array) -> _Field:
@@ -148,7 +148,7 @@ def _field(ground: Ground, path: Array) -> _Field:
 
 
 def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
-    """Return which tiles are subdivided, shape (rows, columns), and into how many segments."""
+    """Return a mask of the subdivided tiles, shape (rows, columns), and their number of segments in x and y."""
     if ground.is_plane and not ground.surface.friction.size:
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
@@ -165,11 +165,11 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
     straight = _straight(ground, field, tiles[near], most)
     if all(straight):
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
-    varied = 2 - sum(straight)  # directions that need vertices
+    varied = 2 - sum(straight)  # number of directions that need vertices
     room = MOST_VERTICES / max(int(near.sum()), 1) / 2 ** sum(straight)
     count = int(np.clip(room ** (1 / max(varied, 1)) - 1, 1, most))
     steps = 1 if straight[0] else count, 1 if straight[1] else count
-    # A limit on the distance gives a straight border of the subdivided part.
+    # A limit on the distance gives the subdivided area a straight border.
     ordered, budget = np.sort(away[wanted]), MOST_VERTICES // ((steps[0] + 1) * (steps[1] + 1))
     farthest = ordered[budget] if budget < len(ordered) else np.inf
     fine = wanted & (away < farthest - 1e-6) & (max(steps) > 1)
@@ -177,7 +177,7 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
 
 
 def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
-    """Return whether the relief of `tiles` (n, 2) is straight along x and along y, as furrows in one direction."""
+    """Return whether the relief of `tiles` (n, 2) is straight in x and in y. Furrows are straight in one direction."""
     if ground.is_plane or not len(tiles):
         return False, False
     z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))
@@ -188,14 +188,14 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
 
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Return which of `tiles` (n, 2) contain, or blend with, more than one type of ground."""
+    """Return a mask (n,) of the tiles (n, 2) that contain, or blend with, more than one type of ground."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Return the heights of all tile corners, shape (rows + 1, columns + 1) [m]; mean heights next to coarse tiles."""
+    """Return the heights of all tile corners, shape (rows + 1, columns + 1) [m]: mean heights next to coarse tiles."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact
@@ -205,7 +205,7 @@ def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
 
 
 def _mean(ground: Ground, field: _Field) -> Array:
-    """Return the mean height around each corner, over the area of a tile, shape (rows + 1, columns + 1) [m]."""
+    """Return the mean height over the area of a tile around each corner, shape (rows + 1, columns + 1) [m]."""
     x, y = field.corners()
     offsets = (np.arange(6) + 0.5) / 6 - 0.5
     around = [heights(ground, x + a * field.width, y + b * field.height) for a in offsets for b in offsets]
@@ -222,7 +222,7 @@ def _coarse(field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array
 
 
 def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Steps) -> _Part:
-    """Return the subdivided tiles. Edges next to coarse tiles are straight to avoid gaps."""
+    """Return the subdivided tiles. Their edges next to coarse tiles are straight, so that there are no gaps."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
     z = heights(ground, x, y)
@@ -242,13 +242,13 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Step
         straight = line[:, :1] * (1 - u) + line[:, -1:] * u
         z[edge] = np.where(beside[:, None], line, straight)
     reach = max(min(field.width / steps[0], field.height / steps[1]), ground.spacing) / 2
-    # Relief is visible by its shading, which two shades would hide.
+    # The shading makes relief visible. Tiles of two shades would hide it.
     squares = tiles.sum(axis=1) % 2 if ground.is_plane else np.full(len(tiles), 0.5)
     return _part((x, y, z), slopes(ground, x, y, reach), squares)
 
 
 def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
-    """Return the mesh of tiles from nodes and slopes, (n, rows, columns) each, and from the shades `squares` (n,)."""
+    """Build tiles from positions and slopes of their nodes, (n, rows, columns) each, and the shades `squares` (n,)."""
     count, rows, columns = nodes[0].shape
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -275,7 +275,7 @@ def _apron(ground: Ground, field: _Field) -> _Part:
 
 
 def _cells(rows: int, columns: int) -> Index:
-    """Return two triangles per cell of a grid of nodes numbered row by row, shape (rows, columns, 2, 3)."""
+    """Return the vertex indices of two triangles per cell of a grid, shape (rows, columns, 2, 3)."""
     width = columns + 1
     corner = width * np.arange(rows)[:, None] + np.arange(columns)
     found: Index = corner[..., None, None] + np.array([[0, 1, width + 1], [0, width + 1, width]])
@@ -283,7 +283,7 @@ def _cells(rows: int, columns: int) -> Index:
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return friction scale [-] and cone index [Pa], 0 if not set, at points, shape as `x` and `y` [m]."""
+    """Return friction scale [-] and cone index [Pa] at `x` and `y` [m]. A cone index of 0 is unset."""
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
@@ -293,7 +293,7 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
-    """Return the colours of the vertices, shape (n, 3), uint8; the ramp covers the range of the heights `level` [m]."""
+    """Return vertex colours (n, 3), uint8. The colour ramp covers the range of the heights `level` [m]."""
     positions, shade = np.concatenate([part.positions for part in parts]), np.concatenate([p.shade for p in parts])
     colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
     if ground.surface.friction.size:
@@ -301,13 +301,13 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
     normals = np.concatenate([part.normals for part in parts])
     lit = np.clip(normals @ SUN / SUN[2], DARKEST, BRIGHTEST)
     dark, light = SHADES
-    factor = lit / np.sqrt(np.median(lit)) * (dark + (light - dark) * shade)  # with mean brightness adjusted
+    factor = lit / np.sqrt(np.median(lit)) * (dark + (light - dark) * shade)  # the median brightness is adjusted
     found: Array = np.clip(colours * factor[:, None], 0, 255).astype(np.uint8)
     return found
 
 
 def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
-    """Return `colours` (n, 3) blended with the mean soil colours around each of `positions` (n, 3)."""
+    """Return `colours` (n, 3) blended with the mean soil colours around `positions` (n, 3) [m]."""
     offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
     x, y = positions[:, 0], positions[:, 1]
     painted = [by_soil(colours, *properties(surface, x + a, y + b)) for a in offsets for b in offsets]

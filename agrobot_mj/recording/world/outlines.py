@@ -1,4 +1,4 @@
-"""Outlines of areas on the ground, for the whole time of a recording."""
+"""Outlines of areas on the ground, visible at all times of a recording."""
 
 from collections.abc import Sequence
 
@@ -9,12 +9,12 @@ from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.terrain import Ground
 
 LIFT_M = 0.02
-"""Height of outlines above the ground, above the reference path [m]."""
+"""Height of outlines above the ground [m], above the reference path."""
 WIDTH = rr.Radius.ui_points(1.0)
-"""Width of outlines on the screen."""
+"""Line width of outlines on the screen."""
 
 
 def send_outlines(stream: rr.RecordingStream, ground: Ground, name: str, rings: Sequence[Array], colour: int) -> None:
-    """Draw closed lines, each of shape (n, 2) [m], in the entity `world/areas/name` in the colour 0xRRGGBBAA."""
+    """Draw closed lines of shape (n, 2) [m] as the entity `world/areas/name`, in the colour 0xRRGGBBAA."""
     lines = [on_ground(ground, ring, LIFT_M) for ring in rings]
     stream.log(f"world/areas/{name}", rr.LineStrips3D(lines, colors=colour, radii=WIDTH), static=True)

@@ -1,7 +1,7 @@
-"""Static content of the scene: ground, reference path, and the shape of each body in its frame.
+"""Static content of the scene: ground, reference path, and the geoms of each body in the body frame.
 
-The geoms of a body with the same shape form one entity, for example all 64 lugs of the wheels. Contour lines show the
-slope of the ground without its relief; furrows and bumps have no contour lines.
+Geoms of a body with the same shape form one entity, for example all 64 lugs of the wheels. Contour lines show the slope
+of the ground without relief: furrows and bumps have no contour lines.
 """
 
 from collections.abc import Sequence
@@ -23,15 +23,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
-"""Height of the reference path above the ground [m]. The heights of all lines differ, so that none is hidden."""
+"""Height of the reference path above the ground [m]. All lines have different heights, so that none is hidden."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
-"""Width of the reference path on the screen, independent of the distance."""
+"""Line width of the reference path on the screen, independent of the camera distance."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Distance between points of the reference on a plane and on relief [m], and maximum number of points."""
+"""Distance between points of the reference path on a plane and on relief [m], and maximum number of points."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
-    """Send the static content; `reference` is the result of `reference_line`."""
+    """Send the static content. `reference` (n, 3) [m] is the result of `reference_line`."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
     lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
@@ -44,7 +44,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
-    """Return the reference of the complete run, shape (n, 3) [m]."""
+    """Return the reference path of the complete run above the ground, shape (n, 3) [m]."""
     duration, step = scenario.ticks * TICK_S, PATH_STEP_M if ground.is_plane else ROUGH_PATH_STEP_M
     count = min(ceil(duration * scenario.path.speed_m_s / step), scenario.ticks, MOST_PATH_POINTS)
     times = np.linspace(0.0, duration, max(count, 1) + 1)
@@ -52,11 +52,11 @@ def reference_line(scenario: Scenario, ground: Ground) -> Array:
 
 
 SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
-"""Entity name by type of geom; geoms of other types are ellipsoids."""
+"""Entity name for each geom type. Geoms of other types are ellipsoids."""
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """Return one batch per shape in `geoms`, by entity name. Each mesh has a separate batch."""
+    """Return one batch for each shape in `geoms`, by entity name. Each mesh is a separate batch."""
     batches: dict[str, list[Geom]] = {}
     meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:
@@ -67,7 +67,7 @@ def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
 
 
 def followed(scene: Scene) -> str:
-    """Return the entity in `world/bodies` for the camera to follow: the first body with a shape."""
+    """Return the entity below `world/bodies` that the camera follows: the first body with a shape."""
     return next(
         f"{body}/{kind}"
         for body in scene.bodies
@@ -92,7 +92,7 @@ def _surface(geom: Geom, mesh: Mesh) -> rr.Mesh3D:
 def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
     places = np.array([geom.pos for geom in geoms])
     sizes = np.array([(geom.size[0],) * 3 if geom.kind == "sphere" else geom.size for geom in geoms])
-    turns = np.array([geom.quat for geom in geoms])[:, [1, 2, 3, 0]]  # order x, y, z, w of rerun
+    turns = np.array([geom.quat for geom in geoms])[:, [1, 2, 3, 0]]  # Rerun has the order x, y, z, w
     style: Any = {"quaternions": turns, "colors": np.array([geom.rgba for geom in geoms]), "fill_mode": FillMode.Solid}
     if entity == "boxes":
         return rr.Boxes3D(half_sizes=sizes, centers=places, **style)
@@ -103,21 +103,21 @@ def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
         return rr.Cylinders3D(centers=places, **tube)
     x, y, z, w = turns.T
     axes = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    # capsules of rerun start at their origin, capsules of MuJoCo are centred
+    # Capsules of Rerun start at their origin; capsules of MuJoCo are centred.
     return rr.Capsules3D(translations=places - sizes[:, 1:2] * axes, **tube)
 
 
 CONTOURS = "world/contours"
 COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
-"""Colour, width and height [m] of contour lines, lower than reference path and tracks."""
+"""Colour, line width and height [m] of contour lines. They are below the reference path and the tracks."""
 MOST_LINES = 24
 """Maximum number of contour lines."""
 LEAST_RISE_M = 0.4
-"""Minimum height difference for contour lines [m]."""
+"""Minimum height difference of the ground at which contour lines are drawn [m]."""
 
 
 def interval(low: float, high: float) -> float | None:
-    """Return the height between contour lines, 1, 2 or 5 times a power of ten [m]; None for level ground."""
+    """Return the interval of contour lines, 1, 2 or 5 times a power of ten [m]; None for level ground."""
     if high - low < LEAST_RISE_M:
         return None
     least = (high - low) / MOST_LINES
@@ -126,7 +126,7 @@ def interval(low: float, high: float) -> float | None:
 
 
 def contours(corners: Array) -> list[Array]:
-    """Return the contour lines of a surface through `corners` (rows, columns, 3), each of shape (n, 3) [m]."""
+    """Return the contour lines of the surface through `corners` (rows, columns, 3), each of shape (n, 3) [m]."""
     x, y, z = np.moveaxis(corners, -1, 0)
     step = interval(float(z.min()), float(z.max()))
     if step is None:
@@ -141,7 +141,7 @@ def contours(corners: Array) -> list[Array]:
 
 
 def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
-    """Return the contour lines of `corners` (rows, columns, 3), raised by `lift` [m]; None for level ground."""
+    """Return contour lines of `corners` (rows, columns, 3) raised by `lift` [m]; None for level ground."""
     lines = contours(corners)
     if not lines:
         return None

@@ -19,21 +19,21 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5
-"""Number of ticks in a segment of a track: 0.3 m at 1.2 m/s."""
+"""Number of ticks per segment of a track, 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
-"""Colours of fixes by quality: none, float, fix, DGPS."""
+"""Colours of GNSS fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Height of the fixes, lower than the tracks, and their radius, the sigma of the paper's receiver [m]."""
+"""Height of GNSS fixes above the ground, below the tracks, and their radius, the sigma of the paper's receiver [m]."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 
 
 class DrawnTrack(NamedTuple):
-    """Track that grows during the run."""
+    """Track that grows during a run."""
 
     name: str
     x: str
-    """Column of the log with the east coordinate."""
+    """Log column with the east coordinate."""
     y: str
     colour: int
     lift_m: float
@@ -50,17 +50,17 @@ TRACKS = (
     DrawnTrack("estimated", "x_hat", "y_hat", ESTIMATED, 0.015, 1.25),
     DrawnTrack("true", "x", "y", TRUE, 0.04, 1.5),
 )
-"""Tracks of the CG. The true track is drawn above the estimated track."""
+"""Tracks of the CG. The true track is above the estimated track."""
 
 
 class Tracks:
-    """Sender of the tracks."""
+    """Sender of the tracks and of the GNSS fixes."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the rows from `first` at the times `times` (n,)."""
+        """Send the track segments and fixes of the rows from `first`, at the times `times` (n,)."""
         ends = piece_ends(len(times))
         for track in TRACKS:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
@@ -71,7 +71,7 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """Return the segments that end before the rows `first + ends`, each connected to the previous segment."""
+        """Return track segments that end before the rows `first + ends`, each connected to the previous one."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
@@ -90,12 +90,12 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Return the ends of the segments of `count` new rows as slice ends: 5, 10, ... and `count`."""
+    """Return the ends of the segments of `count` new rows, as slice ends: 5, 10, ..., `count`."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 
 def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
-    """Return the line strips `points[start:end]` in the memory layout of rerun, whose conversion is slow."""
+    """Return the line strips `points[start:end]` in Rerun's memory layout, because Rerun's conversion is slow."""
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
     vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
     return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

@@ -1,7 +1,7 @@
 """Tyre marks: a flat strip behind each wheel, as wide as the tyre, coloured by slip.
 
-Marks are sent as small meshes with equal triangles, each at the time of its end. The layout shows all marks up to the
-present time. A wheel in the air leaves no mark.
+Marks are sent as small meshes with the same triangle indices, each at the time of its end. The layout shows all marks
+up to the present time. A wheel in the air leaves no mark.
 """
 
 import numpy as np
@@ -17,15 +17,15 @@ from agrobot_mj.recording.world.wheels import Wheels
 Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
-"""Possible lengths of a segment [ticks]."""
+"""Possible lengths of a segment of the marks [ticks]."""
 MOST_PIECES = 800
-"""Maximum number of segments per run. Each is a separate mesh in the viewer."""
+"""Maximum number of segments per run. Each segment is a separate mesh in the viewer."""
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
-"""Number of ticks between cross-sections of a mark, on a plane and on relief: 0.3 and 0.12 m at 1.2 m/s."""
+"""Number of ticks between cross-sections of a mark, on a plane and on relief (0.3 m and 0.12 m at 1.2 m/s)."""
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
-"""Heights of the marks of the four wheels [m]. Rear marks are above front marks."""
+"""Heights of the marks of the four wheels above the ground [m]. Rear marks are above front marks."""
 SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
-"""Minimum slip of each colour: pressed earth, amber, red."""
+"""Slip at which each colour applies [-]: brown (pressed earth), orange, red."""
 
 
 class Trail:
@@ -60,7 +60,7 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return left and right edge of each mark at rows `at` (n,), (n, 4, 2, 3) [m], and the colours (n, 4, 2)."""
+        """Return the left and right edges of the marks at rows `at` (n,), (n, 4, 2, 3) [m], and colours (n, 4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
@@ -70,7 +70,7 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Return the triangles of one segment, shape (n, 3), with vertices ordered by section, wheel and edge."""
+        """Return the triangles of a segment, shape (n, 3). Vertices are ordered by cross-section, wheel and edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

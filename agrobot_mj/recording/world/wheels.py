@@ -1,7 +1,7 @@
-"""Contact points of wheels, the frame of the logged wheel forces, and force arrows next to the wheels.
+"""Contacts of wheels, which are the frames of logged wheel forces, and force arrows next to the wheels.
 
-The force in the ground plane is coloured by the fraction of friction in use; its arrow starts at the edge of the
-footprint. The arrow of the load starts outside the tyre. A log without wheels has no arrows.
+The arrow of the force in the ground plane starts at the edge of the footprint, and its colour shows the friction
+utilisation. The arrow of the load starts outside the tyre. A log without wheels has no arrows.
 """
 
 from typing import NamedTuple
@@ -19,23 +19,23 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
 REACH_M = 0.01
-"""Half of the distance over which the slope of the ground is computed [m]."""
+"""Half of the distance over which ground slopes are computed [m]."""
 
 
 class WheelContacts(NamedTuple):
-    """Contacts of the wheels fl, fr, rl, rr at n times; vectors in the world frame, shape (n, 4, 3)."""
+    """Contacts of the wheels fl, fr, rl, rr at n times: vectors in the world frame, shape (n, 4, 3)."""
 
     patch: Array
-    """Lowest point of the central plane of the tyre [m]."""
+    """Lowest point of the tyre's central plane [m]."""
     forward: Array
-    """Rolling direction in the plane of the ground."""
+    """Rolling direction, parallel to the ground."""
     left: Array
     normal: Array
-    """Normal of the ground below the centre of the wheel."""
+    """Normal of the ground below the wheel centre."""
 
 
 class Wheels:
-    """Wheels of a run."""
+    """Wheels of a run, with their geometry and logged quantities."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
@@ -47,18 +47,18 @@ class Wheels:
         """Half widths of the tyres [m]."""
 
     def contacts(self, at: Index) -> WheelContacts:
-        """Return the contacts at the rows `at` (n,)."""
+        """Return the contacts in the log rows `at` (n,)."""
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
     def report(self, quantity: str, at: Index) -> Array:
-        """Return a wheel quantity of the log at the rows `at` (n,), shape (n, 4)."""
+        """Return a logged wheel quantity in the rows `at` (n,), shape (n, 4)."""
         columns = np.array([self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS])
         found: Array = self.rows.values[np.ix_(at, columns)]
         return found
 
 
 def contacts(ground: Ground, poses: Array, radii: Array) -> WheelContacts:
-    """Return the contacts for wheel poses (n, 4, 7) and radii (4,) [m], as in `tyres.patch.find_patch`."""
+    """Return the contacts of wheels with poses (n, 4, 7) and radii (4,) [m], as in `tyres.patch.find_patch`."""
     centre = poses[..., :3]
     w, x, y, z = np.moveaxis(poses[..., 3:], -1, 0)
     axle = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
@@ -76,27 +76,27 @@ def _unit(v: Array) -> Array:
 
 
 M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
-"""Length of the arrows of ground forces and loads per newton [m/N], and their widths [m], for the default tractor. For
-other tractors, arrows are scaled by size, and forces by weight."""
+"""Length per newton of the arrows of ground forces and loads [m/N], and radii of these arrows [m], for the default
+tractor. For other tractors, arrows are scaled by size, and forces by weight."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Lateral distance from the tyre and height of an arrow [m]; half footprint length divided by the wheel radius [-]."""
+"""Lateral distance of an arrow from the tyre and its height [m]; half footprint length per wheel radius [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF
 USE_COLOURS = ((0.0, 0x4DF08AFF), (0.6, 0xFFC400FF), (0.95, 0xE02010FF))
-"""Lower limit of the friction utilisation shown in each colour [-]."""
+"""Friction utilisation at which each colour applies [-]."""
 UNKNOWN_USE = 0.0
 
 
 class Forces:
-    """Sender of the force arrows at every tick."""
+    """Sender of the force arrows, at every tick."""
 
     def __init__(self, wheels: Wheels, tractor: TractorParameters) -> None:
         self.wheels, self.size = wheels, tractor.size
         self.scale = tractor.size * COMPACT.mass_kg / tractor.mass_kg
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the rows from `first` at the times `times` (n,)."""
+        """Send the arrows of the rows from `first`, at the times `times` (n,)."""
         if first == 0:
             stream.log(FORCES, rr.Arrows3D.from_fields(radii=THICK_M * self.size), static=True)
             stream.log(LOADS, rr.Arrows3D.from_fields(radii=THIN_M * self.size, colors=LOAD_COLOUR), static=True)
@@ -109,7 +109,7 @@ class Forces:
         send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
-        """Return start and vector of ground forces, then of loads, at the rows `at` (n,), (n, 4, 3) each [m]."""
+        """Return origins and vectors of ground forces, then of loads, in the rows `at` (n,), (n, 4, 3) each [m]."""
         contacts = self.wheels.contacts(at)
         fx, fy, load = (np.nan_to_num(self.wheels.report(name, at))[..., None] for name in ("fx", "fy", "load"))
         along = fx * contacts.forward + fy * contacts.left
