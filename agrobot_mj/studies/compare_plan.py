@@ -1,9 +1,9 @@
-"""Plan of a comparison: a sweep whose variants are laws on plants, checked before its runs start.
+"""Plan of a comparison: a sweep whose variants are laws on plants. The plan is checked before its first run.
 
 A comparison runs each law on each plant with each seed. A law is an entry of `controllers` (with the guidance law of
-the scenario), an entry of `guidance` (with each controller, if it has one) or a variant, a named set of overrides. A
-variant that sets [guidance] or [controller] is a separate law. Any other variant changes machine, field or path, and
-all named laws run on it.
+the scenario), an entry of `guidance` (with each controller, if the law uses one), or a variant. A variant is a named
+set of overrides. If it sets [guidance] or [controller], it is a separate law. Otherwise it changes machine, field or
+path, and all named laws run with it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,17 +21,17 @@ from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
-"""Default controllers of a comparison without named laws or variants."""
+"""Default controllers of a comparison for which neither laws nor variants are named."""
 MOST_RUNS = 2000
-"""Default limit of the number of runs: one to three hours on one core for the figure eight."""
+"""Default maximum number of runs: one to three hours on one core for the figure eight."""
 MOST_DRAWN = 24
-"""Maximum number of laws in figures and in the common recording that can be distinguished."""
+"""Maximum number of laws that can be distinguished in figures and in the common recording."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
-"""Keys that variants may not set, with the option that sets them."""
+"""Keys that variants must not set, with the command-line options that set them."""
 
 
 class CompetingLaw(NamedTuple):
-    """Law of a comparison, one line of its table."""
+    """Law of a comparison, shown as one line of the table."""
 
     name: str
     overrides: Mapping[str, Any]
@@ -44,20 +44,20 @@ class Case(NamedTuple):
     plant: str
     law: str
     variant: str | None
-    """Name of the variant; None without variant."""
+    """Name of the variant; None without a variant."""
     seed: int
     scenario: Scenario
     folder: str
 
     @property
     def controller(self) -> str | None:
-        """Kind of the yaw controller; None for a guidance law without yaw controller."""
+        """Kind of the yaw controller; None if the guidance law uses none."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 
 
 class Comparison(SweepPlan):
-    """Runs of a comparison, each with a folder named after plant, law and seed."""
+    """Runs of a comparison. Each run has a folder named after plant, law and seed."""
 
     def __init__(
         self,
@@ -70,20 +70,20 @@ class Comparison(SweepPlan):
         super().__init__(Sweep(scenario.name, SweepFile(base=BASE, seeds=seeds, variant=tuple(laws)), scenario))
         self.cases = list(cases)
         self.left_out = left_out
-        """Reason for each omitted plant, or law on a plant, that cannot run the scenario."""
+        """Reasons why plants, or laws on a plant, are omitted: they cannot run the scenario."""
         self.recorded = True
-        """Whether runs are recorded, individually and in the common recording."""
+        """Whether runs are recorded, both individually and in the common recording."""
 
     @cached_property
     def drawn(self) -> list[int]:
-        """Numbers of the runs in the figures: the first seed of the first `MOST_DRAWN` laws."""
+        """Numbers of the runs shown in figures: the first seed of the first `MOST_DRAWN` laws."""
         laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
         first = self.cases[0].seed
         return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the written files except table and rows, see `results`."""
+        """Names of the folders that the runs write, as in `results`."""
         return tuple(f"{case.folder}/" for case in self.cases)
 
     def folder(self, number: int) -> str:
@@ -91,12 +91,12 @@ class Comparison(SweepPlan):
         return self.cases[number].folder
 
     def task(self, number: int) -> Task:
-        """Return the task of run `number`; the runs in the common recording keep their poses."""
+        """Return the task of run `number`. Runs in the common recording also keep their poses."""
         kept = "signals" if not self.recorded else "poses" if number in self.drawn else "recordings"
         return super().task(number)._replace(keep=kept)
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Accept the plan; `plan` has already checked all cases."""
+        """Do nothing, because `plan` has already checked all runs."""
 
 
 def plan(
@@ -108,9 +108,9 @@ def plan(
     seeds: int = 1,
     most: int = MOST_RUNS,
 ) -> Comparison:
-    """Return the checked plan of all combinations; seeds count from the seed of the scenario. Raises `ScenarioError`.
+    """Return the checked plan of all combinations, with seeds from the scenario's seed. Raises `ScenarioError`.
 
-    Default of `plants`: the plants in `PLANTS` that can run the law. Named plants must be able to run all laws.
+    By default `plants` are the plants in `PLANTS` that can run each law. Given plants must be able to run all laws.
     """
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
@@ -128,7 +128,7 @@ def plan(
         _check_seeds(first.seed, seeds)
         lines.append(SweepVariant(name=f"{plant}-{place}", set={"plant.kind": plant, **law.overrides}))
         for seed in range(first.seed, first.seed + seeds):
-            changed = first.model_copy(update={"seed": seed})  # the checks do not depend on the seed
+            changed = first.model_copy(update={"seed": seed})  # the checks are independent of the seed
             cases.append(Case(plant, law.name, law.variant, seed, changed, f"{plant}-{place}-s{seed}"))
     check_tractors(case.scenario for case in cases[::seeds])
     return Comparison(scenario, cases, lines, seeds, left_out)
@@ -140,7 +140,7 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """Return the laws of a comparison. Raises `ScenarioError`."""
+    """Return the compared laws: named laws with each variant, and variants that are laws. Raises `ScenarioError`."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]
@@ -163,7 +163,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws named by kind; default: `CONTROLLERS`."""
+    """Return the laws of the named kinds of controllers and guidance. Default: `CONTROLLERS`."""
     if controllers is None and not guidance:
         if varied:
             return []
@@ -185,14 +185,14 @@ def _named(
         raise ScenarioError("\n".join(errors))
     if controllers is None or inside:
         return found
-    if not _takes_controller(scenario):  # controllers have no effect, and all runs would be equal
+    if not _takes_controller(scenario):  # controllers have no effect, so that all runs would be equal
         kind = scenario.guidance.kind
         return found if kind in (guidance or ()) else [CompetingLaw(kind, {}), *found]
     return [*(CompetingLaw(kind, {"controller.kind": kind}) for kind in controllers), *found]
 
 
 def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Return the plants that can run the scenario, and the reason why each other plant cannot."""
+    """Return the plants that can run the scenario, and for each other plant the reason why it cannot."""
     able, left_out = [], []
     for plant in plants:
         try:

@@ -1,4 +1,4 @@
-"""Remarks on rankings: whether the cross-track error compares laws or estimates, and inconsistent estimates."""
+"""Remarks on rankings: whether the cross-track errors compare laws or only estimates, and inconsistent estimates."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Return remarks on the runs of the named cases: dominance of the estimator part, warnings about estimates."""
+    """Return remarks on the runs of named cases: dominance of the estimator's errors, warnings about estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 
@@ -52,7 +52,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """Return the warnings about estimates in a table of runs as a sentence; empty without table or column."""
+    """Return the warnings about estimates in the table of a sweep as one sentence; empty without table or column."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
         return []
@@ -60,11 +60,11 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Return the mean position NEES if any of the runs has an inconsistent estimate, otherwise an empty string [-]."""
+    """Return the mean position NEES of the runs if one of them has an inconsistent estimate, otherwise "" [-]."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent text; empty if most texts are missing."""
+    """Return the most frequent text; empty if missing texts are the most frequent."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

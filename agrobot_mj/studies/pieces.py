@@ -1,4 +1,4 @@
-"""Grouping of runs by path segment: errors are comparable only on the same segment."""
+"""Grouping of runs by the path segment that they cover. Errors are comparable only on the same segment."""
 
 from collections.abc import Iterable
 
@@ -10,15 +10,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.scenario.tables import LONGEST_S
 
 SAMPLES, STATIONS = 400, 50
-"""Number of points along a segment at equal times, and number of stations at equal distances for the comparison."""
+"""Numbers of points along a segment: equally spaced in time, and equally spaced in distance for comparisons."""
 APART = 0.01
-"""Maximum distance between stations of equal segments, divided by the length [-]. Assumed value: rounding to ticks."""
+"""Maximum distance between points of equal segments per segment length [-]. Assumed value: rounding to ticks."""
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """Return the number of the path segment of each scenario, from 1. Scenarios with equal segments have equal numbers.
+    """Return a number from 1 for the path segment of each scenario. Scenarios with equal segments have equal numbers.
 
-    A slow and a fast run to the end of a path have the same segment; runs of equal duration do not.
+    A slow and a fast run to the end of a path cover the same segment; runs of equal duration do not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -36,7 +36,7 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """Return the scenario at another speed [m/s]. A given duration is changed to cover the same segment."""
+    """Return the scenario at another speed [m/s]. A given duration is adapted, so that the path segment is the same."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
@@ -49,14 +49,14 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
 
 
 def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
-    """Return times (n,) [s], points (n, 2) and arc lengths (n,) [m] of the reference of a path until `end` [s]."""
+    """Return times (n,) [s], positions (n, 2) [m] and arc lengths (n,) [m] of a path's reference until `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
     return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return the stations along a segment, and its length in the last row, shape (STATIONS + 1, 2) [m]."""
+    """Return points along a scenario's path segment, and its length in the last row, shape (STATIONS + 1, 2) [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

@@ -1,9 +1,9 @@
-"""Figures of a comparison, similar to the figures of the paper.
+"""Figures of a comparison, similar to those of the paper.
 
 Runs are given as (plant, law, log), one run per plant and law. Each figure is a PNG with one column of panels per
 plant. A law has the same colour in all figures. Signals that a law does not have, such as a yaw-rate error, are
 omitted. Errors are position minus reference, positive to the left of the path and ahead of the reference; the log
-contains reference minus position, as the paper. A cross marks the end of a failed run.
+contains reference minus position, as in the paper. A cross marks the end of a failed run.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,19 +24,19 @@ from agrobot_mj.paths import sample
 from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, law_name, save
 
 SMOOTHING_S = 1.0
-"""Length of the moving average for noisy signals [s]."""
+"""Window length of the moving average of noisy signals [s]."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
-"""Distance between the points of a drawn path [m], and maximum number of points."""
+"""Distance between points of a drawn path [m], and maximum number of points [-]."""
 KEY_IN, LETTER_IN = 0.45, 0.058
-"""Width of a legend entry without text, and mean width of an 8 pt letter [in]."""
+"""Width of a legend entry without text, and mean width of a letter of 8 pt [in]."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""Limit by unit of the axis: curves beyond it are ignored in the scale of a panel."""
+"""Limit for each axis unit. Curves that exceed the limit do not affect the scale of a panel."""
 
 
 class ReportedRun(NamedTuple):
-    """Run of a comparison."""
+    """Run of a comparison, as input of the figures."""
 
     plant: str
     law: str
@@ -46,7 +46,7 @@ class ReportedRun(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the law in figures, with "$" escaped and without a leading "_", which would hide the legend entry."""
+        """Name of the law in legends. A "$" is escaped; a leading "_" would hide the legend entry and gets a space."""
         name = law_name(self.law).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
@@ -55,16 +55,16 @@ Runs = Sequence[ReportedRun]
 
 
 def write_figures(runs: Runs, folder: Path) -> list[Path]:
-    """Draw all figures for which the runs have data into `folder`; return the files."""
+    """Draw all figures for which the runs have data, write them to `folder`, and return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(runs) for draw in FIGURES} if runs else {}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Return the reference (thin black) and tracks (first turn dotted, later turns solid), with one column per plant.
+    """Draw the reference (thin black) and tracks (first turn dotted, later turns solid), with one column per plant.
 
-    The lower row enlarges the region of maximum errors.
+    The lower row enlarges the region of the maximum errors.
     """
     plants, (low, high), zoom = _plants(runs), _extent(runs[0]), np.array(ZOOM_M)
     heights = PANEL_WIDTH_IN * (high - low)[1] / (high - low)[0], PANEL_WIDTH_IN * zoom[1] / zoom[0]
@@ -87,17 +87,17 @@ def trajectory(runs: Runs) -> Figure:
 
 
 def longitudinal_error(runs: Runs) -> Figure:
-    """Return the longitudinal error over time, with one panel per plant."""
+    """Draw the longitudinal error over time, with one panel per plant."""
     return _error(runs, "e_longitudinal", "longitudinal error, ahead + [m]")
 
 
 def lateral_error(runs: Runs) -> Figure:
-    """Return the lateral error over time, with one panel per plant."""
+    """Draw the lateral error over time, with one panel per plant."""
     return _error(runs, "e_lateral", "lateral error, left + [m]")
 
 
 def control_signals(runs: Runs) -> Figure:
-    """Return the parts of the steering command and their sum, one row per law; PD only if no network is shown."""
+    """Draw the parts of the steering command and their sum, one row per law; laws without a network only if alone."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -117,7 +117,7 @@ def control_signals(runs: Runs) -> Figure:
 
 
 def yaw_rate_error(runs: Runs) -> Figure | None:
-    """Return the yaw rate error over time, one row per law with a yaw-rate reference."""
+    """Draw the yaw-rate error over time, with one row per law that has a yaw-rate reference."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.law))
@@ -127,7 +127,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
 
 
 def q(runs: Runs) -> Figure | None:
-    """Return the parameter q over time, one row per law with this parameter."""
+    """Draw the network parameter q over time, with one row per law that has this parameter."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
@@ -139,7 +139,7 @@ def q(runs: Runs) -> Figure | None:
 
 FIGURES: list[Callable[[Runs], Figure | None]] = [trajectory, longitudinal_error, lateral_error]
 FIGURES += [control_signals, yaw_rate_error, q]
-"""Functions that draw one figure each. The PNG file has the name of the function."""
+"""Functions that draw one figure each. The PNG file is named after the function."""
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:
@@ -178,7 +178,7 @@ def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D
 
 
 def _leave_out_lost(grid: Any, limit: float) -> None:
-    """Scale the common y axis to the curves within +-limit, if only some curves are within it."""
+    """Scale the common y axis to the curves within +-`limit`, if only some of the curves are within."""
     values = [np.asarray(line.get_ydata(), dtype=float) for axes in grid.flat for line in axes.lines]
     curves = [finite for finite in (curve[np.isfinite(curve)] for curve in values) if finite.size]
     kept = [curve for curve in curves if np.abs(curve).max() <= limit]
@@ -238,7 +238,7 @@ def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> N
 
 
 def _colour(runs: Runs, law: str) -> str:
-    """Return the colour of a law; laws without an assigned colour get the spare colours in order."""
+    """Return the colour of a law. Laws without an assigned colour get the spare colours in order."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
     used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
     free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
@@ -276,7 +276,7 @@ def _smooth(t: Array, values: Array) -> Array:
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
-    """Return the corners (low, high) of the plotted area [m]: the path with a margin, at most as high as wide."""
+    """Return the lower and upper corner of the plotted area [m]: the path with a margin, at most as high as wide."""
     path = run.log.scenario.path
     points = sample(path, np.linspace(*path.turns_s[0], 500))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -286,7 +286,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the point of the path with the maximum sum of the lateral errors of all runs, each limited to 1 m [m]."""
+    """Return the path point with the maximum sum of the runs' lateral errors, each limited to 1 m [m]."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

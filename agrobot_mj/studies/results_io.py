@@ -1,4 +1,4 @@
-"""Reading of results folders, with errors for damaged files and for rows of different code."""
+"""Reading of results folders, with errors for damaged files and for rows computed by different code."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ DAMAGED = (LookupError, ValueError, TypeError, AttributeError, RecursionError)
 
 @contextmanager
 def reporting_damage(file: Path, done: str) -> Iterator[None]:
-    """Convert errors of reading `file` within the block to a `ScenarioError`; `done` describes the failed action."""
+    """Convert errors of reading `file` in the block to a `ScenarioError`; `done` is a participle such as "read"."""
     try:
         yield
     except ScenarioError:
@@ -25,7 +25,7 @@ def reporting_damage(file: Path, done: str) -> Iterator[None]:
 
 
 def code_of(rows: Iterable[Mapping[str, Any]], folder: Path) -> str:
-    """Return the common code version of all rows, as a text for a page. Raises `ScenarioError` if the rows differ."""
+    """Return the code version common to all rows, as text for a page. Raises `ScenarioError` if versions differ."""
     found = [read_identity(row.get("identity")) for row in rows if row.get("error") is None]
     codes = sorted({identity.code if identity else "unknown" for identity in found})
     if len(codes) > 1:

@@ -1,4 +1,4 @@
-"""Confidence intervals of a success rate for small samples."""
+"""Confidence intervals of a success rate, valid for small samples."""
 
 from bisect import bisect_left
 from math import log
@@ -6,18 +6,18 @@ from math import log
 import numpy as np
 
 PRIOR_FAILURES = 0.2
-"""Second parameter of the beta distribution of alternative rates [-]; the first is 1. Below 1, its weight is near a
-rate of 1. 12 runs without failure show a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
+"""Second parameter of the beta distribution of alternative rates [-]; the first is 1. Values below 1 put the weight
+near a rate of 1. 12 successful runs show a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
 NEAR = 1e-12
-"""Minimum distance of a tested rate from 0 and 1 [-]."""
+"""Minimum distance of an evaluated rate from 0 and 1 [-]."""
 
 
 def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Return the two-sided interval of a success rate, valid also if runs are added one by one.
+    """Return the two-sided confidence interval of a success rate; it remains valid if runs are added one by one.
 
-    An end is excluded by a likelihood ratio of at least 2 / (1 - confidence), averaged over the rates beyond the end
-    with a beta distribution. If the true rate is at the end, the ratio ever reaches this value with a probability of at
-    most (1 - confidence) / 2, for any number of evaluations [Robbins1970].
+    A rate is excluded by a likelihood ratio of at least 2 / (1 - confidence), averaged over the rates beyond it with a
+    beta distribution. If the true rate equals an end of the interval, the ratio ever reaches this value with a
+    probability of at most (1 - confidence) / 2, for any number of evaluations [Robbins1970].
     """
     failures = runs - successes
     return _lower(successes, failures, confidence), 1.0 - _lower(failures, successes, confidence)
@@ -35,7 +35,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the logarithm of the averaged likelihood ratio of higher success rates to `rate`."""
+    """Return the logarithm of the likelihood ratio of higher success rates, averaged, to `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES
@@ -45,7 +45,7 @@ def _evidence(successes: int, failures: int, rate: float) -> float:
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Return the minimum number of runs without failure at which the sequential interval is above a reliability."""
+    """Return the minimum number of runs, all successful, after which the sequential interval is above `reliability`."""
     bound, most = log(2.0 / (1.0 - confidence)), 1
     while _evidence(most, 0, reliability) < bound:
         most *= 2
@@ -53,7 +53,7 @@ def runs_needed(reliability: float, confidence: float) -> int:
 
 
 def wilson_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Return the two-sided interval of a success rate for a fixed number of runs [Wilson1927]."""
+    """Return the two-sided confidence interval of a success rate for a fixed number of runs [Wilson1927]."""
     from scipy.stats import binomtest
 
     low, high = binomtest(successes, runs).proportion_ci(confidence, method="wilson")

@@ -1,4 +1,4 @@
-"""Style of all figures: sizes of a journal page (3.5 in columns, 8 pt text), colours, and names."""
+"""Style of all figures: sizes for a journal page (columns of 3.5 in, text of 8 pt), colours and names."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +29,7 @@ from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of other laws in order of appearance. Grey is excluded because it resembles the black reference."""
+"""Colours of all other laws in order of appearance. Grey is excluded because it resembles the black reference."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
@@ -49,20 +49,20 @@ DPI = 200
 
 
 def law_name(kind: str) -> str:
-    """Return the name of a guidance law or yaw controller in figures; other texts are returned unchanged."""
+    """Return the name of a law kind in figures. A text that is no kind is returned unchanged."""
     fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
     law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
     return str(vars(law).get("label", kind))
 
 
 def write_figure(file: Path, draw: Callable[..., Figure], *arguments: Any) -> Path:
-    """Save the figure that `draw` returns for the arguments, in the common style; return the file."""
+    """Draw a figure in the common style, `draw(*arguments)`, and save it. Return the file."""
     with mpl.rc_context(STYLE):
         return save(draw(*arguments), file)
 
 
 def save(figure: Figure, file: Path) -> Path:
-    """Save a figure as PNG with the identity of the code, atomically; return the file."""
+    """Save a figure atomically as PNG with the identity of the code. Return the file."""
     about = {"Software": f"agrobot_mj {__version__}", "Comment": f"code {code_text()}"}
     with atomic(file) as part:
         FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI, metadata=about)

@@ -1,4 +1,4 @@
-"""Execution of studies: tasks are converted to rows, by processes or Dask, and resumed from the results folder."""
+"""Execution of studies: processes or Dask workers convert tasks to rows, which are stored and not computed again."""
 
 from agrobot_mj.studies.engine.resume import RunTasks, about, study
 from agrobot_mj.studies.engine.tasks import Done, Row, Task, base_text, perform

@@ -1,13 +1,13 @@
-"""Row files of runs in a results folder: existing rows are read, missing runs are simulated and their rows written.
+"""Row files of runs in a results folder: existing rows are read; missing runs are simulated and their rows written.
 
-A row contains the results of a run. The file name is a digest of the request of the task, so that an extended, moved or
-interrupted study continues with the missing runs. Each row contains the identity of its task: request, input files and
-code (`core.identity`). Rows with another identity, and rows of runs that raised an exception, count as missing.
+A row contains the results of a run. The file name is a digest of the task (scenario, overrides, measurement), so that
+an extended, moved or interrupted study continues with the missing runs. Each row contains the identity of its task:
+digests of task, input files and code (`core.identity`). Rows with another identity, and rows of runs that raised an
+exception, count as missing.
 
-Copies of scenario input files in the results folder. Runs read the copies.
-
-A copy is stored with its related files in a folder named after their content, so that it is never overwritten. Changes
-of the original files during a study have no effect.
+The results folder also contains copies of scenario input files, which the runs read. A copy and its related files are
+in a folder named after their content, so that copies are never overwritten. Changes of the original files during a
+study have no effect.
 """
 
 import json
@@ -37,25 +37,25 @@ INPUTS = "inputs"
 
 
 class Held(NamedTuple):
-    """Scenario data with the paths and digests of its copied files."""
+    """Scenario data whose input files have been copied to the results folder."""
 
     driven: dict[str, Any]
-    """Data with paths of the copies."""
+    """Data with the paths of the copies, for the run."""
     said: dict[str, Any]
-    """Data with file names only."""
+    """Data with file names instead of paths, for the identity."""
     files: tuple[str, ...]
-    """Digests of the files."""
+    """Digests of the input files."""
 
 
 class InputCopies:
-    """Input copies of one results folder. Each file is read once."""
+    """Copies of input files in one results folder. Each original file is read once."""
 
     def __init__(self, folder: Path, write: Callable[[Path, bytes], None]) -> None:
         self.folder, self.write = folder.absolute(), write
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return plain data with paths of copies. An unreadable file keeps its path; the run reports the error."""
+        """Return plain data with paths of copies. An unreadable file keeps its path, and the run reports the error."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -83,7 +83,7 @@ class InputCopies:
         return self._copies[key, path]
 
     def _content(self, key: str, path: Path) -> bytes:
-        """Return the content of a file; in a machine file, paths are replaced by paths of copies."""
+        """Return the content of a file. In a machine file, paths are replaced by the paths of copies."""
         if key != "machine":
             return path.read_bytes()
         held = self.held(machine_data(path))
@@ -98,37 +98,37 @@ class InputCopies:
 ROWS = "rows"
 FOLDERS = (f"{ROWS}/", f"{INPUTS}/")
 NAME_DIGITS = 16
-"""Number of digits of the request digest in a file name."""
+"""Number of digits of the task digest in a file name."""
 RunTasks = Callable[[Sequence[Task]], list[Row]]
-"""Function that performs tasks and returns rows in the order of the tasks."""
+"""Function that performs tasks and returns their rows in the order of the tasks."""
 
 
 class RunFiles(Protocol):
-    """Additional files of runs stored by a study."""
+    """Storage of the files that a study keeps for its runs, in addition to rows."""
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether the files of a run exist."""
+        """Return whether all files to be kept of a run exist."""
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files of a run, given by name."""
+        """Write the files of a run, given as content by name."""
 
 
 class RowFiles:
-    """Row files and other files of a results folder. Links are not followed."""
+    """Row files and other files in a results folder. Links in the folder are not followed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.again = Counter[str]()
-        """Number of rows to run again, by reason."""
+        """Number of stored rows that must be run again, by reason."""
         self.inputs = InputCopies(folder, self.write_bytes)
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """Return a task with its identity, and with the paths of its inputs replaced by those of their copies."""
+        """Return a task with its identity and with paths of input copies in place of the original paths."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
-        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides has an effect
+        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order has an effect
         files = [*base.files, *(file for each in held.values() for file in each.files)]
         name = digest(json.dumps(said, sort_keys=True, default=str).encode(), digits=NAME_DIGITS)
         driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
@@ -141,8 +141,8 @@ class RowFiles:
     def drive(
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
-        """Yield each task with its row and whether the row existed: existing rows first, then new rows as they end."""
-        todo = []  # a million tasks would not fit into memory
+        """Yield each task with its row, and whether the row existed. Existing rows come first, then new rows."""
+        todo = []  # the tasks themselves could exceed the memory
         for number in numbers:
             task = self.asked(task_of(number))
             if (row := self.row(task)) and row["error"] is None and (files is None or files.has(task, row)):
@@ -152,18 +152,18 @@ class RowFiles:
         self.tell_again()
         for task, (row, contents) in perform(self.asked(task_of(number)) for number in todo):
             with held_back():
-                self.row_file(task).unlink(missing_ok=True)  # its files will be replaced
+                self.row_file(task).unlink(missing_ok=True)  # the files that belong to this row will be replaced
                 if files:
                     files.put(task, contents)
                 self.write_row(task, row)
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """Return the stored row of a task, without its identity; None if it is missing or has another identity."""
+        """Return the stored row of a task without its identity; None if missing, damaged or of another identity."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):
-            return None  # for example after a power failure
+            return None  # for example, after a power failure
         sound = isinstance(row, dict) and isinstance(row.get("outcome"), str) and isinstance(row.get("expected"), bool)
         if not sound or "error" not in row:
             return None
@@ -177,19 +177,19 @@ class RowFiles:
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """Return the path of the row file of a task, or of a file with another ending next to it."""
+        """Return the path of the row file of a task, or of a file next to it that has another ending."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
     def tell_again(self) -> None:
-        """Print the number of rows that are run again, with reasons."""
+        """Print the number of rows that are run again, with the reasons."""
         if self.again:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
             print(f"{self.folder}: rows with another identity are run again: {why}", file=sys.stderr)
             self.again.clear()
 
     def write_bytes(self, name: Path, content: bytes) -> None:
-        """Write a file with binary content."""
+        """Write a binary file into the folder, atomically."""
         with atomic(self.place(name)) as temporary:
             temporary.write_bytes(content)
 
@@ -202,7 +202,7 @@ class RowFiles:
 
 
 class Study:
-    """Function that performs each task once and stores the rows in a results folder."""
+    """Function that performs tasks, each once, and stores their rows in a results folder."""
 
     def __init__(self, folder: Path, perform: Perform) -> None:
         self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()
@@ -215,8 +215,8 @@ class Study:
     ) -> list[Row]:
         """Return the rows of tasks in order: `outcome`, `expected`, `error`, metrics, and values measured by the task.
 
-        Equal tasks are run once. `done` is called for each task with whether its run ended as `expected` and whether
-        its row existed (`there`). `files` stores additional files. Errors of runs are printed once.
+        Equal tasks are run once. `done` is called for each task with two flags: the run ended as `expected`, and the
+        row existed (`there`). `files` stores additional files of runs. Each error message of runs is printed once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
@@ -237,15 +237,15 @@ class Study:
 def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterator[Study]:
     """Yield a function that performs tasks and stores their rows in `folder`, which is locked within the block.
 
-    `names` are the files that the study writes, as in `results`. `jobs` is the number of processes; default: one per
-    core. Raises `ScenarioError`.
+    `names` are the files that the study itself writes, as in `results`. `jobs` is the number of processes; default: one
+    per core. Raises `ScenarioError`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
         yield Study(folder, perform)
 
 
 def about(scenario: Scenario) -> dict[str, Any]:
-    """Return the header of the results of a study: name and identity of its scenario, and the version."""
+    """Return the header of a study's results: name and identity of the scenario, and the version of the package."""
     return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 

@@ -1,4 +1,4 @@
-"""Run of a study in any process: converts a `Task` to numbers and files.
+"""Execution of one run of a study in any process: converts a `Task` to a row of numbers and files.
 
 A failed run has numbers like other runs. A run that raises an exception has the outcome `error` and an error message.
 """
@@ -29,56 +29,56 @@ from agrobot_mj.simulation.storage import RECORDING, can_record, write_log
 
 ERROR = "error"
 WALL = ("wall_s", "real_time_factor", "identity")
-"""Metrics that may differ between repetitions of a run."""
+"""Metrics that may differ when a run is repeated."""
 LAST = "metrics.json"
-"""Last file written for a run; its presence shows that all files are complete."""
+"""Last file that a run writes. Its presence shows that all files are complete."""
 POSES = "poses.npy"
-"""File name of the poses of a run, shape (ticks, bodies, 7)."""
+"""File name of the poses of all bodies, an array of shape (ticks, bodies, 7)."""
 Row = dict[str, Any]
-"""JSON values of a run: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
+"""Results of a run as JSON values: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
 
 
 class Task(NamedTuple):
-    """Description of one run."""
+    """Description of one run of a study."""
 
     base: str
     """Base scenario as JSON, see `base_text`."""
     name: str
     overrides: dict[str, Any]
     keep: str = "table"
-    """Files of the run to keep, see `SweepFile.keep`; `poses` means the recording and `POSES`."""
+    """Files of the run to keep, as `SweepFile.keep`. The value `poses` keeps the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
-    """Function that measures additional numbers; worker processes must be able to import it."""
+    """Function that computes additional numbers from the log. Worker processes must be able to import it."""
     branches: tuple[Branch, ...] | None = None
-    """Branches of the noise; None for a run that shares no states with other runs."""
+    """Branches of the random streams; None for a run that shares no initial part with other runs."""
     number: int = 0
     identity: Identity | None = None
-    """Identity of the row; None if any code may run the task."""
+    """Identity of the row; None if the task may be run with any code."""
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
-        """Return a task for a scenario with overrides by dotted key; `more` are other fields."""
+        """Return a task for a scenario with overrides by dotted key. `more` are other fields of the task."""
         return cls(base_text(scenario), scenario.name, dict(overrides or {}), **more)
 
 
 class Done(NamedTuple):
-    """Result of a run."""
+    """Result of a performed task."""
 
     row: Row
     files: dict[str, bytes]
-    """Files to keep, by path relative to the folder of the run."""
+    """Content of the files to keep, by path relative to the folder of the run."""
 
 
 def base_text(base: Scenario) -> str:
-    """Return a scenario as JSON without defaults, from which an equal scenario can be read."""
+    """Return a scenario as JSON text without default values, from which `resolve` restores an equal scenario."""
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
 def perform(task: Task) -> Done:
-    """Simulate one run and return its results.
+    """Simulate one run and return its row and files.
 
-    Raises errors that the run does not cause: OSError for a full disk, exceptions of signal handlers, and
-    `ScenarioError` if the code of this process differs from the code in the task.
+    Raises only errors that the run does not cause: OSError for a full disk, exceptions of signal handlers, and
+    `ScenarioError` if the code of this process differs from the code named in the task.
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
@@ -97,7 +97,7 @@ def perform(task: Task) -> Done:
 
 
 def failure(text: str, wall_s: float | None = None, identity: str | None = None) -> Done:
-    """Return the result of a run that raised an exception."""
+    """Return the result of a run that raised an exception with the message `text`."""
     end = {"outcome": ERROR, "expected": False, "error": text}
     return Done({**end, "wall_s": wall_s, "identity": identity, "version": __version__}, {})
 
@@ -114,7 +114,7 @@ def _driven(task: Task, scenario: Scenario) -> Done:
             return Done(_numbers(log, task), {})
     with tempfile.TemporaryDirectory(prefix="agrobot-mj-") as place:
         folder = Path(place)
-        # A failed run is simulated again for its recording, because recording all runs would need several MB for each.
+        # Recording all runs would need several MB each. A failed run is therefore simulated again for its recording.
         log = (
             run(scenario, branches=task.branches)
             if task.keep == "signals" or not can_record()
@@ -140,7 +140,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def other_code(parts: Sequence[str]) -> str:
-    """Return the error message for a worker whose code differs in these parts from the code of the command."""
+    """Return the error message for a worker whose code differs in `parts` from the code of the command."""
     return (
         f"different {' and '.join(parts)}: the code was edited meanwhile, or registered where workers do not find it; "
         "restart the command and the workers of a scheduler, and register kinds at the top level of a module"
@@ -148,7 +148,7 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Return the names of the files that a completed run must have, according to `keep`."""
+    """Return the names of the files that exist for a completed run, depending on `keep`."""
     if keep == "table" or (keep == "failures" and expected):
         return ()
     recorded = (RECORDING,) if keep != "signals" and installed("rerun") else ()

@@ -1,7 +1,7 @@
 """Execution of tasks by this process, by a pool of processes, or by the workers of an existing Dask scheduler.
 
-Workers of a scheduler need the same code (`core.identity`), plugin files at the same paths, and access to the results
-folder with the copies of input files.
+Dask workers need the same code (`core.identity`), plugin files at the same paths, and access to the results folder,
+which contains copies of the input files.
 """
 
 import logging
@@ -27,7 +27,7 @@ from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
 
 AHEAD = 2
-"""Number of work items per worker in the queue: one running and one waiting, to bound memory without idle workers."""
+"""Number of queued work items per worker: one running and one waiting. The limit bounds the memory of the queue."""
 UNSTARTED = (
     "no worker process can start because the import of the main program fails there; save the program as a file with "
     'its code below `if __name__ == "__main__":`, or use one job'
@@ -44,7 +44,7 @@ def cores() -> int:
 class Pool:
     """Pool of worker processes that end with the block. A pool of one worker uses this process.
 
-    Workers load the plugins of this process, and exit if it is killed. Their temporary files are deleted at the end.
+    Workers load the plugins of this process and exit if it is killed. Their temporary files are deleted at the end.
     """
 
     def __init__(self, workers: int) -> None:
@@ -70,7 +70,7 @@ class Pool:
         """
         if self.workers <= 1:
             for work in todo:
-                with deferring():  # signals take effect between two ticks or after the work
+                with deferring():  # signals take effect between two ticks or after the work item
                     result = function(work)
                 yield work, result
             return
@@ -111,7 +111,7 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Yield each work item with its result as `Pool.spread`, with a temporary pool of worker processes."""
+    """Yield each work item with its result, as `Pool.spread` does, from a temporary pool of processes."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 
@@ -120,7 +120,7 @@ def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
     context, known = multiprocessing.get_context("spawn"), (loaded_files(), scratch)
     try:
         return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=known)
-    except OSError as error:  # raised by the semaphores of the queues
+    except OSError as error:  # the semaphores of the queues cannot be created
         text = f"worker processes need shared memory, on Linux in /dev/shm: {error.strerror}; make it writable"
         raise ScenarioError(f"{text}, or use one job") from error
 
@@ -134,7 +134,7 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Yield each work item with its completed future; at most `window` items are submitted at a time."""
+    """Yield each work item with its completed future. At most `window` items are submitted at a time."""
     running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
     while running:
         for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -160,7 +160,7 @@ def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
 
 
 def _leave_signals_to_the_parent() -> None:
-    """Ignore Ctrl-C in a worker, because the parent ends its workers; exit if the parent is killed."""
+    """Ignore Ctrl-C in a worker, because the parent process ends it. Exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_end_with_the_parent, daemon=True).start()
@@ -177,13 +177,13 @@ if TYPE_CHECKING:
     from distributed import Client
 
 PATIENCE_S = 10
-"""Time limit for an answer of a scheduler [s]."""
+"""Time limit for a response of a scheduler [s]."""
 
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
-    """Yield a function that performs tasks with a Dask scheduler."""
-    # Dask reports a lost scheduler as a traceback; this module raises a readable error.
+    """Yield a function that performs tasks on the workers of a Dask scheduler."""
+    # Dask logs a traceback if the scheduler is lost. This module raises a readable error instead.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:
         window = AHEAD * _workers(client, address)
@@ -234,19 +234,19 @@ def _ready(plugins: tuple[Path, ...]) -> str:
 
 
 def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:
-    load_plugins(plugins)  # for workers that join later
+    load_plugins(plugins)  # needed by workers that join later
     return perform(task)
 
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 Perform = Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]
-"""Function that performs tasks and yields each task with its result, in order of completion."""
+"""Function that performs tasks and yields each task with its result in order of completion."""
 
 
 @contextmanager
 def performing(jobs: int | None, scheduler: str | None = None, most: int | None = None) -> Iterator[Perform]:
-    """Yield a function that performs tasks, with Dask if `scheduler` is given, otherwise with `jobs` processes. Default
-    of `jobs`: number of cores, at most `most`."""
+    """Yield a function that performs tasks: with Dask if `scheduler` is given, otherwise with `jobs` processes. Default
+    of `jobs`: the number of cores, at most `most`."""
     if scheduler:
         with dask_cluster(scheduler) as over_dask:
             yield over_dask

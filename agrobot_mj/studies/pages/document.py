@@ -1,6 +1,6 @@
-"""Self-contained HTML page with text, tables, interactive charts, and the plotting library.
+"""Self-contained HTML page with text, tables and interactive charts. The page includes the plotting library.
 
-A chart is plain data, `{"data": [...], "layout": {...}}`, for plotly.js. A click on a point with a command in
+A chart is plain data, `{"data": [...], "layout": {...}}`, for plotly.js. A click on a point that has a command in
 `customdata` displays the command.
 """
 
@@ -18,16 +18,16 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.results import atomic
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
-"""Colours of groups, in order."""
+"""Colours of groups of runs, in order."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Axis with all names, first name on top, as wide as required by the names."""
+"""Axis that shows all names, the first name on top, as wide as the names require."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Maximum number of names on a chart of standard height, height per additional name, and height of the margins [px]."""
+"""Maximum number of names at the standard height, height of each further name, and height of the margins [px]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
-"""Colours of text, grid lines, shaded areas and chart tools."""
+"""Colours of text, grid lines, shaded areas and chart controls."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
-"""Replacement colours of charts in dark mode."""
+"""Colours of charts, mapped to their replacements in dark mode."""
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
 @media (prefers-color-scheme: dark) {
@@ -87,7 +87,7 @@ for (const [id, chart] of Object.entries(JSON.parse(recoloured))) {
 
 
 class Document:
-    """Page under construction."""
+    """HTML page under construction."""
 
     def __init__(self, title: str, facts: Iterable[str]) -> None:
         self.title, self.charts = title, dict[str, Chart]()
@@ -95,7 +95,7 @@ class Document:
         self.parts = [f"<h1>{escape(title)}</h1>", f'<p class="facts">{line}</p>']
 
     def section(self, title: str, text: str = "") -> None:
-        """Start a section, with an optional paragraph."""
+        """Start a section with a title and an optional paragraph."""
         self.parts.append(f"<h2>{escape(title)}</h2>")
         if text:
             self.text(text)
@@ -110,22 +110,22 @@ class Document:
             self.text(f"{text[0].upper()}{text[1:]}.")
 
     def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
-        """Add charts with titles, side by side if the page is wide enough."""
+        """Add charts with titles, side by side where the page is wide enough."""
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Add a table without its empty columns; columns of numbers are right-aligned."""
+        """Add a table, omitting columns whose cells are all empty. Numbers are right-aligned."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
         lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
         inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
         self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
-        """Add preformatted text, collapsed."""
+        """Add preformatted text that is initially collapsed."""
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
-        """Add small images: title, SVG, command."""
+        """Add small images, each with title, SVG text and command."""
         inner = "".join(
             f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{unbroken(command)}</pre></div>'
             for title, svg, command in cards
@@ -133,7 +133,7 @@ class Document:
         self.parts.append(f'<div class="grid small">{inner}</div>')
 
     def write(self, file: Path) -> Path:
-        """Write the page atomically. Raises `ScenarioError` without plotly."""
+        """Write the page atomically and return the file. Raises `ScenarioError` if plotly is not installed."""
         library = _library()
         charts = json.dumps(self.charts, allow_nan=False).replace("<", "\\u003c")
         text = f"""<!doctype html>
@@ -160,7 +160,7 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
-    """Return the layout of a chart with axis titles, and space for a legend below and the tools of plotly.js above."""
+    """Return the layout of a chart with axis titles, with space for a legend below and for chart controls above."""
     clear = "rgba(0,0,0,0)"
     axis = {"gridcolor": GRID, "zeroline": False, "ticks": "outside", "tickcolor": clear, "automargin": True}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
@@ -174,19 +174,19 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
 
 
 def unbroken(command: str) -> str:
-    """Return a command as HTML with line breaks only between options."""
+    """Return a command as HTML in which lines break only before options."""
     return "".join(f"<span>{escape(part)}</span>" for part in re.split(r"(?= --)", command))
 
 
 def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
-    """Return asymmetric error bars between the lower and upper `ends` of each point."""
+    """Return asymmetric error bars from the lower to the upper end of each point."""
     pairs = list(zip(middle, ends, strict=True))
     upper, lower = [high - m for m, (_, high) in pairs], [m - low for m, (low, _) in pairs]
     return {"type": "data", "symmetric": False, "array": upper, "arrayminus": lower}
 
 
 def finite(value: Any) -> Any:
-    """Return plain data with floats rounded to six digits, and None for numbers that are not finite."""
+    """Return plain data with floats rounded to six digits. Numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

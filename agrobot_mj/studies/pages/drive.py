@@ -20,18 +20,18 @@ from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, ra
 from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
-"""Number of points of a curve; longer signals are reduced to the extremes of each block."""
+"""Maximum number of points of a curve. Longer signals are reduced to the extremes of each block."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
-"""Maximum enlarged error as a fraction of the map size, and maximum enlargement [-]."""
+"""Maximum size of an enlarged error [fraction of the map size], and maximum enlargement factor [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 APART = "The runs cover different segments of the path, so errors of different rankings are not comparable."
 
 
 def read_signals(folder: Path) -> Signals:
-    """Return the signals of a run as arrays of equal length, shape (n,)."""
+    """Return the logged signals of a run as arrays of shape (n,), by column."""
     file = (folder / "signals.parquet").absolute()
     there = set(pq.read_schema(file).names)
     table = pq.read_table(file, columns=[name for name in (*SIGNALS, *MORE) if name in there])
@@ -39,9 +39,9 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """Return about `most` rows of columns (n,): from each block, the rows with the minimum and maximum of each column.
+    """Return about `most` rows of columns (n,): the rows with the minimum and maximum of each column in each block.
 
-    Spikes are preserved, and a block without values remains a gap.
+    Spikes are thus preserved. A block without values remains a gap.
     """
     n = len(columns[0])
     if n <= most:
@@ -68,22 +68,22 @@ def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
 
 
 def across(s: Signals) -> tuple[Array, Array]:
-    """Return unit vectors to the left of the reference (n, 2), and the lateral offset of the track (n,) [m]."""
+    """Return unit vectors to the left of the reference path (n, 2), and the lateral offset of the track (n,) [m]."""
     points = np.stack([s["x_ref"], s["y_ref"]], 1)
     along = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
     moves = np.hypot(*along.T) > 1e-9
-    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # as before at rest
+    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # at rest, as before
     left = np.stack([-along[:, 1], along[:, 0]], 1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     return left, ((np.stack([s["x"], s["y"]], 1) - points) * left).sum(axis=1)
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the position of the implement as the position of the tractor; empty without implement."""
+    """Return the signals with the implement's position in place of the tractor's; empty without an implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
 def enlargement(tractors: Iterable[Signals]) -> int:
-    """Return the enlargement of cross-track errors in a map: 1, 2 or 5 times a power of 10."""
+    """Return the factor by which a map enlarges cross-track errors: 1, 2 or 5 times a power of ten [-]."""
     runs = [s for tractor in tractors for s in (tractor, implement_of(tractor)) if s]
     extent = max(float(np.nanmax(np.ptp([s["x_ref"], s["y_ref"]], axis=1))) for s in runs)
     largest = max(float(np.nanmax(np.abs(across(s)[1]), initial=0.0)) for s in runs)
@@ -92,14 +92,14 @@ def enlargement(tractors: Iterable[Signals]) -> int:
 
 
 def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
-    """Return the track with lateral errors enlarged by `times`, x and y (n,) [m]."""
+    """Return the track with cross-track errors enlarged by the factor `times`, as x and y (n,) [m]."""
     left, off = across(s)
     x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
     return x, y
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """Return the title and the chart of a map; title and axis state the enlargement of cross-track errors."""
+    """Return title and chart of a map of runs. If cross-track errors are enlarged, title and axis give the factor."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):
@@ -112,12 +112,12 @@ def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
 
 
 def told(times: int) -> str:
-    """Return the part of a title about enlarged cross-track errors; empty without enlargement."""
+    """Return the part of a title that gives the enlargement of cross-track errors; empty without enlargement."""
     return f", cross-track errors enlarged {times} times" if times > 1 else ""
 
 
 def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
-    """Return a chart of one signal over time, with all runs."""
+    """Return a chart of a signal over time, multiplied by `factor`, with one curve per run."""
     return _curves(label, {name: (s["t"], factor * s[column]) for name, s in runs.items() if column in s})
 
 
@@ -154,7 +154,7 @@ def run_page(folder: Path) -> Document:
 
 
 def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
-    """Return texts that identify the runs of a scenario."""
+    """Return texts for the head of a page: name, seed, plant, guidance and version of a scenario."""
     plant, guidance = scenario.get("plant", {}), scenario.get("guidance", {})
     found = [f"scenario {scenario.get('name', '?')}", *more, f"seed {scenario.get('seed', '?')}"]
     found += [f"plant {plant['kind']}"] if "kind" in plant else []
@@ -176,7 +176,7 @@ def _shares(signals: Signals) -> list[tuple[str, Chart]]:
 
 
 def comparison_page(folder: Path) -> Document:
-    """Return the report page of a comparison: ranking, and maps and errors of the first seed."""
+    """Return the report page of a comparison: rankings, and maps and lateral errors of the first seed."""
     rows = json.loads((folder / "comparison.json").read_text("utf-8"))
     places: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
@@ -203,12 +203,12 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Return the name of the law of a row, as in the name of its folder: plant, law, seed."""
+    """Return the name of the law in a row, taken from the name of the run's folder (plant, law, seed)."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
-    """Add one ranking per path segment, because errors on different segments are not comparable."""
+    """Add one ranking for each path segment, because errors on different segments are not comparable."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
     laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
@@ -224,7 +224,7 @@ def _marked(row: Mapping[str, Any]) -> str:
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:
-    """Return a small SVG of the track (coloured) and its reference, with cross-track errors enlarged by `times`."""
+    """Return a small SVG image of track (coloured) and path, with cross-track errors enlarged by `times`."""
     x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
     points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]

@@ -1,6 +1,6 @@
 """Ranking of groups of runs: success rates with intervals, errors of successful runs, remarks.
 
-Groups are sorted by success rate, then by the median cross-track rms of runs that ended as expected.
+Groups are sorted by success rate, then by the median cross-track RMS error of the successful runs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,19 +18,19 @@ from agrobot_mj.studies.statistics import wilson_interval
 CENTIMETRES = 100.0
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
 CONFIDENCE = 0.8
-"""Confidence level of the intervals of success rates [-]."""
+"""Confidence level of the intervals for success rates [-]."""
 QUANTILES = ("median", "10 %", "90 %")
-"""Columns with quantiles of the errors of a group."""
+"""Names of the columns with quantiles of the errors in a group."""
 MEDIANS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]", "xte_abs_p95": "xte 95 % [cm]"}
 MEDIANS |= {"lateral_rms": "lateral rms [cm]"}
-"""Heads of columns with the median of an error, by metric; parts of the ranked metric first."""
+"""Names of the columns with medians of other errors, by metric. Parts of the ranked error come first."""
 FEW = 5
-"""Maximum number of runs of a group whose box shows every run."""
+"""Maximum number of runs of a group for which the box plot shows every run."""
 Row = Mapping[str, Any]
 
 
 class Group(NamedTuple):
-    """Group of runs, such as the runs of one law."""
+    """Group of runs that are ranked together, such as the runs of one law."""
 
     name: str
     rows: Sequence[Row]
@@ -42,17 +42,17 @@ class Group(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Interval of the success rate at the level `CONFIDENCE` [-]."""
+        """Confidence interval of the success rate, with the level `CONFIDENCE` [-]."""
         return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
     def values(self) -> Array:
-        """Errors of the successful runs [cm]."""
+        """RMS cross-track errors of the successful runs [cm]."""
         return centimetres(self.rows)
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """Return the errors of the rows with a valid error [cm]."""
+    """Return the RMS cross-track errors of all rows that have this error [cm]."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
@@ -62,7 +62,7 @@ def ranked(groups: Iterable[Group]) -> list[Group]:
 
 
 def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, colours: Sequence[str]) -> None:
-    """Add a table of the groups, remarks, and box plots of the errors, with `colours` used in order."""
+    """Add a table of the groups, remarks, and box plots of the errors in the given colours."""
     rule = "A run succeeds if it ends as the scenario expects. Errors refer to successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
@@ -73,7 +73,7 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
 
 
 def box(group: Group, colour: str) -> Chart:
-    """Return the box plot of the errors of a group, with quartiles as in the printed figure."""
+    """Return a box plot of the errors of a group, with the same quartiles as the printed figure."""
     (found,) = boxplot_stats(group.values)
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}

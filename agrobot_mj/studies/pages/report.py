@@ -1,6 +1,6 @@
-"""Report `report.html` of a results folder, and figures for print.
+"""Report `report.html` of a results folder, and figures for printing.
 
-Entry points of the group `agrobot_mj.reports` refer to the `Reports` of extensions and installed packages.
+Extensions and installed packages provide a `Reports` object at entry points of the group `agrobot_mj.reports`.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -26,22 +26,22 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
 Page = Callable[[Path], Document]
-"""Function that creates the page of a folder."""
+"""Function that creates the report page of a results folder."""
 Section = Callable[[Document, Path, str | None], list[Path]]
-"""Function that adds a section to the page of a folder for the metric of `--metric`; returns the written files."""
+"""Function that adds a section to the page of a folder, for the metric given by `--metric`. Returns written files."""
 
 
 class Reports(NamedTuple):
-    """Pages and sections for results folders, by the file that identifies the content of the folder."""
+    """Report pages and sections, by the name of the file that identifies the content of a results folder."""
 
     pages: Mapping[str, Page | str] = MappingProxyType({})
-    """Page functions by file name; a text in place of a function explains why there is no page."""
+    """Page functions by file name. A text in place of a function states why there is no page."""
     sections: Mapping[str, Section] = MappingProxyType({})
-    """Functions that add sections at the end of pages of other packages."""
+    """Functions that add a section at the end of a page defined elsewhere."""
 
 
 def sweep_figures(folder: Path) -> list[Path]:
-    """Draw `ranking.png` and, if a parameter is a number, `curves.png`; return the files."""
+    """Draw `ranking.png` and, for numeric parameters, `curves.png`. Return the files."""
     groups, numeric = grouped(read_rows(folder))
     drawn = read_sweep(folder / "sweep.toml").file.draws
     with mpl.rc_context(STYLE):
@@ -50,7 +50,7 @@ def sweep_figures(folder: Path) -> list[Path]:
 
 
 def ranking(groups: list[Group]) -> Figure:
-    """Return a figure of success rates with intervals, and of errors of successful runs, best group on top."""
+    """Draw success rates with intervals and errors of successful runs for each group, the best group on top."""
     figure = Figure((2 * PANEL_WIDTH_IN, 0.28 * len(groups) + 0.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     places = list(range(len(groups)))
@@ -67,8 +67,8 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Return a figure of errors of successful runs and their median over numeric parameters; `drawn`: random
-    parameters."""
+    """Draw errors of successful runs and their median over each numeric parameter. `drawn` are the parameters with
+    random values."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -93,7 +93,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and sections; the page of a run is last, because other results may be in the same folder."""
+    """Return all pages and sections. The page of a run comes last, because its folder may contain other results."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed("reports"):
@@ -105,7 +105,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a results folder and return the files. Raises `ScenarioError`."""
+    """Write the report of a results folder and return the written files. Raises `ScenarioError`."""
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")
     pages, sections = known_reports()

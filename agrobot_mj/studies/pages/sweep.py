@@ -1,8 +1,8 @@
 """Report page of a sweep.
 
-The page contains a ranking of groups, maps over two parameters with the boundary of failure, curves over one parameter,
-the worst runs, and the command that repeats each run. Runs of a
-group have the same variant and the same non-numeric parameters. A run fails if it does not end as expected.
+The page contains a ranking of groups of runs, maps of two parameters with the boundary of failure, curves of one
+parameter, the worst runs, and the command that repeats each run. Runs of a group have the same variant and the same
+non-numeric parameters. A run fails if it does not end as expected.
 """
 
 import json
@@ -29,13 +29,13 @@ from agrobot_mj.studies.sweep.schema import read_sweep, renamed
 from agrobot_mj.studies.sweep.store import read_rows
 
 SUCCESS = 0.8
-"""Success rate at the boundary of failure in maps [-]."""
+"""Success rate at the boundary of failure that maps show [-]."""
 APART = "The runs cover different segments of the path, so their errors are not comparable. "
 APART += "Without duration_s every run ends at the end of its path."
 MOST_VALUES = 40
-"""Maximum number of different values of a parameter used as an axis."""
+"""Maximum number of different values of a parameter on the axis of a map."""
 CLASS = 5
-"""Minimum number of runs per class for a reliable median. Assumed value."""
+"""Minimum number of runs in a class for a reliable median. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Maximum number of maps, of curves and of listed worst runs."""
 MOST_PIECES = 50
@@ -43,7 +43,7 @@ MOST_RUNS_DRAWN = 4000
 
 
 def sweep_page(folder: Path) -> Document:
-    """Return the report page of the folder of a sweep."""
+    """Return the report page of a sweep's results folder."""
     rows = read_rows(folder)
     again = RerunCommand(folder)
     sweep, (groups, numeric) = again.plan.sweep, grouped(rows)
@@ -68,8 +68,8 @@ def sweep_page(folder: Path) -> Document:
 
 
 def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
-    """Return the groups in the order of the ranking, and the names of numeric parameters."""
-    names = list(rows[0])  # parameters are between seed and outcome
+    """Return the groups of runs, best group first, and the names of numeric parameters."""
+    names = list(rows[0])  # parameter columns are between seed and outcome
     varied = [name for name in names[names.index("seed") + 1 : names.index("outcome")] if _differs(rows, name)]
     numeric = [name for name in varied if all(type(row[name]) in (int, float) for row in rows)]
     words = [name for name in varied if name not in numeric]
@@ -85,29 +85,29 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """Command that repeats a row of the table of a sweep."""
+    """Function that returns the command that repeats the run of a table row."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of a run relative to the base scenario, with names of data files in the folder."""
+        """Return the overrides of a run relative to the base scenario, with names in place of paths of data files."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
-        """Return the command that repeats the run of a row with a recording."""
+        """Return the command that repeats the run of a row and records it."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
         base, plugins = shlex.quote(str(self.folder / "base.toml")), plugin_options()
         parts = ("agrobot-mj run", base, *([plugins] if plugins else []), *sets, f"--out run-{row['run']}")
         return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
-        """Return the scenario of the run of a row."""
+        """Return the scenario of a row's run."""
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of a run, from its files or from a repeated simulation."""
+        """Return the signals of a row's run, from its files or from a repeated simulation."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -116,7 +116,7 @@ class RerunCommand:
 
 
 def toml_value(value: Any) -> str:
-    """Return a value as TOML on one line."""
+    """Return a value as TOML text on one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -125,7 +125,7 @@ def toml_value(value: Any) -> str:
 
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
-    """Return the number of different path segments, from runs at equal intervals of the sweep."""
+    """Return the number of different path segments, determined from evenly spaced runs of the sweep."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
@@ -196,7 +196,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
 
 
 def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
-    """Return a chart of the error over one parameter, with a curve and points for each group."""
+    """Return a chart of the error over one parameter, with points and a median curve for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
@@ -218,7 +218,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return about one in `share` rows: the best and the worst row of each block of 2 * `share` rows."""
+    """Return about one in `share` rows: the best and worst row of each block of 2 * `share` rows."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))
@@ -226,10 +226,10 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
 
 
 def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
-    """Return the median and the 10 to 90 % range of successful runs at each value, or in up to six classes of equal
+    """Return the median and the 10 to 90 % range of errors at each parameter value, or in up to six classes of equal
     size.
 
-    Random samples are classified, because single runs also differ in all other parameters.
+    Classes are used for random samples, because their runs also differ in all other parameters.
     """
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     values = len({row[parameter] for row in rows})

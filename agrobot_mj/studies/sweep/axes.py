@@ -19,7 +19,7 @@ def _number(given: Any) -> Any:
 
 
 MOST_VALUES = 10**15
-"""Maximum number of values of an axis [-], up to which floats represent all integers."""
+"""Maximum number of values of an axis [-]. Floats represent all integers up to this number."""
 Number = Annotated[int | float, BeforeValidator(_number)]
 Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
@@ -46,7 +46,7 @@ Limits = Annotated[Pair, AfterValidator(_ascending)]
 
 
 class ValueList(Spec):
-    """Values of an axis: a sequence of known length."""
+    """Values of an axis, as a sequence of known length."""
 
     def __len__(self) -> int:
         raise NotImplementedError
@@ -62,7 +62,7 @@ class ValueList(Spec):
 
 
 class Listed(ValueList):
-    """Listed values, in TOML a plain list."""
+    """Explicitly listed values, in TOML a plain list."""
 
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
 
@@ -80,7 +80,7 @@ class Listed(ValueList):
 
 
 class Linspace(ValueList):
-    """Equally spaced values including both ends."""
+    """Equally spaced values, including both ends."""
 
     start: Number = Field(alias="from")
     """First value."""
@@ -103,14 +103,14 @@ class Linspace(ValueList):
 
 
 class Steps(ValueList):
-    """Values with a given spacing; the last value is at or before `to`."""
+    """Values with a given spacing. The last value does not exceed `to`."""
 
     start: Number = Field(alias="from")
     """First value."""
     stop: Number = Field(alias="to")
-    """Limit of the values."""
+    """Limit that the values do not exceed."""
     step: Number
-    """Spacing of the values; negative for descending values."""
+    """Spacing of the values, negative for descending values."""
 
     @model_validator(mode="after")
     def _gets_there(self) -> "Steps":
@@ -127,7 +127,7 @@ class Steps(ValueList):
         return (float(self.stop) - float(self.start)) / float(self.step)
 
     def __len__(self) -> int:
-        # A step that divides the span up to rounding reaches the end.
+        # A step that divides the span, up to rounding errors, reaches the end.
         return floor(self._gaps + 1e-9) + 1
 
     def at(self, k: int) -> Number:
@@ -149,10 +149,10 @@ Axis = Annotated[
 
 
 class Draw(Spec):
-    """Distribution of a random parameter."""
+    """Distribution of a parameter with random values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the quantiles at `u` in (0, 1), shape (n,), which preserve a Latin hypercube or a Sobol sequence."""
+        """Return the quantiles at `u` in (0, 1), shape (n,). They preserve a Latin hypercube or a Sobol sequence."""
         return [_tidy(value) for value in self._quantiles(u).tolist()]
 
     def _quantiles(self, u: Array) -> Array:
@@ -160,7 +160,7 @@ class Draw(Spec):
 
     @property
     def written(self) -> Any:
-        """Distribution as written in the file."""
+        """Distribution in the form of the sweep file."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
@@ -176,10 +176,10 @@ class Uniform(Draw):
 
 
 class LogUniform(Draw):
-    """Uniform distribution of the logarithm: equal probability for each decade."""
+    """Log-uniform distribution: each decade has the same probability."""
 
     log_uniform: Annotated[Limits, AfterValidator(_positive)]
-    """Minimum and maximum value, above 0."""
+    """Minimum and maximum value, both above 0."""
 
     def _quantiles(self, u: Array) -> Array:
         low, high = map(log, self.log_uniform)
@@ -187,12 +187,12 @@ class LogUniform(Draw):
 
 
 class Normal(Draw):
-    """Normal distribution, truncated to `within` if given."""
+    """Normal distribution, truncated to the range `within` if given."""
 
     normal: Annotated[Pair, AfterValidator(_spread)]
     """Mean and standard deviation."""
     within: Limits | None = None
-    """Minimum and maximum value. The truncated distribution is normalised."""
+    """Minimum and maximum value of a truncated distribution, which is normalised. Default: not truncated."""
 
     def _quantiles(self, u: Array) -> Array:
         from scipy.stats import norm
@@ -204,13 +204,13 @@ class Normal(Draw):
 
 
 class Choice(Draw):
-    """Distribution over listed values with equal probabilities."""
+    """Discrete distribution over listed values with equal probabilities."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
-    """The values."""
+    """Possible values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the values that correspond to equal parts of (0, 1)."""
+        """Return the value for each `u`: the values divide (0, 1) into equal parts."""
         n = len(self.choice)
         return [self.choice[min(int(value * n), n - 1)] for value in u.tolist()]
 
@@ -220,7 +220,7 @@ def _draw_tag(given: Any) -> str:
 
 
 DRAWS = ("uniform", "normal", "log_uniform", "choice")
-"""Keys that define a distribution."""
+"""Keys that select a distribution."""
 AnyDraw = Annotated[
     Annotated[Uniform, Tag("uniform")]
     | Annotated[Normal, Tag("normal")]
@@ -231,5 +231,5 @@ AnyDraw = Annotated[
 
 
 def _tidy(value: float) -> float:
-    """Return the value without rounding errors in its last digits: 0.3 for 0.1 * 3."""
+    """Return a value rounded to 12 digits, which removes rounding errors: 0.3 for 0.1 * 3."""
     return float(f"{value:.12g}")

@@ -1,4 +1,4 @@
-"""Plan of a sweep: number of runs, overrides of each run, and feasibility of all runs.
+"""Plan of a sweep: the number of runs, the overrides of each run, and a check that all runs are feasible.
 
 Run numbers count through variants (outermost), axes in the order of the file, samples, and seeds (innermost). Only
 random samples are stored per run, so that the memory of a plan is independent of the number of combinations.
@@ -25,40 +25,40 @@ from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
 MAX_RUNS = 100_000
-"""Default limit of the number of runs of a sweep: a day on a laptop."""
+"""Default maximum number of runs of a sweep: one day on a laptop."""
 MOST_GROUNDS = 300
-"""Maximum number of different fields built to check a plan; further fields are checked in their runs."""
+"""Maximum number of different fields built in the check of a plan. Further fields are checked by their runs."""
 MOST_KEPT = 1000
-"""Maximum number of cached checks of tractors; with random samples the tractor of each run differs."""
+"""Maximum number of cached tractor checks. With random samples, each run may have a different tractor."""
 MOST_LINES = 80
-"""Maximum number of combinations listed in a message."""
+"""Maximum number of parameter combinations listed in a message."""
 
 
 class RunPlan(NamedTuple):
-    """Run of a sweep plan."""
+    """One run of a sweep."""
 
     number: int
     """Number of the run, counted from 0."""
     variant: str | None
-    """Name of the variant; None in a sweep without variants."""
+    """Name of the variant; None without variants."""
     seed: int
     parameters: dict[str, Any]
     overrides: dict[str, Any]
-    """Overrides of the base scenario by dotted key, in the order of application."""
+    """Overrides of the base scenario by dotted key, in the order in which they are applied."""
 
     @property
     def place(self) -> str:
-        """Combination of parameters as text."""
+        """Combination of parameter values as text."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
 
 class SweepPlan:
-    """Runs of a sweep."""
+    """All runs of a sweep, by number."""
 
     def __init__(self, sweep: Sweep) -> None:
         self.sweep, self.file = sweep, sweep.file
-        # Axes of tables are last, because TOML files, also the resolved one, require this order.
+        # Axes of tables come last, because TOML files, including the resolved sweep file, require this order.
         self.axes = dict(sorted(self.file.axes.items(), key=_of_tables))
         self.sizes = [len(axis) for axis in self.axes.values()]
         self.samples = points_of(self.file.method, self.file.samples, len(self.file.draws)) if self.file.draws else 1
@@ -71,12 +71,12 @@ class SweepPlan:
 
     @property
     def varied(self) -> set[str]:
-        """Keys set by axes, draws and variants."""
+        """Keys that axes, draws and variants set."""
         return {*self.axes, *self.file.draws}.union(*(variant.set for variant in self.file.variant))
 
     @property
     def checks(self) -> int:
-        """Number of runs that `check` checks. Seeds are not checked individually, except with random samples."""
+        """Number of runs that `check` examines. Seeds are examined individually only with random samples."""
         return self.total // self._stride
 
     @property
@@ -85,7 +85,7 @@ class SweepPlan:
 
     @property
     def parts(self) -> str:
-        """Factors of the number of runs, as text."""
+        """Factors of the number of runs as text, for example `3 speed x 5 seeds`."""
         counts = [(len(self.file.variant), "variants")] if self.file.variant else []
         counts += list(zip(self.sizes, self.axes, strict=True))
         counts += [(self.samples, "samples")] if self.samples > 1 else []
@@ -107,7 +107,7 @@ class SweepPlan:
         parameters = {key: values[key] for key in self.axes}
         parameters |= {key: column[row] for key, column in self._draws.items()}
         overrides = {**(variant.set if variant else {}), **parameters}
-        # A kind or a table first, because it determines the other keys.
+        # Kinds and tables come first, because they determine the other keys.
         overrides = dict(sorted(overrides.items(), key=lambda item: not sets_schema(*item)))
         return RunPlan(number, variant.name if variant else None, seed, parameters, {**overrides, "seed": seed})
 
@@ -117,19 +117,19 @@ class SweepPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the written files except table and rows, see `results`."""
+        """Names of the folders that the runs write, as in `results`."""
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
-        """Return the folder for kept files of run `number`, relative to the results folder."""
+        """Return the folder of kept files of run `number`, relative to the results folder."""
         return f"{RUNS}/{number:08}"
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
-        """Return every `step`-th run, starting with run `first`."""
+        """Yield every `step`-th run, starting with run `first`."""
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """Yield up to `most` valid scenarios of different combinations, evenly spaced over the plan."""
+        """Yield at most `most` valid scenarios of different combinations, evenly spaced over the plan."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):
@@ -147,12 +147,12 @@ class SweepPlan:
 
     @cached_property
     def base(self) -> str:
-        """Base scenario as JSON."""
+        """Base scenario as JSON text."""
         return base_text(self.sweep.base)
 
     @cached_property
     def mixed(self) -> frozenset[str]:
-        """Parameters with values of different types or tables, which the results table contains as text."""
+        """Parameters whose values have different types or are tables. The results table contains them as text."""
         values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
@@ -160,11 +160,11 @@ class SweepPlan:
 
     @cached_property
     def file_names(self) -> dict[str, str]:
-        """Names of data files in the results folder, by path."""
+        """Names of data files in the results folder, by original path."""
         return portable(self.sweep).names
 
     def check_size(self, max_runs: int = MAX_RUNS) -> None:
-        """Raise `ScenarioError` if the number of runs exceeds the limit."""
+        """Raise `ScenarioError` if the number of runs exceeds `max_runs`."""
         if self.total > max_runs:
             raise ScenarioError(
                 f"{self.sweep.name}: the sweep has {self.total:,} runs ({self.parts}), and the limit is {max_runs:,}; "
@@ -172,8 +172,8 @@ class SweepPlan:
             )
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Check that all runs are feasible; call `advance` after each. Raises `ScenarioError` with all infeasible
-        runs."""
+        """Check that all runs are feasible, and call `advance` after each run. Raises `ScenarioError` that lists all
+        infeasible runs."""
         checker, wrong = _Checker(self.sweep.base), dict[str, list[str]]()
         for run in self.runs(step=self._stride):
             for fault in checker.faults(run):
@@ -196,13 +196,13 @@ class SweepPlan:
 
 
 class _Checker:
-    """Checks of single runs. Tractors, fields and paths that runs share are checked once."""
+    """Check of single runs. A tractor, field or path that several runs share is checked once."""
 
     def __init__(self, base: Scenario) -> None:
         self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()
 
     def faults(self, run: RunPlan) -> list[str]:
-        """Return the errors of a run, without the name of the scenario."""
+        """Return the error messages of a run, without the name of the scenario."""
         try:
             scenario = self.base.changed(run.overrides, files=False)
         except ScenarioError as error:
@@ -238,17 +238,17 @@ class _Checker:
 
 
 def sets_schema(key: str, value: Any) -> bool:
-    """Return whether an override sets a kind or table, which must be applied before other keys."""
+    """Return whether an override sets a kind or a table. Such overrides must be applied before others."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
 def points_of(method: str, samples: int, draws: int) -> int:
-    """Return the number of points of a design for a number of samples and random parameters."""
+    """Return the number of sample points of a design, for given numbers of samples and random parameters."""
     return samples * (draws + 2) if method == "saltelli" else samples
 
 
 def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
-    """Return the design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d)."""
+    """Return the sampling design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d)."""
     from scipy.stats import qmc
 
     base = qmc.Sobol(2 * dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]
@@ -267,7 +267,7 @@ def _points(method: str, n: int, dimensions: int, seed: int) -> Array:
         from scipy.stats import qmc
 
         if method == "sobol":
-            # The first n points of a sequence of balanced length, the next power of two.
+            # The first n points of a sequence whose length, the next power of two, is balanced.
             points = qmc.Sobol(dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]
         else:
             points = qmc.LatinHypercube(dimensions, rng=generator).random(n)

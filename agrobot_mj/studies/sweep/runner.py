@@ -1,4 +1,4 @@
-"""Execution of a sweep: check the plan, execute missing runs with one row file each, and write the final table."""
+"""Execution of a sweep: check the plan, simulate missing runs with one row file each, and write the final table."""
 
 import errno
 from collections.abc import Callable, Iterator, Sequence
@@ -16,23 +16,23 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 
 MOST_HEARD = 100
-"""Maximum number of scenarios, evenly spaced over the plan, that are checked for hints."""
+"""Maximum number of scenarios that are checked for hints, evenly spaced over the plan."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Callback that receives scenarios before the first run."""
+"""Function that is called before the first run with some scenarios of the sweep."""
 Shard = tuple[int, int]
-"""Number of a part, counted from 1, and number of parts."""
+"""Number of a part of the runs, counted from 1, and number of parts."""
 
 
 class SweepOptions(NamedTuple):
     """Options of a sweep."""
 
     jobs: int | None = None
-    """Number of processes; None: one per core."""
+    """Number of processes; None for one per core."""
     scheduler: str | None = None
     shard: Shard = (1, 1)
-    """Part of the runs to simulate."""
+    """Part of the runs that this process simulates."""
     fresh: bool = False
-    """Whether to discard existing results."""
+    """Whether existing results are discarded first."""
     max_runs: int = MAX_RUNS
     quiet: bool = False
 
@@ -41,12 +41,12 @@ DEFAULTS = SweepOptions()
 
 
 class SweepSummary(NamedTuple):
-    """Result of a sweep."""
+    """Summary of a sweep that has ended."""
 
     folder: Path
     total: int
     before: int
-    """Number of runs of this part with existing results."""
+    """Number of runs in this part whose results existed before."""
     new: int
     unexpected: int
     errors: int
@@ -57,18 +57,18 @@ def sweep(
 ) -> SweepSummary:
     """Run the missing runs of a sweep and write all results to `folder`. Raises `ScenarioError` before the first run.
 
-    `begin` receives some scenarios of the sweep before the first run.
+    `begin` is called before the first run with some scenarios of the sweep.
     """
     plan = SweepPlan(read_sweep(source))
-    plan.check_size(options.max_runs)  # before any loop over its values
+    plan.check_size(options.max_runs)  # must precede all loops over the runs
     store = Store(folder, plan)
-    # Shards may share a folder, because their runs differ.
+    # Shards may share a folder, because they have different runs.
     with results(folder, store.names) if options.shard == (1, 1) else nullcontext():
         return drive(store, options, begin)
 
 
 def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None) -> SweepSummary:
-    """Run the missing runs of a sweep in its folder, which is locked unless shards share it; see `sweep`."""
+    """Simulate the missing runs of a sweep in its folder, which is locked unless shards share it."""
     plan, before, unexpected, errors = store.plan, 0, 0, 0
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(store, options, part)
@@ -94,7 +94,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the parts of a sweep in `folder`; return the number of rows of the table and of the plan."""
+    """Merge the parts of a sweep into `folder`. Return the number of rows in the table and of runs in the plan."""
     if not sources:
         raise ScenarioError(f"{folder}: no such folder; specify folders written with --shard")
     with results(folder, (TABLE,), shared=True):
@@ -102,7 +102,7 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 
 def _prepare(store: Store, options: SweepOptions, part: range) -> None:
-    """Mark the folder, and check the plan unless the folder already contains results of it."""
+    """Mark the folder as a results folder, and check the plan unless the folder contains results of this plan."""
     folder, plan, whole = store.folder, store.plan, options.shard == (1, 1)
     check_folder(folder, store.names)
     if options.fresh or begun(folder) is None or store.changed:

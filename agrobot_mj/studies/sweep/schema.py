@@ -1,7 +1,7 @@
-"""Schema of sweep files: base scenario, axes, random samples, seeds, and variants.
+"""Schema of sweep files: base scenario, axes, random samples, seeds and variants.
 
-Keys of axes, draws, `set` and variants are dotted keys of the scenario, as for `--set`; each key is allowed once.
-`portable` makes paths of data files relative to the sweep file, so that results can be moved and shared.
+Axes, draws, `set` and variants use dotted keys of the scenario, as `--set` does; each key is allowed once. `portable`
+makes paths of data files relative to the sweep file, so that results can be moved and shared.
 """
 
 import json
@@ -40,11 +40,11 @@ Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 
 BASE = "base.toml"
-"""File name of the base scenario in the folder of a resolved sweep."""
+"""File name of the base scenario, in a folder with a resolved sweep."""
 POINTS_PER_DRAW = 3
-"""Minimum number of screening points per random parameter for a regression with error estimates."""
+"""Minimum number of points per random parameter with `screening`, for a regression with error estimates."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
-"""Parts of error locations of pydantic that are not keys of the file."""
+"""Items in pydantic's error locations that are not keys of the file."""
 
 
 class SweepVariant(Spec):
@@ -70,19 +70,19 @@ class SweepFile(Spec):
     set: dict[str, Any] = Field(default_factory=dict)
     """Overrides common to all runs."""
     axes: dict[str, Axis] = Field(default_factory=dict)
-    """Values by dotted key. All combinations are run."""
+    """Lists or ranges of values by dotted key. All combinations of the values are run."""
     draws: dict[str, AnyDraw] = Field(default_factory=dict)
-    """Distributions by dotted key."""
+    """Distributions of random parameters by dotted key."""
     samples: Annotated[int, Field(ge=1)] = 1
     """Number of random samples for each combination and seed."""
     method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
-    """Sampling method of the draws; `screening` and `saltelli` are designs for sensitivity analysis.
+    """Sampling method for the draws. `screening` and `saltelli` are designs for sensitivity analysis.
 
     `screening` is a Latin hypercube; `saltelli` has samples * (draws + 2) points. Both use the same points for every
     seed, variant and axis value.
     """
     paired: bool = False
-    """Whether all combinations and variants use the same samples, which differences between them require."""
+    """Whether all combinations and variants use the same samples, as comparisons between them require."""
     draw_seed: Seed = 1
     """Seed of the random samples, independent of `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
@@ -92,7 +92,7 @@ class SweepFile(Spec):
 
     @property
     def common(self) -> bool:
-        """Whether the samples are the same for every seed, variant and axis value."""
+        """Whether every seed, variant and axis value has the same samples."""
         return self.method in ("screening", "saltelli")
 
     @model_validator(mode="after")
@@ -149,13 +149,13 @@ class SweepFile(Spec):
 
 
 def _text(value: Any) -> str:
-    """Return a value as text, equal for equal values such as 1 and 1.0."""
+    """Return a value as text. Equal values such as 1 and 1.0 have equal texts."""
     whole = isinstance(value, float) and value.is_integer()
     return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
 
 class Sweep(NamedTuple):
-    """Sweep file with its base scenario."""
+    """Sweep file together with its base scenario."""
 
     name: str
     file: SweepFile
@@ -165,13 +165,13 @@ class Sweep(NamedTuple):
 
     @property
     def seeds(self) -> tuple[int, ...] | range:
-        """Seeds of the runs."""
+        """Seeds of the runs of each combination."""
         given = self.file.seeds
         return range(self.base.seed, self.base.seed + given) if isinstance(given, int) else given
 
 
 def find_sweep(source: str | Path) -> Path:
-    """Return the path of a sweep file given by name or path. Raises `ScenarioError`."""
+    """Find a sweep file by name or path. Raises `ScenarioError`."""
     return find_file(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
@@ -196,16 +196,16 @@ def read_sweep(source: str | Path) -> Sweep:
 
 
 def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
-    """Return a copy of a sweep with absolute file paths; relative paths start at the folder of the sweep file."""
+    """Return a copy of a sweep with absolute paths. Relative paths start at the folder of the sweep file."""
     data = _as_table(file)
-    for key, axis in file.axes.items():  # only of listed axes; other axes may have too many values
+    for key, axis in file.axes.items():  # only listed axes are expanded; other axes may have too many values
         data["axes"][key] = list(axis.values) if isinstance(axis, Listed) else axis.model_dump(by_alias=True)
     changed = changed_values(data, lambda key, value: absolute_value(key, value, Path.cwd(), folder))
     return SweepFile.model_validate_json(json.dumps(changed))
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """Return a sweep as plain data, with `change(key, value)` applied to each value of a dotted key."""
+    """Return a sweep as plain data with `change(key, value)` applied to the values of all dotted keys."""
 
     def each(values: Mapping[str, Any]) -> dict[str, Any]:
         return {key: change(key, value) for key, value in values.items()}
@@ -246,7 +246,7 @@ def _lines(source: str, error: ValidationError) -> list[str]:
     for each in errors:
         keys, kind = list(each["loc"]), each["type"]
         if len(keys) > 2 and keys[0] in ("axes", "draws"):
-            del keys[2]  # tag of the union
+            del keys[2]  # tag of the discriminated union
         keys = ["from" if key == "start" else "to" if key == "stop" else key for key in keys if key not in SILENT]
         text = fault(each)
         if kind == "extra_forbidden":
@@ -265,22 +265,22 @@ def _lines(source: str, error: ValidationError) -> list[str]:
 
 
 class PortableSweep(NamedTuple):
-    """Contents of `sweep.toml` and `base.toml`, and paths of their data files."""
+    """Contents of `sweep.toml` and `base.toml`, and the data files that they name."""
 
     sweep: dict[str, Any]
-    """Content of the sweep file, see `resolved`."""
+    """Content of the sweep file, as returned by `resolved`."""
     base: dict[str, Any]
     files: dict[str, Path]
-    """Original paths of data files by name."""
+    """Original paths of data files, by file name."""
 
     @property
     def names(self) -> dict[str, str]:
-        """Names of data files by path."""
+        """Names of data files, by original path."""
         return {str(path): name for name, path in self.files.items()}
 
 
 def portable(sweep: Sweep) -> PortableSweep:
-    """Return the sweep with data files named relative to the sweep file. Library files keep their names."""
+    """Return the sweep with data files named relative to the sweep file. Files of the library keep their names."""
     content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])
@@ -289,7 +289,7 @@ def portable(sweep: Sweep) -> PortableSweep:
 
 
 def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
-    """Return the value of a dotted key with file paths replaced by names."""
+    """Return the value of a dotted key with paths of data files replaced by their names."""
     if isinstance(value, str):
         return names.get(value, value) if last(key) in FILE_KEYS else value
     if isinstance(value, Mapping):

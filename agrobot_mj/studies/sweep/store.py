@@ -1,8 +1,8 @@
 """Results folder of a sweep.
 
-The folder contains `sweep.toml` and `base.toml` (resolved) with data files, `plan.json` (inputs of the rows), one file
-per row in `rows/`, kept files of runs in `runs/`, and `sweep.parquet`, the table of all rows. All files are written
-atomically, so that an interrupted sweep can continue with the missing runs.
+The folder contains `sweep.toml` and `base.toml` (resolved) with data files, `plan.json` (digests of all inputs), one
+file per row in `rows/`, kept files of runs in `runs/`, and `sweep.parquet`, the table of all rows. All files are
+written atomically, so that an interrupted sweep can continue with the missing runs.
 """
 
 import json
@@ -33,19 +33,19 @@ from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
 
 TABLE, PLAN = "sweep.parquet", "plan.json"
 FILES = ("base.toml", "sweep.toml", PLAN)
-"""Files that define a sweep, without data files."""
+"""Files that define a sweep, in addition to data files."""
 CODE = ("plugins", "program", "libraries")
-"""Parts of `digests` that identify the code."""
+"""Keys in the result of `digests` that identify the code."""
 _ROW = re.compile(r"[0-9a-f]+\.json")
-"""Pattern of the names of row files, including those of earlier versions."""
+"""Pattern of the names of row files, including those written by earlier versions."""
 IN_A_PIECE = 2000
-"""Number of rows in memory while the table is written."""
+"""Number of rows held in memory while the table is written."""
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """Return the digests of all inputs of the rows of a sweep, by part, independent of file locations."""
+    """Return digests of all inputs that the rows of a sweep depend on, by part. File locations have no effect."""
     content, base, named = portable(plan.sweep)
-    of_base = files(explicit_values(plan.sweep.base))  # included in its digest
+    of_base = files(explicit_values(plan.sweep.base))  # the digest of the base scenario includes these files
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
     about = ("title", "version", "keep")
     return {
@@ -57,7 +57,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
 
 
 def begun(folder: Path) -> dict[str, Any] | None:
-    """Return the content of `plan.json` in a folder; None without the file."""
+    """Return the content of `plan.json` in a folder; None if the file is missing."""
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
     except FileNotFoundError:
@@ -70,7 +70,7 @@ def begun(folder: Path) -> dict[str, Any] | None:
 
 
 class Store(RowFiles):
-    """Results folder of a sweep. As `RunFiles`, it keeps files of runs in the folders named by the plan."""
+    """Results folder of a sweep. It also stores files of runs (`RunFiles`), in the folders that the plan names."""
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         super().__init__(folder)
@@ -78,17 +78,17 @@ class Store(RowFiles):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all files and folders that a sweep may write, see `results`."""
+        """Names of all files and folders that a sweep may write, as in `results`."""
         return *FILES, TABLE, *FOLDERS, *self.plan.names, *self.plan.file_names.values()
 
     @property
     def changed(self) -> bool:
-        """Whether the rows in the folder belong to another plan."""
+        """Whether the existing rows in the folder belong to another plan."""
         there = (begun(self.folder) or {}).get("of", {})
         return any(there.get(part) != digest for part, digest in digests(self.plan).items())
 
     def begin(self) -> None:
-        """Write the plan."""
+        """Write the files that define the sweep."""
         sweep, base, named = portable(self.plan.sweep)
         for name, path in named.items():
             if path != self.folder.resolve() / name:
@@ -101,7 +101,7 @@ class Store(RowFiles):
         write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
     def clear(self, part: Iterable[int] | None = None) -> None:
-        """Delete the results of a sweep, or of the runs in `part`; other files are kept."""
+        """Delete the results of the sweep, or of the runs in `part`. Other files are kept."""
         if part is None:
             rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
         else:
@@ -114,7 +114,7 @@ class Store(RowFiles):
             _remove_if_empty(place)
         for place in (*map(Path, _entries(self.folder / ROWS)), self.folder / ROWS, self.folder / RUNS):
             _remove_if_empty(place)
-        # The plan is last, so that remaining files belong to it.
+        # The plan is deleted last, so that remaining files still belong to it.
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def has(self, task: Task, row: Row) -> bool:
@@ -128,7 +128,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the kept files of a run in place of earlier files, and delete the outdated table."""
+        """Write the kept files of a run in place of earlier ones, and delete the outdated table."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
@@ -142,25 +142,25 @@ class Store(RowFiles):
                     temporary.write_bytes(content)
 
     def file(self, task: Task, name: str) -> Path:
-        """Return the path of a kept file of a run; poses are next to the rows."""
+        """Return the path of a kept file of a run. Poses are stored next to the row."""
         return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
 
     def rows(self) -> Iterator[tuple[int, Row]]:
-        """Yield number and row of each run of the plan with a row, in order."""
+        """Yield number and row of each run whose row exists, in the order of the plan."""
         for number in range(self.plan.total):
             if row := self.row(self.asked(self.plan.task(number))):
                 yield number, row
 
     @property
     def in_table(self) -> int:
-        """Number of rows of the table; 0 without table."""
+        """Number of rows in the table; 0 without a table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):
             return 0
 
     def line(self, number: int, row: Row) -> dict[str, Any]:
-        """Return a row of the table: number, variant, seed, parameters, and results of the run."""
+        """Return a row of the table: run number, variant, seed, parameters, and results of the run."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
@@ -169,7 +169,7 @@ class Store(RowFiles):
         return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
-        """Write all rows as one table in the order of the runs; return the number of rows."""
+        """Write the table of all rows in the order of the runs. Return the number of rows."""
         rows, pieces = (self.line(*each) for each in self.rows()), []
         try:
             while some := list(islice(rows, IN_A_PIECE)):
@@ -190,7 +190,7 @@ class Store(RowFiles):
         return int(table.num_rows)
 
     def take(self, other: Path) -> None:
-        """Copy the rows and the kept files of another folder of the same sweep; links are not followed."""
+        """Copy rows and kept files from another folder of the same sweep. Links are not followed."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
             there = RowFiles(other).row_file(task)
@@ -207,13 +207,13 @@ class Store(RowFiles):
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table of a sweep. Raises OSError, ValueError or `pa.ArrowException`."""
+    """Return the rows in the table of a sweep. Raises OSError, ValueError or `pa.ArrowException`."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the rows of several folders of the same sweep; return the number of rows present and expected."""
+    """Merge the rows of several folders of the same sweep. Return the numbers of existing and of planned rows."""
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
@@ -271,7 +271,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove a folder that contains only its mark, unless it is a link."""
+    """Remove a folder that contains at most its mark. A link is kept."""
     if not folder.is_symlink():
         with suppress(OSError):
             if [path.name for path in folder.iterdir()] == [MARK]:
@@ -280,11 +280,11 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
-"""Exceptions of pyarrow for values that do not form a column."""
+"""Exceptions of pyarrow for values that cannot form one column."""
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Return run, column and value of the first value whose type differs from most values of its column."""
+    """Return run, column and value of the first value whose type does not fit its column; None without one."""
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
         kinds = Counter(_kind(value) for _, value in values)
