@@ -1,1 +1,1 @@
-"""Test bench: tyre rig, data sheets, and validation manoeuvres compared with theory."""
+"""Test bench: tyre rig, data sheets of machines, and validation manoeuvres whose results are compared with theory."""

@@ -1,14 +1,13 @@
-"""Data sheet of a machine, measured in the simulator without implement on firm ground, as on a proving ground.
+"""Data sheet of a machine without implement, measured in the simulator on firm ground, as on a proving ground.
 
 Loads are measured at standstill. The turning circle is that of the centre of the rear axle at full lock and crawling
 speed. The steering rate is measured at full voltage while rolling, the understeer gradient as in ISO 4138 on a circle
 of 20 wheelbases. The tip-over angle is measured by raising one side on ground with sufficient grip. Brake and drive are
 tested on a slope that increases until the machine rolls off or cannot climb.
 
-Basis of the parameters of a machine: measured, printed, identified or assumed.
-
-A key of the machine file has the basis that its comment begins with, or that of the comment above if it
-has none. A key that the file does not set has the basis of its docstring; one that follows from the size is assumed.
+Each parameter of a machine has a basis: measured, printed, identified or assumed. The basis of a key in the machine
+file is the first word of its comment, or of the comment above if the key has none. The basis of a key that the file
+does not set is that of its docstring. A key whose value follows from the machine size is assumed.
 """
 
 import re
@@ -39,17 +38,17 @@ CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
 """Speeds for turning and climbing, for steering, and above which braked wheels count as slipping [m/s]. An axle that
 reaches its brake torque first moves at 1-4 mm/s while the carcasses of the other deflect."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
-"""Radius of the circle [wheelbases], and maximum speed on it [m/s]; at most 0.8 of the top speed."""
+"""Radius of the circle [wheelbases], and maximum speed on the circle [m/s], at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rates of increase of the slope below and above the third value [deg/s, deg/s, deg]."""
+"""Rates at which the slope increases: below and above the third value [deg/s, deg/s, deg]."""
 CLIMBING = 0.7
-"""Fraction of the initial speed below which a machine cannot climb [-]: the wheels slip beyond their peak pull."""
+"""Fraction of the initial speed below which a machine cannot climb [-]: wheels slip beyond their maximum pull."""
 STEADY_S = 10.0
-"""Time with constant pedal in which oscillations of the crawling machine decay [s]."""
+"""Time at constant pedal position in which oscillations of the crawling machine decay [s]."""
 
 
 class Measured(NamedTuple):
-    """Line of a data sheet."""
+    """Line of a data sheet: a measured quantity."""
 
     name: str
     value: float
@@ -58,12 +57,12 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """Line as plain data with six significant digits; None for a missing value."""
+        """Line of the data sheet as JSON values, with six significant digits; None for a missing value."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine, given by name or path; yield each line when available. Raises `ScenarioError`."""
+    """Measure a machine given by name or path, and yield each line when it is available. Raises `ScenarioError`."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")
@@ -101,7 +100,7 @@ def _standing(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _turning(scenario: Scenario) -> Iterator[Measured]:
-    """Yield the turning radius at full lock, and the steering rates from lock to lock."""
+    """Yield the turning radius at full lock, and the steering rates from lock to lock in both directions."""
     driver = _driver(scenario, min(ROLLING_M_S, 0.5 * scenario.driveline.full_speed_m_s))
     driver.go(3.0)
     rates = []
@@ -133,7 +132,7 @@ def _understeer(scenario: Scenario) -> float:
 
 
 def _slope(plant: MujocoPlant) -> Iterator[float]:
-    """Tilt gravity backwards, as on ground that rises in front; yield the slope of each tick [deg]."""
+    """Tilt gravity backwards, as on a slope that rises ahead of the machine; yield the slope at each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
         grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
@@ -142,14 +141,14 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
 
 
 def _holding(scenario: Scenario) -> float:
-    """Return the maximum slope on which the brake holds the machine, facing uphill [deg]."""
+    """Return the maximum slope on which the brake holds a machine that faces uphill [deg]."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
     return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which the speed of a crawling machine falls below `CLIMBING` at constant pedal [deg]."""
+    """Return the slope at which the speed of a crawling machine with a constant pedal falls below `CLIMBING` [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay
@@ -165,7 +164,7 @@ def _top_speed(scenario: Scenario) -> float:
 
 def sheet_text(measured: Measured) -> str:
     """Return a line of a data sheet as text."""
-    rounded = float(f"{measured.value:.4g}")  # ten tonnes without an exponent
+    rounded = float(f"{measured.value:.4g}")  # no exponent for ten tonnes
     return f"{measured.name:32} {rounded:9g} {measured.unit}".rstrip()
 
 
@@ -175,15 +174,15 @@ SAYS = {
     "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
     "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
 }
-"""Beginnings of a comment, by basis."""
+"""Patterns of the first words of a comment, by basis."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
 UNKNOWN = "not stated"
-"""Basis of a number without a comment in a file."""
+"""Basis of a key without a comment in the machine file."""
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")
 
 
 class Basis(NamedTuple):
-    """Parameter with its basis."""
+    """Parameter of a machine with its basis."""
 
     key: str
     value: float
@@ -193,7 +192,7 @@ class Basis(NamedTuple):
 
 
 def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
-    """Yield every number of tractor, steering and driveline of a machine, by name or path, with its basis."""
+    """Yield all numeric parameters of tractor, steering and driveline with their basis; machine by name or path."""
     found = machine_file(machine)
     stated = {} if found is None else comments(found[0].read_text(encoding="utf-8"))
     for table, part in (
@@ -211,7 +210,7 @@ def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
 
 
 def comments(text: str) -> dict[str, str]:
-    """Return the basis of each dotted key of a machine file, by its comments."""
+    """Return the basis of each dotted key of a machine file, from the comments in its text."""
     table, last, found = "", UNKNOWN, dict[str, str]()
     for line in text.splitlines():
         if header := _TABLE.match(line):
@@ -223,12 +222,12 @@ def comments(text: str) -> dict[str, str]:
 
 
 def basis_of(comment: str) -> str:
-    """Return the basis that a comment begins with."""
+    """Return the basis that the start of a comment states."""
     return next((basis for basis, pattern in SAYS.items() if re.match(pattern, comment)), UNKNOWN)
 
 
 def of_default(part: Spec, name: str) -> str:
-    """Return the basis of a number that no file sets, by the docstring of its key."""
+    """Return the basis of a default value, from the docstring of its key."""
     text = type(part).describe(name)
     if "Assumed value" in text or name in part.sized:
         return "assumed"
@@ -236,5 +235,5 @@ def of_default(part: Spec, name: str) -> str:
 
 
 def basis_text(found: Basis) -> str:
-    """Return a parameter as a line of text."""
+    """Return a parameter with its value and basis as a line of text."""
     return f"{found.key:40} {float(f'{found.value:.4g}'):9g} {found.basis}"

@@ -1,4 +1,4 @@
-"""Validation of the plants: manoeuvres with a known theoretical result, each with an acceptance band.
+"""Validation of the plants: manoeuvres with known theoretical results, each with an acceptance band.
 
 The manoeuvres use the plants directly, without sensors and controllers.
 """

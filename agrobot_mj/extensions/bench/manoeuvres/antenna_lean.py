@@ -53,7 +53,7 @@ from agrobot_mj.simulation.run import run as simulate
 
 GRADES_DEG = (5.0, 10.0, 15.0)
 ROOM_CM = 1.0
-"""Maximum difference between measured and predicted errors [cm]."""
+"""Maximum difference between measured and predicted offsets [cm]."""
 DRIVE_S, SETTLED_S = 100.0, 40.0
 """Duration of a run, and of the evaluated part at its end [s]."""
 GAINS: dict[str, dict[str, float]] = {
@@ -65,7 +65,7 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the runs. With these gains, the offset of the PD is 5.4 cm larger per degree of steady steering angle."""
+"""Gains of the runs, by controller. With these gains, the PD offset is 5.4 cm larger per degree of steady steering."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
@@ -74,25 +74,25 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
 
 
 class SlopeState(NamedTuple):
-    """Steady state of the tractor on the slope, left side uphill."""
+    """Steady state of a tractor on a slope whose left side is uphill."""
 
     roll: float
     """Roll angle phi [rad]."""
     crab: float
-    """Crab angle beta, heading uphill of the line, seen from above [rad]."""
+    """Crab angle beta: heading relative to the line, positive uphill, seen from above [rad]."""
     steer: float
     """Steering angle delta [rad]."""
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
-    """Return the theoretical steady state, from parameters only."""
+    """Return the theoretical steady state on a slope, computed from parameters only."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
     return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
 
 
 def gains(scenario: Scenario) -> tuple[float, float]:
-    """Return the steady gains K_y [-] and K_psi [rad/m] of the paper's EKF on a straight line."""
+    """Return the steady-state gains K_y [-] and K_psi [rad/m] of the paper's EKF on a straight line."""
     e, T, V = scenario.estimator, TICK_S, scenario.path.speed_m_s
     F = np.array(((1.0, T * V), (0.0, 1.0)))
     Q = T * np.diag(np.square((e.position_walk_m_rt_s, radians(e.yaw_walk_deg_rt_s))))
@@ -102,7 +102,7 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return the estimated sin(psi) [-] and leftward offset of R from the fixes [m], for steering `delta` [rad]."""
+    """Return the estimated sin(psi) [-] and offset of R to the left of the fixes [m], for steering `delta` [rad]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -112,7 +112,7 @@ def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
 
 
 def offset(scenario: Scenario, slope: SlopeState) -> float:
-    """Return the steady offset of the true CG from the line, uphill [m]. Raises ValueError if the law saturates."""
+    """Return the steady uphill offset of the true CG from the line [m]. Raises ValueError if the law saturates."""
     s, law, compensated = scenario, scenario.guidance, scenario.estimator.terrain_compensation
     h, l_r, h_c = s.tractor.antenna_height_m, s.tractor.cg_to_rear_axle, s.tractor.cg_height_m
     phi, beta, delta = slope
@@ -130,24 +130,24 @@ def offset(scenario: Scenario, slope: SlopeState) -> float:
 
 
 class SlopeDrive(NamedTuple):
-    """Steady-state run along the contour."""
+    """Run along a contour of the slope, evaluated in steady state."""
 
     scenario: Scenario
     offset: float
-    """Mean offset of the true CG from the line, uphill [m]."""
+    """Mean uphill offset of the true CG from the line [m]."""
     state: SlopeState
-    """Measured steady state, mirrored so that the left side is uphill."""
+    """Measured steady state, mirrored if necessary, so that the left side is uphill."""
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenario keys of the control loop, for checks and figures."""
+    """Return the scenario keys of a control loop, which checks and figures use."""
     return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
 
 
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Run along the contour, eastwards (left side uphill) or westwards (`heading_deg` 180), and evaluate the end."""
+    """Simulate a run along a contour, eastwards (left side uphill) or westwards (180 deg), and evaluate its end."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -169,8 +169,8 @@ def drive(
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the errors on every tyre with a force law. Quick mode: PD eastwards on 10 degrees with the paper's EKF,
-    with or without terrain compensation depending on the tyre."""
+    """Check the offsets on every tyre with a force law. Quick mode: PD controller and paper's EKF, eastwards on 10
+    degrees, with or without terrain compensation depending on the tyre."""
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())
     if m.quick:
@@ -183,7 +183,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> Iterator[Check]:
-    """Yield checks against both theories [cm]; `seen` has one run per direction."""
+    """Yield checks against both theories [cm]; `seen` contains one run per direction of travel."""
     pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
     yield m.about(f"{words}, held", tyre.kind, "cm").close(*worse, ROOM_CM)

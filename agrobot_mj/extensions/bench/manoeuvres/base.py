@@ -1,7 +1,7 @@
 """Common parts of all manoeuvres: checks with acceptance bands, plants and tyres.
 
-A manoeuvre is one file with a function `run(m: Trial) -> Iterator[Check]`. Bands are those of the project's claims and
-are never widened; a check outside its band fails. Internal units are SI and radians; each check has its own unit.
+A manoeuvre is a file with a function `run(m: Trial) -> Iterator[Check]`. The bands are the project's accuracy claims
+and are never widened; a check outside its band fails. Internal units are SI and radians. Each check has its own unit.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,11 +17,11 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Subject of checks on the bicycle. The subject of a MuJoCo tractor is the kind of its tyre."""
+"""Subject of checks on the bicycle. For a MuJoCo tractor, the subject is the kind of its tyres."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
-    """Return the default tractor scaled to a mass [kg], without explicit tyre properties."""
+    """Return the default tractor scaled geometrically to a mass [kg]. Explicit tyre properties are removed."""
     p = TractorParameters()
     size = (mass_kg / p.mass_kg) ** (1 / 3)
     powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
@@ -31,12 +31,12 @@ def tractor_of(mass_kg: float) -> TractorParameters:
 
 
 class Check(NamedTuple):
-    """Measured number with its theoretical value and acceptance band."""
+    """Measured value with its theoretical value and acceptance band."""
 
     manoeuvre: str
     quantity: str
     subject: str
-    """`bicycle`, or the kind of tyre of the MuJoCo tractor."""
+    """`bicycle`, or the kind of tyres of the MuJoCo tractor."""
     measured: float
     theory: float | None
     unit: str
@@ -45,15 +45,15 @@ class Check(NamedTuple):
     high: float
     """Upper limit of the band [unit]."""
     band: str
-    """Limits as text; `reported` for a number without acceptance limits."""
+    """Acceptance limits as text; `reported` for a check without limits."""
 
     @property
     def passed(self) -> bool:
-        """Whether the number is finite and inside its band."""
+        """Whether the measured value is finite and inside its band."""
         return isfinite(self.measured) and self.low <= self.measured <= self.high
 
     def judged(self, judged: bool) -> "Check":
-        """Return the check, without acceptance limits if `judged` is False."""
+        """Return the check; without acceptance limits if `judged` is False."""
         return self if judged else self._replace(low=-inf, high=inf, band="reported")
 
     @property
@@ -65,7 +65,7 @@ class Check(NamedTuple):
 
 
 class About(NamedTuple):
-    """Header of a check: manoeuvre, quantity, subject and unit."""
+    """Head of a check: manoeuvre, quantity, subject and unit. The methods create checks."""
 
     manoeuvre: str
     quantity: str
@@ -73,16 +73,16 @@ class About(NamedTuple):
     unit: str
 
     def near(self, measured: float, theory: float, share: float) -> Check:
-        """Return a check that the value differs from the theory by at most the fraction `share` [-]."""
+        """Return a check that `measured` differs from `theory` by at most the fraction `share` [-]."""
         room = share * abs(theory)
         return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
 
     def close(self, measured: float, theory: float, room: float) -> Check:
-        """Return a check that the value differs from the theory by at most `room` [unit]."""
+        """Return a check that `measured` differs from `theory` by at most `room` [unit]."""
         return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
 
     def below(self, measured: float, limit: float) -> Check:
-        """Return a check that the magnitude is at most `limit` [unit]."""
+        """Return a check that the absolute value is at most `limit` [unit]."""
         return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
 
     def none(self, measured: float) -> Check:
@@ -90,7 +90,7 @@ class About(NamedTuple):
         return self._check(measured, None, 0.0, 0.0, "none")
 
     def between(self, measured: float, low: float, high: float) -> Check:
-        """Return a check that the value lies between two limits [unit]."""
+        """Return a check that the value is between two limits [unit]."""
         return self._check(measured, None, low, high, f"{low:g} to {high:g} {self.unit}".rstrip())
 
     def above(self, measured: float, limit: float) -> Check:
@@ -98,7 +98,7 @@ class About(NamedTuple):
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
     def reported(self, measured: float, theory: float | None = None) -> Check:
-        """Return a check without acceptance limits; the value must be finite."""
+        """Return a check without acceptance limits, which requires a finite value."""
         return self._check(measured, theory, -inf, inf, "reported")
 
     def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
@@ -107,62 +107,62 @@ class About(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """Return a default instance of every kind of tyre on firm ground; soil with sinkage has a separate manoeuvre."""
+    """Return the default tyre of every kind for firm ground. Soil with sinkage has a separate manoeuvre."""
     found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
 
 def tyre_of(kind: str) -> Any:
-    """Return the default instance of a kind of tyre."""
+    """Return the default tyre of a kind."""
     return families()["plant.tyre"][kind]()
 
 
 def force_tyres() -> list[Any]:
-    """Return a default instance of every tyre with a force law, for which a theory exists."""
+    """Return the default tyre of every kind with a force law, for which a theory exists."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 
 class Trial:
-    """Manoeuvre under test: creates plants and check headers, and stores curves for the figures."""
+    """Execution of one manoeuvre: creates plants and heads of checks, and stores curves for figures."""
 
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick
         self.curves: dict[str, Any] = {}
-        """Arrays for the figures by subject."""
+        """Curves for the figures, by subject."""
         self.checks: list[Check] = []
         self._plants: list[MujocoPlant] = []
         self._warned = 0
 
     def drive(self, run: "Run") -> "Trial":
-        """Run the manoeuvre and store its checks; return self."""
+        """Run the manoeuvre, store its checks, and return this trial."""
         self.checks = list(run(self))
         return self
 
     def about(self, quantity: str, subject: str, unit: str = "") -> About:
-        """Return the header of a check."""
+        """Return the head of a check."""
         return About(self.name, quantity, subject, unit)
 
     def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
-        """Return a plant as `mujoco_plant` does, and count its warnings."""
+        """Return plant and truth from `mujoco_plant`, and include the plant's warnings in the count."""
         plant, truth = mujoco_plant(tyre, *place, **how)
         self._plants.append(plant)
         return plant, truth
 
     def restart(self, plant: MujocoPlant) -> None:
-        """Reset the tractor to the origin and add its warnings to the count."""
+        """Reset the tractor to the origin; its MuJoCo warnings so far are added to the count."""
         self._warned += plant.warnings()
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Return subject, plant and first truth on level ground, for the bicycle and MuJoCo on all tyres or
-        `linear`."""
+        """Return subject, plant and initial truth on level ground for the bicycle, and for MuJoCo with all tyres or
+        only `linear`."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]
 
     @property
     def warnings(self) -> int:
-        """Number of MuJoCo warnings in all plants."""
+        """Number of MuJoCo warnings of all plants in this trial."""
         return self._warned + sum(plant.warnings() for plant in self._plants)
 
 

@@ -25,16 +25,16 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 TRACTOR = TractorParameters()
 DT_S, PERIODS = 0.001, 3
-"""Time step [s], and number of periods, of which the last is evaluated [-]."""
+"""Time step [s], and number of simulated periods [-]; the last period is evaluated."""
 HARMONICS, SEED = 2, 20
 MOTIONS, BRIEFLY = 1000, 60
-"""Number of motions of each tyre in the full and in the quick suite [-]."""
+"""Number of motions of each tyre, in the full and in the quick suite [-]."""
 ROUNDING = 1e-6
-"""Maximum energy gain due to rounding, divided by the energy exchanged in a period [-]."""
+"""Maximum energy gain due to rounding errors, divided by the energy exchanged in a period [-]."""
 
 
 class Cycle(NamedTuple):
-    """Closed motion of one wheel; each signal is a mean and `HARMONICS` pairs of (amplitude, phase), shape (5,)."""
+    """Closed motion of one wheel. Each signal is a mean and `HARMONICS` pairs (amplitude, phase), shape (5,)."""
 
     wheel: int
     """Index of the wheel: 0 front, 2 rear."""
@@ -45,13 +45,13 @@ class Cycle(NamedTuple):
     aside: Array
     """Velocity of the hub to the left [m/s]."""
     skid: Array
-    """Velocity of the rim minus that of the hub [m/s]."""
+    """Circumferential velocity of the rim minus forward velocity of the hub [m/s]."""
     sunk: Array
     """Vertical deflection of the tyre [m]."""
 
 
 def cycle(rng: np.random.Generator) -> Cycle:
-    """Return a random closed motion, standing or rolling."""
+    """Return a random closed motion of a wheel that stands or rolls."""
     wheel, period = int(rng.choice([0, 2])), float(10 ** rng.uniform(-0.5, 0.5))
     static = TRACTOR.wheels[wheel // 2].deflection
 
@@ -60,7 +60,7 @@ def cycle(rng: np.random.Generator) -> Cycle:
         phase = rng.uniform(0.0, 2 * pi, HARMONICS)
         return np.array([mean, *np.stack([size * share / max(share.sum(), 1.0), phase], axis=1).ravel()])
 
-    # displacements of the patch from 0.1 mm to its own length, so that the tyre sticks or slides
+    # patch displacements from 0.1 mm to the length of the patch, so that the tyre sticks or slides
     speed, swing = (10 ** rng.uniform(-4.0, -1.0) * 2 * pi / period for _ in range(2))
     rolling = rng.choice([0.0, 0.0, 1.0]) * 10 ** rng.uniform(-2.0, 0.5)
     return Cycle(
@@ -75,7 +75,7 @@ def cycle(rng: np.random.Generator) -> Cycle:
 
 @jit
 def value(wave: Array, phase: float) -> float:
-    """Return a signal at a phase of its period [rad]."""
+    """Return the value of a signal at a phase of its period [rad]."""
     found = wave[0]
     for k in range(HARMONICS):
         found += wave[1 + 2 * k] * np.sin((k + 1) * phase + wave[2 + 2 * k])
@@ -84,7 +84,7 @@ def value(wave: Array, phase: float) -> float:
 
 @jit
 def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int) -> tuple[float, float]:
-    """Return the work of the ground on a wheel over the last period, and its sum of magnitudes [J]."""
+    """Return the work of the ground on a wheel in the last period, and the sum of its magnitudes [J]."""
     i, dt = cycle.wheel, cycle.period / steps
     bristle, wrench, report, before = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
     work, moved = 0.0, 0.0
@@ -105,7 +105,7 @@ def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int
 
 
 def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
-    """Return the work of the ground on the wheel over one period, and its sum of magnitudes, shape (motions, 2) [J]."""
+    """Return the work of the ground on a wheel in one period, and the sum of its magnitudes, shape (motions, 2) [J]."""
     ground, tyres = Flat().ground(), tyre_set(tyre, TRACTOR)
     tyres.damping[:] = 0.0  # damping would reduce the load to zero
     steps = [max(300, round(one.period / DT_S)) for one in motions]
@@ -113,7 +113,7 @@ def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
 
 
 def tool_gains(motions: list[Cycle]) -> Array:
-    """Return the work of the soil on a tool over one period, and its sum of magnitudes, shape (motions, 2) [J]."""
+    """Return the work of the soil on a tool in one period, and the sum of its magnitudes, shape (motions, 2) [J]."""
     law, found = Tool(suction_share=0.0).law(), []
     for one in motions:
         memory, before, work, moved, n = np.zeros(MEMORIES), np.zeros(3), 0.0, 0.0, 300
@@ -131,7 +131,7 @@ def tool_gains(motions: list[Cycle]) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check motions of a wheel on every tyre, with and without carcass damping, and of a tool."""
+    """Check random motions of a wheel with every tyre, with and without carcass damping, and of a tool."""
     rng = np.random.default_rng(SEED)
     motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
     some = motions[: len(motions) // 10]

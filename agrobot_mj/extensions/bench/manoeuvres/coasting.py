@@ -25,12 +25,12 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 5.0
 FROM_M_S, TO_M_S = 1.0, 4.0
-"""Speeds between which the acceleration is measured, well above standstill [m/s]."""
+"""Speeds between which the acceleration is measured [m/s]; both are well above standstill."""
 BAND = 0.02
 
 
 def spin_inertia(plant: MujocoPlant) -> Array:
-    """Return the inertia about each wheel axle, including all rotating parts, shape (4,) [kg m2]."""
+    """Return the moment of inertia about each wheel axle, including all rotating parts, shape (4,) [kg m2]."""
     model = plant.model
     wheels = [model.body(f"wheel_{wheel}").inertia[1] for wheel in WHEELS]
     along = [model.dof_armature[model.joint(f"spin_{wheel}").dofadr[0]] for wheel in WHEELS]
@@ -38,7 +38,7 @@ def spin_inertia(plant: MujocoPlant) -> Array:
 
 
 def theory(plant: MujocoPlant, paper: Tractor) -> float:
-    """Return the theoretical acceleration down the slope [m/s2]."""
+    """Return the theoretical acceleration of the coasting tractor down the slope [m/s2]."""
     grade, p = radians(GRADE_DEG), plant.tractor
     radius, resisted = paper.rolling(grade)
     effective = 1 + float(np.sum(spin_inertia(plant) / radius**2)) / p.mass_kg
@@ -46,7 +46,7 @@ def theory(plant: MujocoPlant, paper: Tractor) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the acceleration on every tyre. Quick mode is identical."""
+    """Check the acceleration with every tyre. Quick mode is identical."""
     for tyre in tyres():
         slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
         plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)

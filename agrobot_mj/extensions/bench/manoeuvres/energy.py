@@ -29,11 +29,11 @@ SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
 DT_S = 0.002
 BAND = 0.02
-"""Maximum residual divided by the change of kinetic energy [-]."""
+"""Maximum residual of the balance divided by the change of kinetic energy [-]."""
 
 
 class Wheel:
-    """State of one wheel over a step: position at the start, motion at the middle."""
+    """State of one wheel during a physics step: position at its start, motion at its middle."""
 
     def __init__(self, plant: MujocoPlant, i: int, normal: Array) -> None:
         body = plant.views.wheels[i]
@@ -45,7 +45,7 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Return tyre loss, damping and power into the tyre spring [W]; `velocity` and `spin` (3,) are at mid-step."""
+        """Return tyre loss, damping power, and power into the tyre spring [W], for velocities (3,) at mid-step."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down
@@ -67,7 +67,7 @@ class Wheel:
         f_x = report[FORCE_X] + soil
         sliding = -f_x * (v @ forward - r_e * omega) - f_y * (v @ left)
         rolling = t.rolling_resistance * load * r_e * abs(omega) + soil * (velocity @ forward)
-        # The tread rotates over the ground with the complete wheel rotation, including the spin of a tilted axle.
+        # The tread moves over the ground with the complete rotation of the wheel, including the spin of a tilted axle.
         torque = wrench[3:] - np.cross(arm, f_x * forward + f_y * left + load * n)
         twisting = -float(torque @ n) * float(spin @ n)
         squeezed = -load * float(v @ n)
@@ -76,7 +76,7 @@ class Wheel:
 
 
 class Books:
-    """Energy sums since the start [J]."""
+    """Energies summed since the start [J]."""
 
     def __init__(self, plant: MujocoPlant) -> None:
         self.plant = plant
@@ -95,7 +95,7 @@ class Books:
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step, add its powers, and return the truth."""
+        """Advance the plant by one physics step, add the powers to the sums, and return the truth."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]
@@ -115,14 +115,14 @@ class Books:
         return truth
 
     def close(self) -> tuple[float, float, float]:
-        """Return loss of potential energy, change of kinetic energy, and residual of the balance [J]."""
+        """Return the loss of potential energy, the change of kinetic energy, and the residual of the balance [J]."""
         potential, kinetic = self.stored() - self.start
         lost = self.hydraulic + self.tyres + self.damping + self.springs
         return -float(potential), float(kinetic), float(self.engine - potential - lost - kinetic)
 
 
 def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
-    """Return the energy sums of the weaving path, with one physics step per call."""
+    """Simulate the weaving path with one physics step per call, and return the energy sums."""
     books, driver = Books(plant), Driver(plant, truth, SPEED_M_S)
     for step in range(round(seconds / DT_S)):
         if step % round(TICK_S / DT_S) == 0:
@@ -133,7 +133,7 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the energy balance on every tyre with a force law. Quick mode: only a few seconds."""
+    """Check the energy balance with every tyre that has a force law. Quick mode: only a few seconds."""
     for tyre in force_tyres():
         plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
         books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)

@@ -27,7 +27,7 @@ STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
 
 
 def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
-    """Draw the figures of all manoeuvres by name into `folder`; return the files."""
+    """Draw the figures of all manoeuvres in `found` (by name) into `folder`, and return the files."""
     with mpl.rc_context(STYLE):
         return [
             save(draw(found[manoeuvre].curves), folder / f"{draw.__name__}.png")
@@ -37,7 +37,7 @@ def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
 
 
 def step_steer(steps: Mapping[str, Step]) -> Figure:
-    """Plot steering angle and yaw rate over time after the step."""
+    """Plot steering angle and yaw rate over the time since the step."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     for subject, step in steps.items():
@@ -52,7 +52,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Plot the crab angle of the heading over the grade, and the mean crab angle for the sum of stiffnesses."""
+    """Plot the crab angle of the heading over the grade, and the mean crab angle from the sum of stiffnesses."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -68,7 +68,7 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
 
 
 def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
-    """Plot the offset of the CG over the grade, with one panel per controller and one line style per estimator."""
+    """Plot the offset of the CG over the grade: one panel per controller, one line style per estimator."""
     controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
@@ -94,7 +94,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
 
 
 def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
-    """Plot the steering angle minus L / R over lateral acceleration."""
+    """Plot steering angle minus L / R over lateral acceleration."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, a = figure.subplots(), np.linspace(0.02, 0.6, 25)
     for subject, seen in rows.items():
@@ -121,4 +121,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""Functions that draw the curves of a manoeuvre, by manoeuvre. Files have the names of the functions."""
+"""Functions that draw the curves of a manoeuvre, by manoeuvre. Each file is named after its function."""

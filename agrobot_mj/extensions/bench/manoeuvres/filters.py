@@ -18,13 +18,13 @@ from agrobot_mj.simulation.stepping import Simulation
 
 KINDS = ("ekf", "ekf_bias")
 BAND = 1e-9
-"""Maximum difference between the estimates of both backends [m, rad, m2, rad2]."""
+"""Maximum difference between the estimates of both implementations: position, yaw, covariance [m, rad, m2, rad2]."""
 BRIEFLY_S = 20.0
-"""Duration of the quick version [s]."""
+"""Duration of the run in quick mode [s]."""
 
 
 def differences(kind: str, duration_s: float | None) -> tuple[float, float, float]:
-    """Return the maximum differences of both backends in position [m], yaw [rad] and covariance [m2, rad2]."""
+    """Return the maximum differences between both backends: position [m], yaw [rad], covariance [m2, rad2]."""
     changes = {"estimator.kind": kind, **({"duration_s": duration_s} if duration_s else {})}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -46,7 +46,7 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Compare both backends of the paper's estimator and of `ekf_bias`. Quick mode: only the first seconds."""
+    """Compare the backends for the paper's estimator and for `ekf_bias`. Quick mode: only the first seconds."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

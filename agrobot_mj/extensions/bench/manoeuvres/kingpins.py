@@ -31,33 +31,33 @@ CYLINDER = Cylinder(bore_mm=25.0, rod_mm=14.0, arm_m=0.08, stiffness_n_m_rad=2.8
 VALVE = Valve(gain_left_l_min_v=0.24, gain_right_l_min_v=0.21, section_flow_l_min=0.9)
 LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg=3.0, friction_n_m=8.0)
 SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
-"""Steering system sized for its class, as in the scenario `steering_backlash`."""
+"""Steering system sized for the class of the tractor, as in the scenario `steering_backlash`."""
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
-"""Rate of the sweeps, their ends, and the angle within which torques are averaged [deg/s, deg, deg]."""
+"""Rate and end angles of the sweeps [deg/s, deg], and range of angles in which torques are averaged [deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
 WEAK_BAR = 25.0
-"""Relief pressure below the pressure for steering at standstill [bar]."""
+"""Relief pressure below the pressure that steering at standstill needs [bar]."""
 
 
 class Turning(NamedTuple):
-    """Mean values of a steering sweep."""
+    """Mean torques of a steering sweep."""
 
     torque: float
-    """Torque opposing the motion, mean of both directions [N m]."""
+    """Torque that opposes the motion, mean of both directions [N m]."""
     offset: float
-    """Half the difference of the torques in both directions [N m]."""
+    """Half the difference of the torques in the two directions [N m]."""
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
-    """Return the valve voltage for a steady rate to one side: 1 left, -1 right [V]."""
+    """Return the valve voltage for a steady steering rate to one side (1 left, -1 right) [V]."""
     gain = machine.valve.gain_left_l_min_v if side > 0 else machine.valve.gain_right_l_min_v
     flow = radians(rate_deg_s) * machine.cylinder.displacement * 6e4
     return NEUTRAL_V + side * (machine.valve.dead_band_v + flow / gain)
 
 
 def driver_of(plant: MujocoPlant, speed: float) -> Driver:
-    """Return a driver of the plant, at rest or rolling straight."""
+    """Return a driver whose tractor is at rest or rolls straight."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     if speed:
         driver.go(3.0)
@@ -65,7 +65,7 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Turn left, right and left about an angle; return mean torques within `WITHIN_DEG`, without the first turn."""
+    """Steer left, right and left about an angle. Return mean torques within `WITHIN_DEG`, without the first sweep."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
@@ -80,17 +80,17 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Return the parked torque of both wheels by the manufacturers' rule [N m]."""
+    """Return the torque for turning both parked wheels, by the manufacturers' rule [N m]."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
 def changed(**linkage: float) -> Machine:
-    """Return the steering system with changed kingpins."""
+    """Return the machine with changed kingpin parameters."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 
 def loaded_radius(plant: MujocoPlant) -> float:
-    """Return the height of a front wheel's centre at the static load [m]."""
+    """Return the height of a front wheel's centre above the ground at the static load [m]."""
     tractor = plant.tractor
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
@@ -112,7 +112,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Check the steering rate with a weak relief valve, parked and rolling."""
+    """Check the steering rate with a low relief pressure, parked and rolling."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
     rates = []
@@ -127,7 +127,7 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def lifted(m: Trial) -> Check:
-    """Return the check of the torque of the weight lifted by steering, at 20 degrees, on tyres without scrubbing."""
+    """Return the check of the torque that lifts the tractor by steering, at 20 degrees, on tyres without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -139,7 +139,7 @@ def lifted(m: Trial) -> Check:
 
 
 def trailing(m: Trial, tyre: Any) -> Check:
-    """Return the check of the torque added by caster in a steady bend of 10 degrees at 3 m/s."""
+    """Return the check of the torque that caster adds in a steady bend, with 10 degrees of steering at 3 m/s."""
     torques = []
     for caster in (0.0, CASTER_DEG):
         machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
@@ -160,7 +160,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Run all checks on `magic_formula`, caster on `linear`. Quick mode: without sweeps while moving."""
+    """Run all checks with `magic_formula`, the caster check with `linear`. Quick mode: no sweeps while rolling."""
     if m.quick:
         yield lifted(m)
     else:

@@ -23,14 +23,14 @@ from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.run import run as simulate
 
 BAND, ROOM_CM, REST_MM_S = 0.05, 1.0, 1.0
-"""Bands of the slip angle [-], of the offset [cm], and of the initial speed [mm/s]."""
+"""Acceptance limits of slip angle [relative], offset [cm] and initial speed [mm/s]."""
 GRADE_DEG = 10.0
 DRIVE_S, SETTLED_S = 120.0, 40.0
 """Duration of a run, and of the evaluated part at its end [s]."""
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},
-    **GAINS["pd_t2fnn"],  # large machines oscillate with gains tuned for the compact tractor
+    **GAINS["pd_t2fnn"],  # gains tuned for the compact tractor let large machines oscillate
     "duration_s": DRIVE_S,
     "path.length_m": 200.0,
     "sensors.gnss.sigma_m": 0.0,
@@ -39,7 +39,7 @@ BARE: dict[str, Any] = {
 
 
 def scenario_of(machine: str) -> Scenario:
-    """Return the side slope scenario with a machine, without noise."""
+    """Return the side-slope scenario with a machine, without its implement and without GNSS noise."""
     return load_scenario("side_slope_10", {"machine": machine, **BARE})
 
 

@@ -27,13 +27,13 @@ SLOPE = Slope(grade_deg=GRADE_DEG, direction_deg=90.0)
 MASSES_KG = (TractorParameters().mass_kg, 2500.0)
 WATCHED_S = 20.0
 MOVES_MM, DIGS_MM = 0.1, 0.1
-"""Maximum motion and sinkage at rest [mm]."""
+"""Maximum motion and maximum additional sinkage of a parked tractor [mm]."""
 LEANS = 0.02
 """Fraction of the load added by roll on soil [-]."""
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check parked tractors of every mass on soft and firm ground. Quick mode: only the default tractor."""
+    """Check parked tractors of every mass on soft and on firm ground. Quick mode: only the default tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
             plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))
@@ -52,6 +52,6 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def deepest(plant: MujocoPlant) -> float:
-    """Return the maximum rut depth [m]."""
+    """Return the maximum rut depth below the plant [m]."""
     ruts = plant.ruts()
     return 0.0 if ruts is None or not len(ruts.depth) else float(ruts.depth.max())

@@ -33,32 +33,32 @@ SOILS = {
     "dry sand": Ruts(k_c_kn=0.99, k_phi_kn=1528.0, exponent=1.1, cohesion_kpa=1.04, friction_deg=28.0),
     "clayey soil": Ruts(k_c_kn=13.19, k_phi_kn=692.0, exponent=0.5, cohesion_kpa=4.14, friction_deg=13.0),
 }
-"""Soils after [Wong2008]; other parameters are assumed values."""
+"""Soil parameters of [Wong2008]; parameters without a source are assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
-"""Length of a pass [m], and length [m] and duration [s] of one of its steps, at 1.2 m/s."""
+"""Length of a pass [m]; distance [m] and duration [s] of a step, at 1.2 m/s."""
 HEADING = 0.3
-"""Heading of the wheel, oblique to the cells [rad]."""
+"""Heading of the wheel, oblique to the cells of the soil memory [rad]."""
 BAND, CLOSED = 0.02, 0.005
-"""Maximum relative error of the resistance of a wheel, and of the closed forms of a plate [-]."""
+"""Maximum relative errors of the resistance of a wheel, and of the closed forms for a plate [-]."""
 PASSES = 10
 
 
 class Pass(NamedTuple):
-    """One pass of a wheel, evaluated over the middle third of its length."""
+    """Pass of a wheel over the soil, evaluated over the middle third of its length."""
 
     resistance: float
     """Mean motion resistance [N]."""
     depth: float
     """Depth at the centre of the rut [m]."""
     work: float
-    """Work to sink all cells to their depths by Bekker's curve, divided by the length [N]."""
+    """Work that compacts all cells to their depths by Bekker's curve, divided by the length [N]."""
     tiles: int
     """Number of tiles of the soil memory in use [-]."""
 
 
 @jit
 def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Array, out: Array) -> None:
-    """Tow a wheel along `frame[1]` (3,) from the origin; write its resistance [N] at each step into `out`."""
+    """Tow a wheel from the origin along `frame[1]` (3,), and write its resistance at each step to `out` [N]."""
     n, f, left = frame
     vectors = ((n[0], n[1], n[2]), (f[0], f[1], f[2]), (left[0], left[1], left[2]))
     mass, depth, sinking = load / 9.81, 0.01, 0.0
@@ -66,13 +66,13 @@ def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Arr
         way = k * STEP_M
         pressed = press(soil, tread, memory, (way * f[0], way * f[1], 0.0), vectors, max(depth, 1e-6), 0.0)
         out[k] = -pressed.push
-        # half of critical damping at the stiffness of a tyre on firm soil
+        # half of critical damping for the stiffness of a tyre on firm soil
         sinking += DT_S * (9.81 - (pressed.load + sqrt(3e5 * mass) * sinking) / mass)
         depth += DT_S * sinking
 
 
 def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
-    """Return the passes of the rear wheel along the same track."""
+    """Simulate passes of the rear wheel along the same track, and return their results."""
     soil = tyre.structure().bearing
     tread = tread or treads(soil, TRACTOR)[1]
     ground: Ground = with_soil_memory(plane(0.0, 0.0, 2 * WAY_M), soil)
@@ -89,7 +89,7 @@ def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
 
 
 def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
-    """Return the depth at the centre of a rut [m], and the work of its compaction divided by the length [N]."""
+    """Return the depth at the centre of a rut [m], and the work of compaction divided by the length [N]."""
     along = ruts.x * np.cos(HEADING) + ruts.y * np.sin(HEADING)
     aside = np.abs(ruts.y * np.cos(HEADING) - ruts.x * np.sin(HEADING))
     here = (along > WAY_M / 3) & (along < 2 * WAY_M / 3)
@@ -101,7 +101,7 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
 
 
 def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
-    """Check the pressure of a plate over plastic sinkage, its rebound stiffness, and repeated loading."""
+    """Check pressure over plastic sinkage, rebound stiffness, and repeated loading of a plate."""
     soil, b = tyre.structure().bearing, 0.2
     k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by that after the first [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa per sinkage after the first [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:

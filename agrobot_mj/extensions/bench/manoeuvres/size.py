@@ -28,19 +28,19 @@ from agrobot_mj.tyres import MagicFormula
 MASSES_KG = (700.0, 2000.0, 5000.0, 9000.0)
 GRADE_DEG, SPEED_M_S = 5.0, 1.2
 BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
-"""Bands of crab angle and peak force [-], of the parking torque [-], and of the hitch angle of a trailer [deg]."""
+"""Acceptance limits: crab angle and peak force [relative], parking torque [relative], trailer's hitch angle [deg]."""
 TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
-"""Slip angles in the search of the peak force [deg]."""
+"""Slip angles among which the peak force is searched [deg]."""
 
 
 def grown(mass_kg: float) -> Machine:
-    """Return the default machine scaled to a mass [kg], without explicit tyres, steering and drive."""
+    """Return the default machine scaled to a mass [kg]. Tyres, steering and drive follow from the size."""
     return Machine(tractor=tractor_of(mass_kg))
 
 
 def trailer(mass_kg: float) -> Drawn:
-    """Return the default trailer scaled to a mass [kg]."""
+    """Return the default trailer scaled geometrically to a mass [kg]."""
     p = Drawn()
     s = mass_kg / p.mass_kg
     keys = [key for key in Drawn.model_fields if key.endswith("_m") and not key.startswith("tyre_")]
@@ -49,9 +49,9 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the mean slip angle of both axles weighted by stiffness, and any hitch angle [deg]."""
+    """Return the mean slip angle of both axles, weighted by stiffness, and the hitch angle of an implement [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
-    # equal speed in wheelbases per second: the driver's gains are those of a compact tractor
+    # equal speed in wheelbases per second, because the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
     trace, folded = Driver(plant, truth, speed).go(25.0, track_course()), 0.0
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(GRADE_DEG)))
@@ -71,7 +71,7 @@ def peak(tractor: TractorParameters, wheel: int) -> float:
 
 
 def parked(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the torque while the wheels turn at standstill [N m], and the final steering angle [deg]."""
+    """Return the torque while the wheels of a parked tractor turn [N m], and the final steering angle [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
     torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)

@@ -17,7 +17,7 @@ from agrobot_mj.terrain import Flat, Rough
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
 HOLD_S = 0.5
-"""Duration of each random voltage [s]."""
+"""Duration for which each random voltage is applied [s]."""
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
@@ -39,7 +39,7 @@ def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every tyre on both grounds. Quick mode: only 20 s."""
+    """Check every tyre on both types of ground. Quick mode: only 20 s."""
     seconds = BRIEFLY_S if m.quick else DURATION_S
     for tyre in tyres():
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):

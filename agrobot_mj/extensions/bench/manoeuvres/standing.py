@@ -30,29 +30,29 @@ from agrobot_mj.tyres.patch import LOAD
 
 BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 BAND_DEG, SOUGHT_DEG, HALVINGS = 0.3, 1.0, 5
-"""Band of the tipping slope and half of the search range [deg], and number of bisections of that range [-]."""
+"""Acceptance limit of the tipping slope and half the search range [deg], and number of bisection steps [-]."""
 PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
-"""Slopes for parking, and direction of steepest ascent for a machine facing east [deg]."""
+"""Grades for parking, and direction of steepest ascent for a machine that faces east [deg]."""
 FASTEST_M_S, FROM, TO = 4.0, 0.85, 0.2
-"""Speed before braking, at most 0.9 of the top speed [m/s]; fractions of it for measuring deceleration [-]."""
+"""Speed before braking [m/s], at most 0.9 of the top speed; fractions of it that limit the measurement [-]."""
 QUICK = ("compact", "orchard")
 
 
 def bare(machine: str) -> Scenario:
-    """Return the scenario of a machine without its implement."""
+    """Return the scenario of a machine on a straight line, without its implement."""
     return load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
 
 
 def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
-    """Return the plant of a scenario after its start on this ground."""
+    """Return the plant of a scenario on this ground, after the tractor has settled."""
     assert isinstance(s.plant, Mujoco), s.machine
-    with redirect_stderr(io.StringIO()):  # machines that fall over are expected
+    with redirect_stderr(io.StringIO()):  # some machines are expected to fall over
         return m.mujoco(s.plant.tyre, ground, s.vehicle)[0]
 
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
-    """Return the slope at which the upper rear wheel leaves the ground as gravity tilts [deg], see the data sheet."""
+    """Return the slope at which the upper rear wheel lifts off as gravity tilts, as in the data sheet [deg]."""
     return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
@@ -64,7 +64,7 @@ def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Return the steepest slope, near `about_deg`, on which the machine stands after its start [deg]."""
+    """Return the maximum slope near `about_deg` on which the machine rests after a start across the slope [deg]."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -73,7 +73,7 @@ def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
 
 
 def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
-    """Return the motion of the parked machine on this tyre with its brake applied [mm]."""
+    """Return the motion of a parked machine with this tyre and its brake applied [mm]."""
     ground = Slope(grade_deg=grade_deg, direction_deg=DIAGONALLY_DEG) if grade_deg else Flat()
     plant, start = m.mujoco(tyre, ground, s.vehicle)
     *_, end = hold(plant, BRIEFLY_S if m.quick else PARKED_S, BRAKED)
@@ -81,7 +81,7 @@ def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
 
 
 def deceleration(m: Trial, s: Scenario) -> float:
-    """Return the deceleration by the full brake on level ground [m/s2]."""
+    """Return the deceleration with the brake fully applied on level ground [m/s2]."""
     plant = plant_of(m, s.changed({"driveline.connected": False}), Flat().ground())
     speed = min(FASTEST_M_S, 0.9 * s.driveline.full_speed_m_s)
     plant.data.qvel[0] = speed
@@ -91,7 +91,7 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check machines parked and braking across slopes, and each tyre parked. Quick mode: two machines, 30 s."""
+    """Check machines that start, park and brake, and every tyre when parked. Quick mode: two machines, 30 s."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -35,13 +35,13 @@ from agrobot_mj.tyres import Linear
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02
-"""Band as a fraction of the steady gain [-], as in the tests of the plants."""
+"""Acceptance limit of the steady gain [relative], as in the tests of the plants."""
 TRANSIENT_BAND = 0.10
-"""Band as a fraction of the overshoot [-], which is a difference of two values."""
+"""Acceptance limit of the overshoot [relative], which is a difference of two values."""
 
 
 class Step(NamedTuple):
-    """Response from the tick of the step onwards."""
+    """Response to the step, starting at the tick of the step."""
 
     t: Array
     """Time since the step [s]."""
@@ -72,7 +72,7 @@ def rise(t: Array, values: Array, share: float) -> float:
 
 
 def swept(voltage: float) -> float:
-    """Return the angle by which a rigid cylinder turns the wheels for a pulse of `voltage` [rad]."""
+    """Return the steering angle that a voltage pulse causes with a rigid cylinder [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -81,12 +81,12 @@ def swept(voltage: float) -> float:
 
 
 def pulse_voltage() -> float:
-    """Return the voltage of the pulse that turns the wheels by `STEER` [V]."""
+    """Return the voltage of the pulse that steers the wheels by `STEER` [V]."""
     return float(brentq(lambda voltage: swept(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
 
 
 def step(plant: Any, truth: Truth, seconds: float) -> Step:
-    """Drive straight until the speed is steady, then step the steering angle; return the response."""
+    """Drive straight until the speed is steady, apply the steering step, and return the response."""
     driver = Driver(plant, truth, SPEED_M_S)
     driver.go(10.0)
     driver.go_by_voltage(0.5, NEUTRAL_V)
@@ -101,7 +101,7 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical steady gain [1/s]; None for MuJoCo's contact."""
+    """Return the theoretical steady gain [1/s]; None for MuJoCo's contact model."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
@@ -150,7 +150,7 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Return measured and theoretical overshoot, and RMS yaw-rate difference divided by the steady yaw rate [%]."""
+    """Return measured and theoretical overshoot, and the RMS difference of the yaw rates, per steady yaw rate [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (
@@ -161,7 +161,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check steady gain and response of bicycle and every tyre. Quick mode: shorter wait for the steady state."""
+    """Check steady gain and response of the bicycle and of every tyre. Quick mode: less time to reach steady state."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)

@@ -32,13 +32,13 @@ FIGURES = {
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
-"""File and caption of the figure, by manoeuvre."""
+"""File and caption of the figure of a manoeuvre."""
 NEGLIGIBLE = 1e-3
-"""Magnitude below which a number is shown as less than this value."""
+"""Magnitude below which only this limit is shown."""
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """Return the complete page, with the beginnings of `texts`, the docstrings by manoeuvre."""
+    """Return the page of the validation, with the first paragraphs of `texts` (module docstrings by manoeuvre)."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands."
@@ -48,7 +48,7 @@ def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
 
 
 def section(name: str, text: str, checks: Sequence[Check]) -> str:
-    """Return title, first paragraph, figure and table of one manoeuvre."""
+    """Return the section of one manoeuvre: title, first paragraph, figure and table."""
     title, _, body = text.strip().partition("\n")
     parts = [f"## {title}", opening(body)]
     if name in FIGURES:
@@ -58,7 +58,7 @@ def section(name: str, text: str, checks: Sequence[Check]) -> str:
 
 
 def opening(text: str) -> str:
-    """Return the first paragraph of a docstring, up to a full stop; indented equations become code blocks."""
+    """Return a docstring up to the first paragraph with a full stop. Indented equations become code blocks."""
     blocks = []
     for block in text.strip().split("\n\n"):
         equation = block.startswith("    ")
@@ -69,7 +69,7 @@ def opening(text: str) -> str:
 
 
 def table(checks: Sequence[Check]) -> str:
-    """Return a table with one row per quantity and one column per subject."""
+    """Return a Markdown table with one row per quantity and one column per subject."""
     subjects = sorted(dict.fromkeys(check.subject for check in checks), key=lambda subject: subject != BICYCLE)
     quantities: dict[tuple[str, str], dict[str, Check]] = {}
     for check in checks:
@@ -99,7 +99,7 @@ def _cell(check: Check | None, own_theory: bool) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number as text with four significant digits and no exponent."""
+    """Return a number as text with four significant digits and without an exponent."""
     if value == 0 or abs(value) >= NEGLIGIBLE:
         return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"< {NEGLIGIBLE:g}"
@@ -112,22 +112,22 @@ MODULES = (
 )
 """Modules of the manoeuvres, in the order of the page."""
 NAMES = {"braking": "brake", "size": "machine size", "cornering": "constant radius", "references": "outside references"}
-"""Names of manoeuvres that differ from the names of their modules."""
+"""Names of manoeuvres that differ from the name of their module."""
 MANOEUVRES: dict[str, Run] = {
     NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }
 
 FILES = ("validation.json", "validation.md", "images/")
-"""Files of a validation; the last one is a folder."""
+"""Files written by a validation; the last entry is a folder."""
 
 
 def validate(
     out: Path, quick: bool = False, on_finished: Callable[[str, list[Check], float], None] | None = None
 ) -> list[Check]:
-    """Run every manoeuvre and write the results into `out`; return all checks, including failed ones.
+    """Run every manoeuvre, write the results to `out`, and return all checks, including failed ones.
 
-    With `quick` the manoeuvres are shorter. `on_finished` is called after each manoeuvre with its name, its checks and
-    its duration [s]. Files: `validation.json`, `validation.md`, `images/*.png`.
+    `quick` selects shorter manoeuvres. `on_finished` is called after each manoeuvre with its name, its checks and its
+    duration [s]. Files: `validation.json`, `validation.md`, `images/*.png`.
     """
     found: dict[str, Trial] = {}
     with results(out, FILES):
@@ -148,7 +148,7 @@ def validate(
 
 
 def as_row(check: Check) -> dict[str, str | float | bool | None]:
-    """Return the check for JSON: its fields, None for values that are not finite, and whether it passed."""
+    """Return a check as JSON values: its fields, with None for values that are not finite, and whether it passed."""
     fields = check._asdict().items()
     row = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields}
     return {**row, "passed": check.passed}

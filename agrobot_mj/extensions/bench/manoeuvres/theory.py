@@ -39,7 +39,7 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed at which the tyre laws are evaluated [m/s], well above the speeds at which their terms fade out."""
+"""Speed at which tyre laws are evaluated [m/s]. At this speed, terms that vanish at standstill are fully developed."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -47,7 +47,7 @@ Pair = tuple[float, float]
 
 
 class Parts(NamedTuple):
-    """Two bodies joined by the roll pivot."""
+    """Masses and positions of the two bodies joined by the roll pivot of the front axle."""
 
     body_kg: float
     """Mass m_b of the body [kg]."""
@@ -56,15 +56,15 @@ class Parts(NamedTuple):
     body_z: float
     """Height z_b of the body's CG [m]."""
     front_kg: float
-    """Mass m_f of axle, knuckles and front wheels [kg]."""
+    """Mass m_f of the front assembly: axle, knuckles and front wheels [kg]."""
     front_z: float
     """Height z_f of the CG of the front assembly [m]."""
     pivot_z: float
-    """Height h_P of the pivot [m]."""
+    """Height h_P of the roll pivot [m]."""
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """Return the two bodies of the compiled model at static load."""
+    """Return masses and positions of the two bodies from the compiled model at static load."""
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -83,11 +83,11 @@ class Loads(NamedTuple):
     wheels: Array
     """Loads of fl, fr, rl, rr, shape (4,) [N]."""
     lean: float
-    """Roll angle phi, to the right positive [rad]."""
+    """Roll angle phi, positive to the right [rad]."""
 
 
 class Balance(NamedTuple):
-    """Steady state under a lateral acceleration."""
+    """Steady state under a constant lateral acceleration."""
 
     loads: Loads
     front_slip: float
@@ -97,14 +97,14 @@ class Balance(NamedTuple):
 
 
 class Tractor:
-    """Theoretical steady states of a tractor on one kind of tyre."""
+    """Theoretical steady states of a tractor with one kind of tyre."""
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
         self.footing = Footing(1.0, self.tyres.cone_index)
 
     def static(self, i: int) -> float:
-        """Return the load of wheel `i` on level ground [N]."""
+        """Return the static load of wheel `i` on level ground [N]."""
         return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
 
     def loads(
@@ -134,23 +134,23 @@ class Tractor:
         return float(moments[:2].sum()), float(moments[2:].sum())
 
     def gyroscopes(self) -> tuple[float, float]:
-        """Return the spin inertia divided by rolling radius, of both wheels of the front and the rear axle [kg m]."""
+        """Return the spin inertia per rolling radius of both front wheels and of both rear wheels [kg m]."""
         p = self.p
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Return the law of wheel `i` and the state of its rolling tyre at slips `x` and `y` and a load [N]."""
+        """Return the tyre law of wheel `i`, and the state of its rolling tyre at slips `x`, `y` and a load [N]."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
     def lateral(self, i: int, slip: float, load: float) -> float:
-        """Return the force of wheel `i` opposite to a slip angle [rad] at a load [N]."""
+        """Return the lateral force of wheel `i` that opposes a slip angle [rad] at a load [N]."""
         law, state = self.slip(i, 0.0, -tan(slip), load)
         return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
-        """Return the rolling resistance rho_i N_i plus, on soil, the drag at the slip of a towed wheel [N]."""
+        """Return the rolling resistance rho_i N_i and, on soil, the drag at the slip of a towed wheel [N]."""
         own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
@@ -162,13 +162,13 @@ class Tractor:
         return own - float(law.drag(state, 1.0))
 
     def rolling(self, grade: float = 0.0) -> tuple[Array, float]:
-        """Return effective rolling radii (4,) [m] and total rolling resistance [N] on a slope of `grade` [rad]."""
+        """Return the effective rolling radii (4,) [m] and the total rolling resistance [N] on a slope [rad]."""
         loads = np.array([self.static(i) for i in range(4)]) * cos(grade)
         radii = self.tyres.radius - loads / self.tyres.stiffness / 3
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels give the force `wanted` [N]. Raises ValueError above their grip."""
+        """Return the slip angle at which two wheels give a lateral force [N]. Raises ValueError above their grip."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
@@ -176,7 +176,7 @@ class Tractor:
         return float(brentq(missing, -0.5, 0.5, xtol=1e-12))
 
     def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
-        """Return the steady state for `a`, `g_n` [m/s2] on a path of `curvature` [1/m]; parked without `rolling`."""
+        """Return the steady state for `a`, `g_n` [m/s2] on a path with a curvature [1/m]; parked without `rolling`."""
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
         front_force, shift, steer, aside = p.mass_kg * a * l_r / L, 0.0, L * curvature, (0.0, 0.0)
@@ -212,23 +212,23 @@ class Tractor:
         return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())
 
     def trail(self, slip: float) -> float:
-        """Return the pneumatic trail at a slip angle [m]."""
+        """Return the pneumatic trail of a tyre at a slip angle [m]."""
         return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
 
     def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
-        """Return the steady state across a slope, left side uphill."""
+        """Return the steady state across a slope whose left side is uphill."""
         grade = radians(grade_deg)
         return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
 
     @property
     def axle_stiffness(self) -> tuple[float, float]:
-        """Cornering stiffness of front and rear axle at static loads on level ground [N/rad]."""
+        """Cornering stiffnesses of front and rear axle at static loads on level ground [N/rad]."""
         small = 1e-5
         front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """Return the gradient K [rad s2/m] of delta = delta_0 + K a_y in bends of `radius` [m] at `speeds` [m/s]."""
+        """Return the gradient K of delta = delta_0 + K a_y in bends with a radius [m] at `speeds` [m/s] [rad s2/m]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -255,15 +255,15 @@ class Tractor:
 
 
 def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> float:
-    """Return the gradient K of the linear bicycle: m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
+    """Return the understeer gradient K of the linear bicycle, m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
     l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
     return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Return the mean slip angle across a slope of a tractor with tyres sized to their static loads [deg].
+    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
 
-    From coefficients only: sin(grade) divided by the stiffnesses per load, weighted by the axles' weight fractions.
+    The angle follows from coefficients: sin(grade) per stiffness per load, weighted by the axles' load fractions.
     """
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load

@@ -25,12 +25,12 @@ from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 18.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
-"""Rates of tilting below and above `FROM_DEG` [deg/s]; the lower one is quasi-static."""
+"""Rates at which gravity tilts, below and above `FROM_DEG` [deg/s]. The second is quasi-static."""
 SLID_M = 1.0
-"""Distance above which the tractor counts as sliding [m], larger than the deflection of the carcasses."""
+"""Distance above which the tractor counts as sliding [m]. It exceeds the deflection of the carcasses."""
 BAND_DEG = 2.0
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
-"""Ground with four times the friction, on which a machine tips over before it slides."""
+"""Ground with four times the normal friction, on which machines tip over before they slide."""
 
 
 class TiltTest(NamedTuple):
@@ -39,7 +39,7 @@ class TiltTest(NamedTuple):
     lifted_deg: float
     """Slope at which the upper rear wheel last touched the ground [deg]."""
     slid_deg: float | None
-    """Slope at which the tractor had slid by `SLID_M` [deg]; None if it tipped first."""
+    """Slope at which the tractor has slid by `SLID_M` [deg]; None if the tractor tipped over first."""
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:

@@ -1,6 +1,6 @@
-"""Figures of the measurements on the rig, in the style of the reports.
+"""Figures of measurements on the tyre rig, in the style of the reports.
 
-One PNG per figure, one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
+Each figure is a PNG with one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,31 +25,31 @@ COLUMNS_OF_LEGEND = 7
 
 
 def write_figures(table: pa.Table, folder: Path) -> list[Path]:
-    """Draw the figures of a table from `sweep.sweep` into `folder`; return the files."""
+    """Draw the figures of a table from `sweep.sweep` into `folder`. Return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(table) for draw in FIGURES}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def lateral(table: pa.Table) -> Figure:
-    """Plot lateral force over slip angle, one curve per load."""
+    """Plot lateral force over slip angle, with one curve per load."""
     return _by_load(table, "lateral", "fy_n", "lateral force [kN]", 1e-3)
 
 
 def longitudinal(table: pa.Table) -> Figure:
-    """Plot longitudinal force over slip ratio, one curve per load."""
+    """Plot longitudinal force over slip ratio, with one curve per load."""
     return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Plot aligning moment over slip angle, one curve per load; None for tyres without an aligning moment."""
+    """Plot aligning moment over slip angle, with one curve per load; None for tyres without an aligning moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
 def combined(table: pa.Table) -> Figure:
-    """Plot lateral over longitudinal force at several slip angles, and the ellipse through both pure peaks."""
+    """Plot lateral over longitudinal force for several slip angles, with the ellipse through the peaks of pure slip."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)
@@ -65,7 +65,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the relative lateral force over the distance since a step in slip angle, one curve per speed."""
+    """Plot the relative lateral force over the distance since a slip-angle step, with one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -98,7 +98,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time in ground contact over slip angle, one curve per speed; None if it is always 1."""
+    """Plot the fraction of time in ground contact over slip angle per speed; None if contact is permanent."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -115,7 +115,7 @@ def hopping(table: pa.Table) -> Figure | None:
 
 FIGURES: list[Callable[[pa.Table], Figure | None]] = [lateral, longitudinal, aligning, combined]
 FIGURES += [step, speed, hopping]
-"""Functions that draw one figure each. PNG files have the names of the functions."""
+"""Functions that draw one figure each. The PNG file is named after the function."""
 
 
 def _by_load(table: pa.Table, test: str, column: str, label: str, scale: float) -> Figure:
@@ -138,7 +138,7 @@ def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
 
 
 def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
-    """Return the steady lateral force for the slip angle of a step [N], from the sweep of the slip angle."""
+    """Return the steady lateral force at the slip angle of a step response, taken from the slip-angle sweep [N]."""
     load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
     rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
     nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()
@@ -146,7 +146,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Plot lateral force divided by load at one speed; return its slope at zero as text [1/rad]."""
+    """Plot lateral force divided by load at one speed. Return its slope at zero slip as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")
@@ -173,7 +173,7 @@ def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -
 
 
 def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
-    """Return the rows with equal values in these columns."""
+    """Return the rows of a table whose columns have the given values."""
     for name, value in equal.items():
         table = table.filter(pc.equal(table[name], value))
     return table

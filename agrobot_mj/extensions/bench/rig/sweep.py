@@ -35,14 +35,14 @@ from agrobot_mj.tyres.base import NativeContact
 
 
 class Specimen(NamedTuple):
-    """Tyre under test, with its tractor."""
+    """Tyre to be tested, with its tractor."""
 
     tyre: Tyre
     tractor: TractorParameters
 
 
 def load_specimen(source: str) -> Specimen:
-    """Return the default tyre of a kind, or the tyre of a TOML file."""
+    """Return the default tyre of a kind, or the tyre in a TOML file."""
     kinds = list(families()["plant.tyre"])
     if source in kinds:
         return _resolved({"tyre": {"kind": source}}, "tyre.", source)
@@ -54,7 +54,7 @@ def load_specimen(source: str) -> Specimen:
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return the tables `tyre` and `tractor` of a file, and the prefix of the tyre's keys in the file."""
+    """Return the tables `tyre` and `tractor` of a file's content, and the prefix of the tyre's keys in the file."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
     plant = data.get("plant")
@@ -79,11 +79,11 @@ def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
 
 
 SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)
-"""Speeds of the speed sweep [m/s]."""
+"""Speeds at which the other quantities are measured [m/s]."""
 SPEED_M_S = 1.0
-"""Speed while other quantities are varied [m/s]."""
+"""Standard speed of the measurements [m/s]."""
 LOADS = (0.5, 1.0, 1.5, 2.0)
-"""Fractions of the static load [-]."""
+"""Loads of the measurements, as fractions of the static load [-]."""
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
 """Magnitudes of the slip angles, finer near zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
@@ -91,27 +91,27 @@ RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)
 """Slip angles at which the slip ratio is varied [deg]."""
 FAR_DEG, FAR_RATIO = 60.0, 0.9
-"""Maximum slip angle [deg] and slip ratio [-] of `combined`."""
+"""Maximum slip angle [deg] and maximum slip ratio [-] of the test `combined`."""
 CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
-"""Magnitudes of the slip angles of `contact` [deg]."""
+"""Magnitudes of the slip angles of the test `contact` [deg]."""
 STEP_DEG = 1.0
-"""Step in slip angle, within the linear range of tyres [deg]."""
+"""Size of the slip-angle step, in the linear range of tyres [deg]."""
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
-"""Distance over which the response to a step is recorded [relaxation lengths], and its number of rows."""
+"""Distance recorded after a slip-angle step [relaxation lengths], and number of rows of the response."""
 COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]
 COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
-"""Columns of the table."""
+"""Columns of the results table."""
 
 Row = tuple[str | float | None, ...]
 
 
 def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
-    """Return the rig for a tyre, with its own kernel or with MuJoCo's contact model."""
+    """Return the rig for a tyre: with the tyre's kernel, or with MuJoCo's contact model."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 
 def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
-    """Run all tests of a tractor's front and rear tyre; return the table of results."""
+    """Run all tests of the front and the rear tyre of a tractor. Return the results table."""
     rows: list[Row] = []
     for axle, wheel in AXLES.items():
         tests = _tests(bench(tyre, tractor, wheel), static_load(tractor, wheel))
@@ -126,31 +126,31 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
 def lateral(
     speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
 ) -> Iterator[Setting]:
-    """Return settings with slip angles of both signs."""
+    """Return settings with slip angles of both signs at the given speeds and loads."""
     angles = both_ways(np.radians(list(angles_deg)))
     return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
 
 
 def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
-    """Return settings with slip ratios of both signs."""
+    """Return settings with slip ratios of both signs at the given speeds and loads."""
     ratios = both_ways(np.array(RATIOS))
     return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
 
 
 def combined(load: float) -> Iterator[Setting]:
-    """Yield settings with slip ratios at several slip angles, then with slip angles far beyond the peak."""
+    """Yield settings with slip ratios at several slip angles, then slip angles far beyond the peak."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
     yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
     yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))
 
 
 def both_ways(values: Array) -> Array:
-    """Return `values` (n,), starting with zero, and their negatives, in order, shape (2 n - 1,)."""
+    """Return `values` (n,), which start with zero, and their negatives in ascending order, shape (2 n - 1,)."""
     return np.concatenate([-values[:0:-1], values])
 
 
 def _tests(rig: TestBench, static: float) -> Iterator[Row]:
-    """Yield rows of one wheel: test, speed, load, slip angle, slip ratio, distance and measurement."""
+    """Yield the rows of one wheel: test, speed, load, slip angle, slip ratio, distance and measured values."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):

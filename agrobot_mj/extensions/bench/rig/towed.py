@@ -21,20 +21,20 @@ from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.tyres.base import NativeContact
 
 RIGID = 1e9
-"""Gain that imposes a velocity [N s/m, N m s/rad]: 1,000 times that of the contact."""
+"""Gain of the actuators that impose a velocity [N s/m, N m s/rad]: 1,000 times the gain of the contact."""
 PREFIX = "towed_"
-"""Prefix of the names of all tractor elements."""
+"""Prefix of the names of all elements taken from the tractor model."""
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
-"""Outputs of the contact sensor: number of contacts and their net force in the world frame."""
+"""Outputs of the contact sensor: number of contacts, and their net force in the world frame."""
 SETTLE_S, STEADY_S = 1.0, 2.0
-"""Time at rest before the wheel moves, and duration of a steady measurement, of which the second half is used [s]."""
+"""Time at rest before the wheel moves, and duration of a steady measurement, whose second half is used [s]."""
 
 
 class Towed:
-    """Wheel with MuJoCo's contact model, with the methods of `Rig`."""
+    """Rig for MuJoCo's contact model, with the methods of `Rig`."""
 
     relaxation = 0.0
-    """Relaxation length [m]: 0, because the build-up of the force depends on the constraint of the sled."""
+    """Relaxation length [m]: 0, because the build-up of force depends on the constraints of the sled."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
@@ -43,7 +43,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measurement at each step, shape (steps, 5), from the start of the motion."""
+        """Return the measured values at each step from the start of the motion, shape (steps, 5)."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0
@@ -56,7 +56,7 @@ class Towed:
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the mean measurement in steady state."""
+        """Return the mean measured values in steady state."""
         readings = self.history(setting, STEADY_S * setting.speed)
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
@@ -73,19 +73,19 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Return the sled velocity along x and y [m/s] and the spin rate [rad/s], for contacts at half penetration."""
+        """Return sled velocities along x and y [m/s], and wheel spin [rad/s] for contacts at half the penetration."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """Return the force of the ground on the wheel, with the sign given by the normal force."""
+        """Return measured values: the force of the ground on the wheel, with the sign from the normal force."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
 def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
-    """Return the model of sled, wheel and level ground; joints x, y, z and spin, all but z with an imposed velocity."""
+    """Return a model of sled, wheel and level ground. The joints x, y and spin have imposed velocities; z is free."""
     whole = tractor_spec(Machine(tractor))
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):

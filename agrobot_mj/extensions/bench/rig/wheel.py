@@ -1,7 +1,7 @@
-"""One wheel on level ground, computed by the kernel of the tractor.
+"""One wheel on level ground, computed by the tyre kernel of the tractor.
 
-The wheel centre moves at a constant velocity and height, with its heading along x and imposed spin. Forces are those
-reported by the kernel; the moment is that of its wrench about the vertical.
+The wheel centre moves at a constant velocity and height. The wheel's heading is along x, and its spin is imposed.
+Forces are those reported by the kernel. The moment is the vertical component of the kernel's wrench.
 """
 
 from typing import NamedTuple, Protocol
@@ -19,38 +19,38 @@ from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
 DT_S = 0.002
-"""Time step of the rig [s], the default of the simulator."""
+"""Time step of the rig [s], equal to the default physics step."""
 SETTLE_LENGTHS = 25.0
-"""Distance before a steady measurement [relaxation lengths]; exp(-25) is 1e-11."""
+"""Distance travelled before a steady measurement [relaxation lengths]; exp(-25) is 1e-11."""
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius, as in a scenario [-]; longer ones settle too slowly."""
+"""Maximum relaxation length per free radius, as in a scenario [-]. Longer ones take too long to settle."""
 FRONT, REAR = 0, 2
-"""Indices of the tractor wheels whose tyres are on the rig."""
+"""Indices of the tractor wheels whose tyres are tested."""
 AXLES = {"front": FRONT, "rear": REAR}
 
 
 class Setting(NamedTuple):
-    """Motion and load imposed by the rig."""
+    """Motion and load that the rig imposes on the wheel."""
 
     speed: float
     """Speed of the wheel centre along its heading [m/s]."""
     slip_angle: float
-    """Angle between heading and velocity, positive if the wheel slides left [rad]."""
+    """Angle from heading to velocity, positive if the wheel slides to the left [rad]."""
     slip_ratio: float
-    """Slip ratio (rim - v) / v, driving positive [-]."""
+    """Slip ratio (rim speed - v) / v, positive when driving [-]."""
     load: float
     """Vertical load [N]."""
 
 
 class Reading(NamedTuple):
-    """Forces and moment measured by the rig."""
+    """Forces and moment that the rig measures."""
 
     fx: float
-    """Forward force [N]."""
+    """Longitudinal force, positive forward [N]."""
     fy: float
-    """Lateral force, left positive [N]."""
+    """Lateral force, positive to the left [N]."""
     mz: float
-    """Moment about the vertical through the wheel centre, turning left positive [N m]."""
+    """Moment about the vertical axis through the wheel centre, positive counter-clockwise from above [N m]."""
     load: float
     """Vertical load [N]."""
     grounded: float
@@ -63,21 +63,21 @@ def static_load(tractor: TractorParameters, wheel: int) -> float:
 
 
 class TestBench(Protocol):
-    """Interface of a wheel on the rig, independent of the source of its forces."""
+    """Interface of a rig with one wheel, independent of the source of the forces."""
 
     relaxation: float
-    """Relaxation length [m]; 0 without relaxation."""
+    """Relaxation length of the tyre [m]; 0 without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measurement at each step, shape (steps, 5), from the start of the motion."""
+        """Return the measured values at each step from the start of the motion, shape (steps, 5)."""
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the measurement in steady state."""
+        """Return the measured values in steady state."""
 
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Simulate one step per row of `out` (steps, 5), from undeflected bristles; rows as in `Reading`."""
+    """Simulate one step per row of `out` (steps, 5), starting with undeflected bristles. Rows are as in `Reading`."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -93,7 +93,7 @@ def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: fl
 
 
 class Rig:
-    """One tyre of a tractor on the rig."""
+    """Rig with one tyre of a tractor, computed by the tyre kernel."""
 
     def __init__(self, tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S) -> None:
         self.tyres, self.wheel, self.dt = tyre_set(tyre, tractor), wheel, dt
@@ -104,17 +104,17 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measurement at each step, shape (steps, 5), from undeflected bristles."""
+        """Return the measured values at each step, starting with undeflected bristles, shape (steps, 5)."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the measurement in steady state."""
+        """Return the measured values in steady state."""
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:
-        """Return the longer of the two relaxation lengths at a load [N], in metres."""
+        """Return the longer one of the two relaxation lengths (longitudinal and lateral) at a load [N] [m]."""
         t, i = self.tyres, self.wheel
         law = t.front if i < 2 else t.rear
         K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)
