@@ -1,1 +1,1 @@
-"""Fields: boundaries and plans of other programs, coverage planning and driving."""
+"""Field work: boundaries and plans from other programs, coverage planning, and simulation of the plans."""

@@ -1,8 +1,8 @@
-"""Implement with sections: the switching of the sections, and the ground that they work.
+"""Implement with sections: switching of the sections, and the ground that they work.
 
-A section is switched by the position of the implement on the plan, as a guidance terminal with section control does:
-the command is sent when the position expected after the look-ahead time reaches the limit of the pass, and the section
-follows after its delay. At constant speed, a look-ahead equal to the delay compensates the delay.
+As in section control of a guidance terminal, a section is switched by the position of the implement on the plan. The
+command is sent when the position expected after the look-ahead time reaches the limit of the pass. The section follows
+after its delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 
 THIN_M, THIN_RAD = 0.5, 0.02
-"""Distance and heading change between the points of a section's edge [m], [rad]."""
+"""Minimum distance [m] or heading change [rad] between points of a worked area's edge."""
 Times = tuple[float, float]
 
 
@@ -37,13 +37,13 @@ class Boom(NamedTuple):
     """Look-ahead time of the switch-off command [s]."""
 
     def edges(self, section: int) -> tuple[float, float]:
-        """Return the left and right edge of a section, numbered from the left; positive left of the middle [m]."""
+        """Return the offsets of the left and right edge of a section, numbered from the left; left positive [m]."""
         each = self.width / self.sections
         return self.width / 2 - section * each, self.width / 2 - (section + 1) * each
 
 
 class ImplementMotion(NamedTuple):
-    """Motion of the working point of an implement; arrays of shape (n,)."""
+    """Motion of the implement's working point, as arrays of shape (n,)."""
 
     t: Array
     """Time [s]."""
@@ -52,16 +52,16 @@ class ImplementMotion(NamedTuple):
     y: Array
     """North coordinate [m]."""
     yaw: Array
-    """Heading of the implement without jumps by full turns [rad]."""
+    """Heading of the implement, without jumps of full turns [rad]."""
     s: Array
-    """Distance along the plan at which the guidance computer expects the implement to be [m]."""
+    """Arc length along the plan of the implement's position, as estimated by the guidance computer [m]."""
 
     def at(self, times: Array) -> "ImplementMotion":
-        """Return the motion at other times, linearly interpolated."""
+        """Return the motion at the times `times` [s], linearly interpolated."""
         return ImplementMotion(times, *(np.interp(times, self.t, values) for values in self[1:]))
 
     def between(self, start: float, end: float) -> "ImplementMotion":
-        """Return the motion between two times, interpolated at both ends and thinned for polygons."""
+        """Return the motion between two times [s], with points that are thinned for polygons and include both ends."""
         first, last = np.searchsorted(self.t, [start, end], "right")
         near = ImplementMotion(*(values[max(first - 1, 0) : last + 1] for values in self))
         inner = self.t[first:last]
@@ -75,9 +75,9 @@ class ImplementMotion(NamedTuple):
 
 
 def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
-    """Return the times at which a section starts and stops working on a span of the plan [m]; None if it never works.
+    """Return the times at which a section starts and stops working on a pass; None if it never works.
 
-    `rows` is the part of the motion near the pass.
+    `span` are its arc lengths on the plan [m]. `rows` is the part of the motion near the pass.
     """
     t, s = motion.t[rows], motion.s[rows]
     if len(t) < 2 or span[1] <= span[0]:
@@ -90,7 +90,7 @@ def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, bo
 
 
 def _reached(t: Array, s: Array, distance: float) -> float:
-    """Return the time at which the increasing `s` reaches a distance; infinite if never."""
+    """Return the time at which the increasing array `s` reaches a distance; infinite if it never does."""
     k = int(np.searchsorted(s, distance))
     if k == len(s):
         return float("inf")
@@ -100,7 +100,7 @@ def _reached(t: Array, s: Array, distance: float) -> float:
 
 
 def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
-    """Return the ground worked by the sections in one pass; ground worked twice within the pass counts once."""
+    """Return the ground that the sections work in one pass, from the working times of each section."""
     parts = []
     for together, group in groupby(enumerate(times), key=lambda each: each[1]):
         if together is not None:
@@ -111,7 +111,7 @@ def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> Ba
 
 
 def swept(part: ImplementMotion, left: float, right: float) -> BaseGeometry:
-    """Return the ground swept by a bar from `left` to `right` of the working point [m]."""
+    """Return the ground swept by a bar between the lateral offsets `left` and `right` from the working point [m]."""
     edges = [np.column_stack([part.x - np.sin(part.yaw) * d, part.y + np.cos(part.yaw) * d]) for d in (left, right)]
     outline = shapely.polygons(np.concatenate([edges[0], edges[1][::-1]]))
     if shapely.is_valid(outline):

@@ -15,22 +15,22 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 
 SLIVER_M2 = 1e-3
-"""Area below which a gap or an overlap is not drawn and not located [m2]."""
+"""Area below which a gap or an overlap is neither drawn nor listed [m2]."""
 SIDES = ("east", "north", "west", "south")
 
 
 @dataclass(frozen=True)
 class FieldCoverage:
-    """Coverage of a field."""
+    """Coverage of a field by passes, as polygons."""
 
     field: BaseGeometry
     """Field without obstacles."""
     body: BaseGeometry
-    """Area inside the headland laps."""
+    """Area inside the headland laps: the body of the field."""
     passes: Sequence[BaseGeometry]
-    """Ground worked by each pass."""
+    """Ground worked in each pass."""
     union: BaseGeometry
-    """Ground worked at least once, also outside the field."""
+    """Ground worked at least once, including ground outside the field."""
     missed: BaseGeometry
     """Ground inside the field that no pass has worked."""
     overlapped: BaseGeometry
@@ -38,12 +38,12 @@ class FieldCoverage:
 
     @property
     def regions(self) -> dict[str, BaseGeometry]:
-        """Areas of the field by name."""
+        """Parts of the field by name."""
         return {"field": self.field, "headland": self.field.difference(self.body), "body": self.body}
 
 
 def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeometry]) -> FieldCoverage:
-    """Return the coverage of a field by the ground of each pass."""
+    """Return the coverage of a field from the ground worked in each pass."""
     union = shapely.union_all(list(passes))
     tree = shapely.STRtree(list(passes))
     first, second = tree.query(list(passes), predicate="intersects") if passes else (np.empty(0, int),) * 2
@@ -55,7 +55,7 @@ def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeome
 
 
 def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
-    """Return areas of the field and of its parts [m2], and their percentages of the part's area [%]."""
+    """Return the worked and missed areas in each part of the field [m2], also as percentages of the part [%]."""
     return {name: _areas(found, region) for name, region in found.regions.items()}
 
 
@@ -70,7 +70,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed areas by part and side of the field, largest first."""
+    """Return the total missed area for each location (body or side of the headland), largest area first."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
@@ -86,14 +86,14 @@ def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
 
 
 def side_of(east: float, north: float, field: BaseGeometry) -> str:
-    """Return the side of a field on which a point relative to its middle is: east, north, west or south."""
+    """Return the side of a field on which a point lies, given relative to the middle: east, north, west or south."""
     west, south, right, top = field.bounds
     angle = np.arctan2(north / max(top - south, 1e-9), east / max(right - west, 1e-9))
     return SIDES[round(float(angle) / (np.pi / 2)) % 4]
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return distance, area and side of the excursions beyond the boundary, for outlines as polygons (n,)."""
+    """Return maximum distance, area and side of excursions beyond the boundary, for named arrays of outlines (n,)."""
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
 

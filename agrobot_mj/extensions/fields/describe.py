@@ -1,4 +1,4 @@
-"""Description of a field: area, perimeter, sharp corners, and the map of its boundary."""
+"""Description of a field: area, perimeter, sharp corners, and a map of the boundary."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees
@@ -15,15 +15,15 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field
 
 SHARP_DEG = 60.0
-"""Change of direction above which a corner is sharp [deg]. Assumed value: a headland lap cannot follow it."""
+"""Change of direction above which a corner counts as sharp [deg]. Assumed value: headland laps cannot follow it."""
 CORNER_M = 1.0
-"""Tolerance within which a boundary is simplified before corners are counted [m]."""
+"""Tolerance of the simplification of a boundary before its corners are counted [m]."""
 SIDE_IN = 5.0
 """Length of the longer side of a map [in]."""
 
 
 def described(field: Field) -> dict[str, Any]:
-    """Return the properties of a field as a dictionary for JSON."""
+    """Return the properties of a field as JSON values."""
     corners = [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]
     return {
         "field": field.name,
@@ -41,7 +41,7 @@ def described(field: Field) -> dict[str, Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> list[str]:
-    """Return the description as lines of text."""
+    """Return the description of a field as lines of text."""
     corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
     first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
     inner = f"{content['holes']} hole{plural}" if content["holes"] else ""
@@ -65,7 +65,7 @@ def _rings(polygon: Polygon) -> Iterator[Array]:
 
 
 def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield x, y [m] and change of direction [deg], positive left, of the sharp corners of a ring."""
+    """Yield position x, y [m] and change of direction [deg] (positive left) of each sharp corner of a ring."""
     points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
     legs = np.diff(points, axis=0)
     yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()

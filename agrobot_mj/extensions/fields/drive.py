@@ -1,4 +1,4 @@
-"""Scenarios for planning field work and for driving a plan."""
+"""Scenarios for planning field work and for simulating a plan."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,18 +11,18 @@ from agrobot_mj.scenario.schema import Scenario, resolve
 
 PLAN_FILE = "field_plan.json"
 EDGE_M = 50.0
-"""Width of the ground beyond the boundary [m]."""
+"""Width of the ground simulated beyond the boundary [m]."""
 LARGEST_M = 500.0
-"""Default distance of the edges of the ground from the origin [m]."""
+"""Default distance from the origin to the edges of the ground [m]."""
 GUIDANCE = "lqr"
-"""Default guidance law: the law of a scenario without `guidance` may lose the path where a plan reverses."""
+"""Default guidance law. The default law of scenarios may lose the path where a plan reverses."""
 WIDEST_M = 20.0
-"""Maximum width of the body of an implement [m]."""
+"""Maximum width of the body of an implement in the simulation [m]."""
 Overrides = Mapping[str, Any]
 
 
 def planning_scenario(name: str, path: Overrides, overrides: Overrides) -> Scenario:
-    """Return a scenario with a path of kind `swaths`, whose bends and speeds are those of the plan.
+    """Return a scenario whose path of kind `swaths` has the bends and speeds of the plan.
 
     Raise `ScenarioError` for invalid overrides.
     """
@@ -31,7 +31,7 @@ def planning_scenario(name: str, path: Overrides, overrides: Overrides) -> Scena
 
 
 def driving_scenario(field: Field, plan: Plan, file: Path, base: Scenario, overrides: Overrides) -> Scenario:
-    """Return the scenario that drives the plan in `file`. Raise `ScenarioError` for invalid overrides."""
+    """Return the scenario that follows the plan in `file`. Raise `ScenarioError` for invalid overrides."""
     if any(key.partition(".")[0] == "path" for key in overrides):
         overrides = {key: value for key, value in overrides.items() if key.partition(".")[0] != "path"}
     path = base.path

@@ -1,4 +1,4 @@
-"""Simulation of a plan: a results folder like that of `run`, with the coverage."""
+"""Simulation of a plan, with a results folder like that of `run` and the coverage of the field."""
 
 import sys
 import tempfile
@@ -38,7 +38,7 @@ FILES = ("coverage.json", "coverage.geojson", "coverage.png", "coverage.tif")
 
 
 class Hectares(Progress):
-    """Progress bar of a drive, as planned worked area [ha]."""
+    """Progress bar of a drive that shows the worked area [ha], as planned."""
 
     def __init__(self, plan: Plan, path: Any) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ class Hectares(Progress):
         self.hectares = np.column_stack([np.concatenate(([0.0], hectares[:-1])), hectares]).ravel()
 
     def advance(self, first: int) -> None:
-        """Advance the progress bar and show the worked area."""
+        """Advance the progress bar and update the worked area."""
         super().advance(first)
         if self.bar and self.rows.filled:
             done = np.interp(float(self.rows.column("t", self.rows.filled - 1)[0]), self.times, self.hectares)
@@ -68,7 +68,7 @@ def drive(
     resume: bool,
     prices: Prices,
 ) -> Answer:
-    """Simulate a plan, write the results, and return the result of the command."""
+    """Simulate a plan, write all results, and return the result of the command."""
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / PLAN_FILE
         write_json(file, to_json(plan))
@@ -103,7 +103,7 @@ def drive(
 
 
 def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
-    """Write the coverage of a drive as numbers, GeoJSON and map."""
+    """Write the coverage of a drive as numbers, GeoJSON, raster and map."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
     with atomic(folder / "coverage.tif") as path:

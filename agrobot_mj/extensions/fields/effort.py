@@ -1,4 +1,4 @@
-"""Effort and cost of a drive: energy, slip, ruts, and the cost of overlaps, gaps and time."""
+"""Effort and cost of a drive: energy, slip, rut depth, and the cost of overlaps, gaps and time."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -9,28 +9,28 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.log import Log
 
 SLOWEST_M_S = 0.2
-"""Speed below which slip is not evaluated [m/s]."""
+"""Minimum speed at which slip is evaluated [m/s]."""
 DRIVEN = ("rl", "rr")
 """Driven wheels of all machines."""
 
 
 class Prices(NamedTuple):
-    """Prices, in any currency."""
+    """Prices in any currency."""
 
     input_ha: float = 0.0
-    """Cost of seed, fertiliser or product per worked hectare."""
+    """Cost of seed, fertiliser or product [1/ha of worked area]."""
     yield_ha: float = 0.0
-    """Value of the yield that is lost per missed hectare."""
+    """Value of the yield lost on missed ground [1/ha]."""
     hour: float = 0.0
-    """Cost of machine and driver per hour."""
+    """Cost of machine and driver [1/h]."""
 
 
 NO_PRICES = Prices()
-"""Prices of a drive without cost."""
+"""Prices of zero: the cost of a drive is not evaluated."""
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
-    """Return the cost of overlaps, gaps and time, and their sum, from the areas of the field."""
+    """Return the cost of overlaps, gaps and time, and their sum, from the areas of the field [m2] and the time [s]."""
     parts = {
         "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
         "missed": prices.yield_ha * areas["missed_m2"] / 1e4,
@@ -40,11 +40,11 @@ def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str,
 
 
 def effort(log: Log) -> dict[str, Any]:
-    """Return energy, slip and depth of ruts; None for values that the plant does not have.
+    """Return energy, slip and maximum rut depth; None for values that the plant does not provide.
 
-    The energy at the wheels is the work of the driven wheels while they drive. The energy at the ground is the work of
-    the forces of all wheels along the heading: of the draught, the slope and the change of speed. Their difference is
-    slip and motion resistance.
+    The energy at the wheels is the work of the driven wheels while their torque drives. The energy at the ground is the
+    work of all wheel forces along the heading: against draught, slope and inertia. Their difference is lost to slip and
+    motion resistance.
     """
     names = log.rows.columns
     content: dict[str, Any] = {"energy_wheels_mj": None, "energy_ground_mj": None, "slip_median_percent": None}

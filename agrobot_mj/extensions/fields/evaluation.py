@@ -1,4 +1,4 @@
-"""Evaluation of a drive on a field: coverage, excursions, turns and capacity from the log of a run."""
+"""Evaluation of a drive on a field from the log of its run: coverage, excursions, turns and field capacity."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,28 +22,28 @@ from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 AROUND_M = 5.0
-"""Distance along the plan before and after a pass in which its sections may be switched [m]."""
+"""Distance along the plan before and after a pass in which sections of the pass may be switched [m]."""
 
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Completed drive of a plan on a field."""
+    """Simulated drive of a plan on a field."""
 
     log: Log
     plan: Plan
     field: BaseGeometry
-    """Field without obstacles [m]."""
+    """Area of the field without obstacles."""
     body: BaseGeometry
-    """Area inside the headland laps [m]."""
+    """Area inside the headland laps."""
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
     view: RunView | None = None
-    """Log with its position relative to the path, if known."""
+    """View of the log with positions relative to the path, if already computed."""
 
     @cached_property
     def motion(self) -> ImplementMotion:
-        """Motion of the working point of the implement."""
+        """Motion of the implement's working point during the drive."""
         column = self.log.column
         t, x, y, yaw = (column(name) for name in ("t", "x", "y", "yaw"))
         if "implement_x" in self.log.rows.columns:
@@ -59,7 +59,7 @@ class FieldDrive:
         return kept._replace(yaw=np.unwrap(kept.yaw))
 
     def _travelled(self) -> Array:
-        """Return the distance of the CG along the plan at each tick [m]."""
+        """Return the arc length of the CG along the plan at each tick [m]."""
         beside = (self.view or RunView(self.log)).cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
@@ -72,7 +72,7 @@ class FieldDrive:
 
     @cached_property
     def times(self) -> list[list[Times | None]]:
-        """Working times of each section in each pass."""
+        """Working times of each section, for each pass."""
         reached = np.maximum.accumulate(self.motion.s)
 
         def of(one: PlannedPass) -> list[Times | None]:
@@ -92,7 +92,7 @@ class FieldDrive:
 
     @cached_property
     def outlines(self) -> dict[str, Array]:
-        """Outlines of the tractor and of the implement along the drive, polygons (n,)."""
+        """Outlines of the tractor and of the implement along the drive, as arrays of polygons (n,)."""
         rows = self._thin
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
@@ -104,7 +104,7 @@ class FieldDrive:
 
     @cached_property
     def _thin(self) -> Index:
-        """Row indices about every half metre."""
+        """Row indices of the log, about half a metre apart along the drive."""
         x, y = self.log.column("x"), self.log.column("y")
         travelled = np.concatenate(([0.0], np.cumsum(np.nan_to_num(np.hypot(np.diff(x), np.diff(y))))))
         rows: Index = np.flatnonzero(np.diff(np.floor(travelled / THIN_M), prepend=-1.0) > 0)
@@ -112,7 +112,7 @@ class FieldDrive:
         return kept
 
     def spans(self) -> list[Times | None]:
-        """Return the times between which any section works in each pass."""
+        """Return the times for each pass between which at least one section works; None for a pass without work."""
         found: list[Times | None] = []
         for times in self.times:
             some = [each for each in times if each is not None]
@@ -120,7 +120,7 @@ class FieldDrive:
         return found
 
     def turns(self) -> list[dict[str, float]]:
-        """Return the evaluation of each turn between two swaths of the body."""
+        """Return an evaluation of each turn between two swaths of the body."""
         t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
         found = []
         for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
@@ -136,7 +136,7 @@ class FieldDrive:
         return found
 
     def lines(self) -> list[StraightPass]:
-        """Return the straight passes of the body."""
+        """Return the straight passes on the body of the field."""
         if self.plan.angle_deg is None:
             return []
         angle = np.radians(self.plan.angle_deg)
@@ -153,7 +153,7 @@ class FieldDrive:
 
 
 def report(drive: FieldDrive) -> dict[str, Any]:
-    """Return all results of a drive as a dictionary for JSON."""
+    """Return all results of a drive as JSON values."""
     found, turns, log = drive.coverage, drive.turns(), drive.log
     by_part, t = areas(found), log.column("t")
     x, y = log.column("x"), log.column("y")
@@ -188,7 +188,7 @@ def _length(motion: ImplementMotion, span: Times) -> float:
 
 
 def sentence(content: dict[str, Any]) -> str:
-    """Return the result of a drive in one sentence."""
+    """Return the main result of a drive as one sentence."""
     whole = content["areas"]["field"]
     hectares = f"{whole['reached_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha covered"
     text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"

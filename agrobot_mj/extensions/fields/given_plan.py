@@ -1,4 +1,4 @@
-"""Plan from a file of another program: polylines become courses of this machine, joined where they do not meet."""
+"""Plan from a file of another program: its polylines become courses that this machine can drive, with joins between."""
 
 from dataclasses import replace
 from math import hypot
@@ -21,13 +21,13 @@ from agrobot_mj.paths.fillet import rounded
 from agrobot_mj.paths.track import Piece
 
 SAME_M = 1e-6
-"""Tolerance of the working width [m]."""
+"""Tolerance for equal working widths [m]."""
 APART_M, APART_RAD = 0.05, 0.02
-"""Distance [m] and change of heading [rad] above which the end of a leg is joined to the start of the next."""
+"""Distance [m] and heading change [rad] above which two successive legs need a connection."""
 
 
 def stored_plan(file: Path) -> Plan | None:
-    """Return the plan of a file of `field plan`; None for another file. Raise `ScenarioError` if it is damaged."""
+    """Return the plan in a file written by `field plan`; None for other files. Raise `ScenarioError` if damaged."""
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None
@@ -39,7 +39,7 @@ def stored_plan(file: Path) -> Plan | None:
 
 
 def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the plan of a file, or of its polylines. Raise `ScenarioError` if it cannot be driven."""
+    """Return the stored plan, or a plan along the polylines of a file. Raise `ScenarioError` if it cannot be driven."""
     plan = stored or _of_lines(file, field, rig, sections)
     if stored is not None:
         _check(stored, file.name, rig)
@@ -49,7 +49,7 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
 
 
 def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
-    """Raise `ScenarioError` if the plan has another width, or a bend that the machine cannot drive."""
+    """Raise `ScenarioError` if a plan has another working width, or a bend too tight for the machine."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for {plan.width:g} m; leave out --width")
     place = plan.course.sharpest()
@@ -61,7 +61,7 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
 
 
 def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the plan of a file with polylines. Raise `ScenarioError` if it cannot be driven."""
+    """Return a plan along the polylines of a file. Raise `ScenarioError` if the machine cannot drive it."""
     from agrobot_mj.extensions.fields.reading import read_plan
 
     legs = read_plan(file, field)
@@ -72,7 +72,7 @@ def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Pla
 
 
 def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:
-    """Return the plan along polylines. Raise ValueError, naming the leg, if the machine cannot drive it."""
+    """Return a plan along the polylines of legs. Raise ValueError that names a leg that the machine cannot drive."""
     pieces: list[Piece] = []
     passes: list[PlannedPass] = []
     start: Pose | None = None
@@ -99,12 +99,12 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:
-    """Return whether the start of a leg needs a connection."""
+    """Return whether a leg starts apart from the end of the previous leg."""
     return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
 
 
 def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece, ...]]:
-    """Return the start of a leg and its segments."""
+    """Return the start pose of a leg and its path segments."""
     try:
         course = rounded(np.asarray(leg.points, dtype=float), False, rounding(rig))
     except ValueError as error:
@@ -125,7 +125,7 @@ def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece
 
 
 def _joined(pose: Pose, begin: Pose, number: int, rig: FieldMachine) -> tuple[Piece, ...]:
-    """Return the shortest connection between two legs."""
+    """Return the shortest connection from the end of a leg to the start of the next leg."""
     if found := connections(pose, begin, rig.bends, (*FORWARD, *REVERSING)):
         return found[0]
     raise ValueError(f"leg {number}: the leg cannot be reached from the previous leg; add a turn")

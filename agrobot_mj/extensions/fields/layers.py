@@ -1,4 +1,4 @@
-"""Recording of a drive with the boundary of the field, and with gaps and overlaps after its end."""
+"""Recording of a drive with the boundary of the field, and with the gaps and overlaps at its end."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,23 +18,23 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
 SMALLEST_M2 = 0.01
-"""Area below which a gap or an overlap has no outline [m2]."""
+"""Area below which a gap or an overlap is not outlined [m2]."""
 
 
 class WorkRecording(Recording):
-    """Recording with outlines of a field and of its coverage."""
+    """Recording of a run with outlines of a field and of its coverage."""
 
     def __init__(self, path: Path, field: BaseGeometry, covered: Callable[[Log], FieldCoverage]) -> None:
         super().__init__(path)
         self.field, self.covered = field, covered
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file and write the boundary in addition to the scene."""
+        """Open the file and send the boundary in addition to the scene."""
         super().start(scenario, scene, rows)
         self._send("boundary", self.field, REFERENCE)
 
     def finish(self, log: Log) -> None:
-        """Write gaps and overlaps, then the outcome."""
+        """Send gaps and overlaps, then finish the recording."""
         found = self.covered(log)
         self._send("missed", found.missed, rgba(VERMILION))
         self._send("overlapped", found.overlapped, rgba(ORANGE))
@@ -46,6 +46,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings of an area without slivers, shape (n, 2) each [m]."""
+    """Return the rings of an area without slivers, each of shape (n, 2) [m]."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

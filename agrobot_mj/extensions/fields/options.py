@@ -1,4 +1,4 @@
-"""Options of the commands of field work."""
+"""Command-line options of field work."""
 
 from pathlib import Path
 from typing import Annotated, Literal

@@ -1,7 +1,7 @@
-"""Plan of field work: a course of arcs and clothoids, and the passes on which the implement works.
+"""Plan of field work: a course of arcs and clothoids, and the passes in which the implement works.
 
-Distances are travelled distances of the CG along the course [m]. The implement is behind the CG; the limits of a pass
-are the distances at which the implement, not the CG, is at the ends of the pass. The file of a plan is JSON.
+Distances are distances travelled by the CG along the course [m]. The implement is behind the CG: the limits of a pass
+are the travelled distances at which the implement, not the CG, is at the ends of the pass. Plan files are JSON.
 """
 
 import json
@@ -17,59 +17,59 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Course, Piece, chain
 
 FORMAT = "agrobot_mj plan 1"
-"""First value of a plan file."""
+"""Format name at the start of a plan file."""
 SUFFIXES, MAX_BYTES = (".json",), 50_000_000
-"""Endings and maximum size [bytes] of a plan file."""
+"""File name endings and maximum size [bytes] of a plan file."""
 Part = Literal["headland", "body"]
 
 
 class PlannedPass(NamedTuple):
-    """Part of a plan on which the implement works."""
+    """Part of a plan in which the implement works."""
 
     part: Part
-    """Part of the field: headland lap or swath of the body."""
+    """Part of the field: a headland lap, or a swath of the body."""
     start: float
-    """Distance at which the implement reaches the pass [m]."""
+    """Travelled distance at which the implement reaches the pass [m]."""
     end: float
-    """Distance at which the implement leaves the pass [m]."""
+    """Travelled distance at which the implement leaves the pass [m]."""
     sections: tuple[tuple[float, float], ...]
-    """Distances at which each section is switched on and off, from left to right [m]."""
+    """Travelled distances at which each section is switched on and off, sections from left to right [m]."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Planned work on a field."""
+    """Planned field work, with the machine data used for planning."""
 
     name: str
     """Name of the field."""
     width: float
     """Working width [m]."""
     behind: float
-    """Distance of the working point of the implement behind the CG [m]."""
+    """Distance of the implement's working point behind the CG [m]."""
     start: Pose
-    """Pose of the CG at the start."""
+    """Initial pose of the CG."""
     pieces: tuple[Piece, ...]
-    """Segments of the course."""
+    """Path segments of the course."""
     passes: tuple[PlannedPass, ...]
     """Passes in driving order."""
     pause_s: float = 2.0
     """Duration of the standstill at each cusp [s]."""
     angle_deg: float | None = None
-    """Direction of the swaths, counter-clockwise from east; None for a plan from a file [deg]."""
+    """Direction of the swaths, counter-clockwise from east [deg]; None for a plan of another program."""
     headlands: int = 0
-    """Number of headland laps; 0 for a plan from a file."""
+    """Number of headland laps; 0 for a plan of another program."""
     margin: float = 0.0
     """Width of the strip along the boundary that is not worked [m]."""
     overlap: float = 0.0
     """Planned overlap between neighbouring passes [m]."""
     ground: str = ""
-    """Field without obstacles as well-known text [m]."""
+    """Area of the field without obstacles, as well-known text [m]."""
     warnings: tuple[str, ...] = ()
-    """Places where the plan leaves the field or crosses worked ground."""
+    """Warnings with the places where the plan leaves the field or crosses worked ground."""
 
     @cached_property
     def course(self) -> Course:
-        """Geometry of the plan."""
+        """Geometry of the course."""
         return chain(self.start, self.pieces, self.pause_s)
 
     @property
@@ -84,7 +84,7 @@ class Plan:
 
 
 def to_json(plan: Plan) -> dict[str, Any]:
-    """Return a plan as a dictionary for JSON."""
+    """Return a plan as JSON values."""
     content = asdict(plan)
     content["pieces"] = [[None if not isfinite(value) else value for value in piece] for piece in plan.pieces]
     content["passes"] = [one._asdict() for one in plan.passes]
@@ -93,7 +93,7 @@ def to_json(plan: Plan) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def plan_of(content: Stamp) -> Plan:
-    """Return the plan of a file. Raise ValueError if invalid."""
+    """Return the plan in a file. Raise ValueError if the file is invalid."""
     file = Path(content[0])
     try:
         found = json.loads(file.read_text("utf-8"))
@@ -106,7 +106,7 @@ def plan_of(content: Stamp) -> Plan:
 
 
 def _plan(found: Mapping[str, Any]) -> Plan:
-    """Return the plan from the dictionary of its file."""
+    """Return the plan from the JSON values of its file."""
     inf = float("inf")
     pieces = tuple(Piece(*(inf if value is None else float(value) for value in row)) for row in found["pieces"])
     if not any(piece.length > 0 for piece in pieces):

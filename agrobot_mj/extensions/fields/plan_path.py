@@ -1,4 +1,4 @@
-"""Path along a plan of field work from a file, with its passes, turns and cusps."""
+"""Path along a field work plan that is read from a file, with its passes, turns and cusps."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -10,7 +10,7 @@ from agrobot_mj.paths.track import Course
 
 
 class FieldPlan(FromFile):
-    """Path along a plan of field work."""
+    """Path along a field work plan."""
 
     kind: Literal["field_plan"] = "field_plan"
     suffixes: ClassVar[tuple[str, ...]] = SUFFIXES
@@ -20,9 +20,9 @@ class FieldPlan(FromFile):
 
     @property
     def plan(self) -> Plan:
-        """Plan of the file. Raise ValueError if the file is invalid."""
+        """Plan in the file. Raise ValueError if the file is invalid."""
         return self.content(plan_of)
 
     def course(self) -> Course:
-        """Return the segments of the plan."""
+        """Return the geometry of the plan's course."""
         return self.plan.course

@@ -1,8 +1,8 @@
-"""Map of the number of passes as a GeoTIFF in the plane of a field; for pictures, not for areas.
+"""Raster map of the number of passes as a GeoTIFF, for display only (areas come from polygons).
 
-The first band has one byte per cell: the number of passes that worked the middle of the cell, 0 for missed ground, and
-255 outside the field. A field with a known position has degrees of WGS 84; the cells are then at most a few centimetres
-off at 500 m from the origin. Another field has metres east and north.
+The band has one byte per cell: the number of passes that worked the centre of the cell, 0 for missed ground, and 255
+outside the field. For a field with a known position, the map is in degrees of WGS 84; cells are then displaced by at
+most a few centimetres at 500 m from the origin. Other fields have metres east and north.
 """
 
 from math import ceil
@@ -18,13 +18,13 @@ from agrobot_mj.extensions.fields.coverage import FieldCoverage
 from agrobot_mj.terrain.geotiff import write_tiff
 
 CELL_M, MOST_CELLS = 0.25, 2000
-"""Minimum size of a cell [m], and maximum number of cells per side."""
+"""Minimum size of a cell [m], and maximum number of cells along a side."""
 OUTSIDE = 255
-"""Value of the cells outside the field."""
+"""Value of cells outside the field."""
 
 
 def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:
-    """Write the number of passes in each cell of a field."""
+    """Write the number of passes in each cell of a field to a GeoTIFF."""
     west, south, east, north = found.field.bounds
     cell = max(CELL_M, (east - west) / MOST_CELLS, (north - south) / MOST_CELLS)
     columns, rows = ceil((east - west) / cell), ceil((north - south) / cell)
@@ -44,7 +44,7 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
 
 
 def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", area: BaseGeometry, x: Array, y: Array) -> None:
-    """Add 1 to the cells whose middle (increasing x, decreasing y) is in an area."""
+    """Add 1 to each cell whose centre is in an area; `x` are ascending, `y` descending coordinates of the centres."""
     west, south, east, north = area.bounds
     wide = slice(*np.searchsorted(x, [west, east]).tolist())
     high = slice(*np.searchsorted(-y, [-north, -south]).tolist())

@@ -1,7 +1,7 @@
-"""Fields and plans from files of other programs, in one local plane in metres.
+"""Reading of fields and plans from files of other programs, into one local plane in metres.
 
-Supported are GeoJSON (also fiboa), KML, GPX, shapefiles, GML, WKT, ISO 11783 task data, folders of AgOpenGPS and CSV;
-for plans also path files of Fields2Cover.
+Formats: GeoJSON (also fiboa), KML, GPX, shapefiles, GML, WKT, ISO 11783 task data, AgOpenGPS folders and CSV; for plans
+also Fields2Cover paths.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,16 @@ from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_sha
 from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")
-"""Roles of rings that belong to the preceding boundary."""
+"""Roles of rings that belong to the boundary before them."""
 SAME, APART = 1e-9, 0.05
-"""Distances between the ends of a closed ring and of an open line, divided by their extent [-]."""
+"""Distances between the ends of a closed ring and of an open line, divided by the extent [-]."""
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
-    """Return the field of a file with a given name, or the largest field.
+    """Return the field with a given name in a file; by default the largest field.
 
-    `crs` names the coordinate system of a file without one, such as EPSG:25832. Raises `ScenarioError` that
-    names the file and the fix.
+    `crs`, such as EPSG:25832, is the coordinate system if the file names none. Raises `ScenarioError` that names the
+    file and the fix.
     """
     file = field_shapes(path)
     try:
@@ -48,7 +48,7 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
 
 
 def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
-    """Return each outer ring with its inner rings; lines and points count as rings only in a file without rings."""
+    """Group each outer ring with its inner rings. Lines and points count as rings only in a file without rings."""
     rings = [shape for shape in shapes if shape.ring and len(shape.points)]
     if not rings:
         lines = [shape for shape in shapes if shape.role != "point" and len(shape.points)]
@@ -64,14 +64,14 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether a ring comes from a line with separate ends, not from a table of points."""
+    """Return whether a ring comes from a line whose ends are apart, and not from a table of points."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
 def _split(line: Polyline) -> list[Polyline]:
-    """Return the closed rings of a line, one after another; a line that never closes is one ring."""
+    """Split a line into successive closed rings; a line that never closes is one ring."""
     points, found, start = line.points, list[Polyline](), 0
     near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     while start < len(points):
@@ -85,7 +85,7 @@ def _split(line: Polyline) -> list[Polyline]:
 
 
 def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
-    """Return the largest field, or the largest one with a name, and a note about the others."""
+    """Return the largest field, or the largest one with the given name, and notes about the others."""
     if not groups:
         raise ValueError("the file contains no boundary; export one")
     known = list(dict.fromkeys(group[0].name for group in groups if group[0].name))
@@ -102,18 +102,18 @@ def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], li
 
 
 def _area(points: Array) -> float:
-    """Return the area of a ring in the unit of its coordinates, for comparison."""
+    """Return the area enclosed by a ring, in squared units of its coordinates, for comparison."""
     x, y = (points - points[0]).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
 
 def _is_within(inner: Array, outer: Array) -> bool:
-    """Return whether the bounding box of a ring is inside that of another."""
+    """Return whether the bounding box of one ring is inside the bounding box of another."""
     return bool((inner.min(axis=0) >= outer.min(axis=0)).all() and (inner.max(axis=0) <= outer.max(axis=0)).all())
 
 
 def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
-    """Return the field of a boundary, which is the first shape, and its inner rings."""
+    """Return a field. The first shape is its boundary, further shapes are its inner rings."""
     boundary, more = ring_polygon(local.shapes[0].points, "boundary")
     notes = [*local.notes, *notes, *more]
     inner: dict[str, list[Polygon]] = {"hole": [], "obstacle": [], "headland": []}
@@ -141,7 +141,7 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 
 def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
-    """Return the legs of a plan in the plane of its field. Raises `ScenarioError` that names the file and the fix."""
+    """Return the legs of a plan in the plane of a field. Raises `ScenarioError` that names the file and the fix."""
     file = plan_shapes(path)
     try:
         local = local_shapes(file, crs or _grid(file, field), LocalShapes((), field.plane, field.crs, field.shift))
@@ -157,7 +157,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the field's coordinate system for a plan in metres far from the origin without a named system."""
+    """Return the field's coordinate system for a plan in metres without one, whose points are far from the origin."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

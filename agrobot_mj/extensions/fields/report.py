@@ -1,4 +1,4 @@
-"""Report page of a drive on a field: result, map and numbers, followed by the page of the run."""
+"""Report page of a drive on a field: summary, map and numbers, followed by the report of the run."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -14,7 +14,7 @@ from agrobot_mj.studies.pages.drive import line, read_signals, run_page
 from agrobot_mj.studies.pages.report import Reports
 
 SMALLEST_M2 = 0.01
-"""Area below which a gap or an overlap is not drawn [m2]."""
+"""Area below which a gap or an overlap is not drawn in the report [m2]."""
 COLOURS = {"overlapped": ORANGE, "missed": VERMILION}
 EFFORT = (
     ("energy_wheels_mj", "energy at the driven wheels", "MJ"),
@@ -22,13 +22,13 @@ EFFORT = (
     ("slip_median_percent", "median slip", "%"),
     ("rut_depth_max_m", "maximum depth of ruts", "m"),
 )
-"""Key, text and unit of the effort."""
+"""Key, text and unit of each row about effort."""
 HEAD = 2
-"""Number of parts at the start of a page: title and facts."""
+"""Number of parts at the start of a page that come before the coverage: title and facts."""
 
 
 def field_page(folder: Path) -> Document:
-    """Return the page of a drive: first the coverage, then the page of its run."""
+    """Return the report page of a drive: coverage first, then the report of the run."""
     found = json.loads((folder / "coverage.json").read_text("utf-8"))
     page = run_page(folder)
     run = page.parts[HEAD:]
@@ -49,7 +49,7 @@ def _areas(found: Mapping[str, Any]) -> Iterator[tuple[object, ...]]:
 
 
 def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
-    """Yield the rows of the table of numbers."""
+    """Yield the rows of the table with numbers."""
     turns, capacity, accuracy = found["turns"], found["capacity"], found["accuracy"]
     for gap in found["gaps"]:
         yield f"missed in the {gap['place']}", round(gap["area_m2"], 2), "m2"
@@ -82,7 +82,7 @@ def _rounded(value: float | None) -> object:
 
 
 def _map(folder: Path, found: Mapping[str, Any]) -> Chart:
-    """Return the map of gaps, overlaps and the track."""
+    """Return a map chart of gaps, overlaps and the track."""
     origin = found["origin"] and Origin(*found["origin"])
     shapes = json.loads((folder / "coverage.geojson").read_text("utf-8"))["features"]
     signals = read_signals(folder)
@@ -103,7 +103,7 @@ def _filled(x: list[float | None], y: list[float | None], colour: str) -> dict[s
 
 
 def _outline(features: list[dict[str, Any]], origin: Origin | None) -> tuple[list[float | None], list[float | None]]:
-    """Return the rings of polygons in metres, separated by None."""
+    """Return the coordinates of all rings of polygons in metres, with None between rings."""
     x: list[float | None] = []
     y: list[float | None] = []
     for ring in (ring for each in features for ring in _rings(each["geometry"])):

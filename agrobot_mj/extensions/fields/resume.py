@@ -1,7 +1,7 @@
-"""Continuation of an interrupted drive: its state is stored in the user's cache folder, by the identity of the run.
+"""Continuation of an interrupted drive. Its state is stored in the user's cache folder under the identity of the run.
 
-The state is stored on an interruption and every few minutes. A state of the last KEPT drives is kept. Files of other
-origin are never read: the folder belongs to the user, as that of the compiled kernels.
+The state is stored at an interruption and every few minutes. The states of the last KEPT drives are kept. Files from
+other sources are never read: the folder belongs to the user, like the folder of compiled kernels.
 """
 
 import pickle
@@ -19,13 +19,13 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
 EVERY_S = 300.0
-"""Wall time between stored states [s]."""
+"""Wall time between two stored states [s]."""
 KEPT = 2
-"""Number of drives whose states are kept."""
+"""Number of drives whose states are kept in the folder."""
 
 
 class Interrupted:
-    """Stored state of an interrupted drive."""
+    """Stored state of a drive, from which an interrupted simulation continues."""
 
     def __init__(self, scenario: Scenario, stopped: Callable[[], bool]) -> None:
         self.scenario, self.stopped = scenario, stopped
@@ -34,7 +34,7 @@ class Interrupted:
         self.state: Snapshot | None = None
 
     def load(self) -> None:
-        """Load the state. Raise `ScenarioError` if there is none."""
+        """Load the stored state. Raise `ScenarioError` if there is none."""
         try:
             state = pickle.loads(self.file.read_bytes())
         except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
@@ -44,7 +44,7 @@ class Interrupted:
         self.state = state._replace(scenario=self.scenario)
 
     def store(self, sim: Simulation) -> None:
-        """Store the state of a simulation with the rows so far; without space, the drive goes on."""
+        """Store the state of a simulation with all rows. If there is no disk space, the drive continues without."""
         rows = sim.rows
         saved = SavedRows(rows.filled, (), (rows.values[: rows.filled], rows.poses[: rows.filled]))
         state = sim.save(saved)
@@ -57,7 +57,7 @@ class Interrupted:
         rows.release()
 
     def ticks(self, sim: Simulation) -> Iterator[None]:
-        """Simulate to the end, from the loaded state if there is one; store the state at times and when stopped."""
+        """Simulate to the end, from the loaded state if any. Store the state periodically and at an interruption."""
         if self.state is None:
             sim.reset()
         else:

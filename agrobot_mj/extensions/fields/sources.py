@@ -1,4 +1,4 @@
-"""Files of a field or plan: a single file, a folder of AgOpenGPS or ISO 11783, or a zip of one of them."""
+"""Sources of a field or plan: a single file, a folder of AgOpenGPS or ISO 11783, or a zip archive of these."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -19,11 +19,11 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 TASKDATA = "TASKDATA.XML"
 MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
-"""Maximum unpacked size of all files in a zip [bytes], and maximum number of files."""
+"""Maximum size of all files in a zip archive after unpacking [bytes], and maximum number of files."""
 PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
-"""Endings of the files that are read from other folders and zips, in order of preference."""
+"""File name endings that are read from other folders and archives, in order of preference."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
-"""AgOpenGPS files of a field, all of which are read, and of a plan, of which the first one with lines is read."""
+"""AgOpenGPS files of a field (all are read) and of a plan (the first file with lines is read)."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
@@ -49,7 +49,7 @@ def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
 
 
 def _read(path: Path) -> ShapeFile:
-    """Return the shapes of a file, named after the file if they have no name."""
+    """Return the shapes of a file. Shapes without a name are named after the file."""
     if path.name.upper() == TASKDATA:
         return _task_data(path)
     found = read_shapes(str(path.absolute()), MAX_BYTES, READERS)
@@ -58,7 +58,7 @@ def _read(path: Path) -> ShapeFile:
 
 @contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
-    """Provide the path of a file or folder, or of the unpacked files of a zip."""
+    """Yield the path of a file or folder; for a zip archive, the path of its unpacked files."""
     if not path.is_dir() and not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}")
     if not zipfile.is_zipfile(path):
@@ -76,7 +76,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
-    """Return the shapes of the first known file in a folder or its subfolders."""
+    """Return the shapes of the first known file in a folder or in its subfolders."""
     for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
         if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
             return _task_data(tasks[0])
@@ -89,7 +89,7 @@ def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> Shape
 
 
 def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
-    """Return the shapes of a file of AgOpenGPS with the geographic position of their plane."""
+    """Return the shapes of an AgOpenGPS file with the geographic position of its local plane."""
     file = path.parent / "Field.txt"
     if found.crs or not file.is_file() or not is_folder_of_field(path.parent) or path.suffix.lower() != ".txt":
         return found
@@ -98,7 +98,7 @@ def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
 
 
 def _boundaries(folder: Path) -> ShapeFile:
-    """Return boundary and headland of a folder of AgOpenGPS."""
+    """Return the boundary and the headland of an AgOpenGPS folder."""
     files = [folder / name for name in BOUNDARIES if (folder / name).is_file()]
     if not files or files[0].name != BOUNDARIES[0]:
         refuse(folder, f"the folder has no {BOUNDARIES[0]}; create a boundary in the guidance program")
@@ -107,7 +107,7 @@ def _boundaries(folder: Path) -> ShapeFile:
 
 
 def _tracks(folder: Path) -> ShapeFile:
-    """Return the recorded path or the guidance lines of a folder of AgOpenGPS."""
+    """Return the recorded path or the guidance lines of an AgOpenGPS folder."""
     for file in (folder / name for name in PLANS):
         if file.is_file() and (found := _with_origin(_read(file), file)).shapes:
             return found
@@ -115,7 +115,7 @@ def _tracks(folder: Path) -> ShapeFile:
 
 
 def _task_data(path: Path) -> ShapeFile:
-    """Return the shapes of ISO 11783 task data with its external files."""
+    """Return the shapes of ISO 11783 task data, including its external files."""
     files = {each.name.upper(): each for each in path.parent.iterdir() if each.is_file()}
     if path.stat().st_size > MAX_BYTES:
         refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split it")

@@ -1,4 +1,4 @@
-"""Metric of runs along a plan of field work: coverage of the field and excursions, for comparisons and sweeps."""
+"""Metric of runs along a field work plan, for comparisons and sweeps: coverage of the field and excursions."""
 
 from typing import Any, ClassVar, Literal
 
@@ -8,7 +8,7 @@ from agrobot_mj.metrics import Metric, RunView
 
 
 class FieldWork(Metric):
-    """Coverage of a field, with sections that switch without delay."""
+    """Coverage of a field by field work, with sections that switch without delay."""
 
     kind: Literal["field_work"] = "field_work"
     columns: ClassVar[tuple[Column, ...]] = (
@@ -21,7 +21,7 @@ class FieldWork(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the coverage and the excursions; an empty dict for another path or a run without motion."""
+        """Return coverage and excursions; empty for other paths and for runs without motion."""
         if not isinstance(view.path, FieldPlan) or not view.path.plan.ground:
             return {}
         import shapely

@@ -1,6 +1,6 @@
-"""Path files of Fields2Cover: x, y, z, heading [rad], speed [m/s], length [m], direction and type in each row.
+"""Path files of Fields2Cover: rows of x, y, z, heading [rad], speed [m/s], length [m], direction and type.
 
-The direction is 1 forward or -1 backward; the type is 1 for a swath, 2 for a turn, 3 for a swath of the headland.
+The direction is 1 (forward) or -1 (backward). The type is 1 (swath), 2 (turn) or 3 (swath on the headland).
 """
 
 import numpy as np
@@ -8,11 +8,11 @@ import numpy as np
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 
 WIDTH, TURN = 8, 2
-"""Number of values in a row, and type of a turn."""
+"""Number of values in a row, and value of the type for a turn."""
 
 
 def _row(line: str) -> list[float]:
-    """Return the WIDTH finite numbers of a row; empty for any other row."""
+    """Return the numbers in a row; empty if the row does not consist of WIDTH finite numbers."""
     try:
         found = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:
@@ -21,13 +21,13 @@ def _row(line: str) -> list[float]:
 
 
 def is_fields2cover(head: str) -> bool:
-    """Return whether the first row is that of a path."""
+    """Return whether the first row of a text is a row of a path."""
     row = _row(next((line for line in head.splitlines() if line.strip()), ""))
     return bool(row) and row[6] in (-1, 1) and row[7] in (1, 2, 3)
 
 
 def read_fields2cover(text: str) -> ShapeFile:
-    """Return the path, with the columns speed, direction and working. Raise ValueError, naming the row."""
+    """Return the path with the columns speed, direction and working. Raise ValueError that names an invalid row."""
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip():

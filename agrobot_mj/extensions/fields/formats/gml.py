@@ -1,7 +1,7 @@
-"""GML 2 and 3: polygons and lines.
+"""Polygons and lines of GML 2 and 3.
 
-With a coordinate system in short form (EPSG:4326), coordinates are read east first, as most programs write them. With a
-long form (urn:ogc:def:crs:EPSG::4326 or a web address), they have the order of the authority, often north first.
+If the coordinate system has a short name (EPSG:4326), coordinates are read east first, as most programs write them.
+With a long name (urn:ogc:def:crs:EPSG::4326 or a web address), the authority's order applies, often north first.
 """
 
 import re
@@ -16,13 +16,13 @@ from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 CODE = re.compile(r"(?:EPSG|epsg)[:/#]+(?:[\d.]+[:/])?(\d+)$|CRS84$")
-"""Pattern of the number of a coordinate system."""
+"""Pattern of the EPSG number in the name of a coordinate system."""
 OUTER, INNER = ("exterior", "outerBoundaryIs"), ("interior", "innerBoundaryIs")
-"""Elements that contain the rings of a polygon, in GML 3 and 2."""
+"""Elements that contain the rings of a polygon, in GML 3 and GML 2."""
 
 
 def read_gml(text: str) -> ShapeFile:
-    """Return the shapes of a GML file. Raise ValueError if it is damaged."""
+    """Return the shapes of a GML file. Raise ValueError if the file is damaged."""
     root = parsed_xml(text)
     crs, north_first = _system(root)
     shapes = [*_polygons(root), *_lines(root)]
@@ -33,7 +33,7 @@ def read_gml(text: str) -> ShapeFile:
 
 
 def _system(root: Element) -> tuple[str, bool]:
-    """Return the coordinate system and whether north comes first."""
+    """Return the name of the coordinate system, and whether the north coordinate comes first."""
     named = next((each.get("srsName", "") for each in root.iter() if each.get("srsName")), "")
     code = CODE.search(named)
     if not code:

@@ -1,7 +1,7 @@
 """ISO 11783-10 task data, versions 3 and 4: partfields with boundaries, obstacles, headlands and guidance patterns.
 
-Polygons (PLN) have rings (LSG) of points (PNT) with latitude C and longitude D. An inner area is an interior ring of
-the boundary, or a polygon of type obstacle, building or water.
+Polygons (PLN) consist of rings (LSG) of points (PNT) with latitude C and longitude D. An inner area is an interior ring
+of the boundary, or a polygon of the type obstacle, building or water.
 """
 
 from collections.abc import Iterator
@@ -17,19 +17,19 @@ from agrobot_mj.paths.imports.shapes import DEGREES
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 BOUNDARY, MAIN_FIELD, HEADLAND = "1", "9", "10"
-"""Types of polygons: boundary of the partfield, main field, headland."""
+"""Types of polygons: partfield boundary, main field, headland."""
 OBSTACLES = ("3", "4", "6")
 """Types of polygons that the tractor must not enter: water, building, obstacle."""
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
-"""Types of line strings."""
+"""Types of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
-"""Types of guidance patterns: two points, or one point and a heading; and extension at both ends."""
+"""Types of guidance patterns (two points; point and heading), and value for an extension at both ends."""
 LINE_M = 1000.0
-"""Length of a line on each side of its point, if it has one point and a heading [m]."""
+"""Length of a guidance line on each side of its point, for a pattern of point and heading [m]."""
 
 
 def read_task_data(text: str) -> ShapeFile:
-    """Return the shapes of all partfields; the property `field` is the name of the partfield."""
+    """Return the shapes of all partfields. The property `field` of a shape is the name of its partfield."""
     root = parsed_xml(text)
     shapes = tuple(shape for field in root.iter("PFD") for shape in _of_field(field))
     return ShapeFile(shapes, DEGREES, name=shapes[0].name if shapes else "")
@@ -53,7 +53,7 @@ def _of_field(field: Element) -> Iterator[Polyline]:
 
 
 def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
-    """Yield the rings of a polygon, exterior ring first; for a headland only the interior ring, if present."""
+    """Yield the rings of a polygon, exterior ring first; for a headland only its interior ring, if present."""
     lines = sorted(polygon.findall("LSG"), key=lambda line: line.get("A") == INTERIOR)
     if role == "headland":
         lines = [line for line in lines if line.get("A") == INTERIOR] or lines
@@ -63,7 +63,7 @@ def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
 
 
 def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:
-    """Yield the lines of a guidance pattern; a line through A and B may extend beyond them."""
+    """Yield the lines of a guidance pattern. A line through two points A and B may extend beyond them."""
     kind, designator = pattern.get("C"), pattern.get("B") or name
     for line in pattern.findall("LSG"):
         points = _points(line)
@@ -75,7 +75,7 @@ def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:
 
 
 def _heading(pattern: Element) -> float:
-    """Return the compass heading of a pattern [rad]. Raise ValueError if it is missing."""
+    """Return the compass heading of a guidance pattern [rad]. Raise ValueError if the heading is missing."""
     try:
         return radians(float(pattern.get("G", "")))
     except ValueError:
@@ -83,7 +83,7 @@ def _heading(pattern: Element) -> float:
 
 
 def _through(point: Array, heading: float) -> Array:
-    """Return a line through a point in degrees that extends LINE_M to both sides along a compass heading [rad]."""
+    """Return a line through a point (longitude, latitude) [deg] along a compass heading [rad], LINE_M to each side."""
     origin = Origin(float(point[1]), float(point[0]))
     east, north = LINE_M * sin(heading), LINE_M * cos(heading)
     ends = [to_geodetic(origin, -east, -north), to_geodetic(origin, east, north)]

@@ -1,4 +1,4 @@
-"""Well-known text of polygons and lines, also with the coordinate system of EWKT (SRID=25832;POLYGON ...)."""
+"""Well-known text (WKT) of polygons and lines, with an optional coordinate system as in SRID=25832;POLYGON ..."""
 
 import re
 from collections.abc import Iterator
@@ -10,25 +10,25 @@ from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.shapes import DEGREES
 
 START = re.compile(r"\s*(SRID=\d+;)?\s*(MULTI)?(POLYGON|LINESTRING|POINT)|\s*(SRID=\d+;)?\s*GEOMETRYCOLLECTION", re.I)
-"""Pattern of the start of a text."""
+"""Pattern of the start of a well-known text."""
 LARGEST_DEG = 1.0
-"""Extent below which coordinates without a coordinate system are degrees [deg]."""
+"""Extent below which coordinates without a coordinate system are assumed to be degrees [deg]."""
 
 
 def is_wkt(head: str) -> bool:
-    """Return whether a text starts as well-known text."""
+    """Return whether the start of a text is well-known text."""
     return bool(START.match(head))
 
 
 def read_wkt(text: str) -> ShapeFile:
-    """Return the shapes of a text with one geometry per line. Raise ValueError if it is damaged."""
+    """Return the shapes of a text with one geometry after another. Raise ValueError if a geometry is damaged."""
     shapes, crs = list[Polyline](), ""
     for number, line in _statements(text):
         srid, semicolon, body = line.rpartition(";")
         if semicolon:
             crs = f"EPSG:{srid.strip()[5:]}"
         try:
-            with np.errstate(all="ignore"):  # numbers too large are reported with their position
+            with np.errstate(all="ignore"):  # numbers that are too large are reported with their position
                 geometry = shapely.from_wkt(body)
         except shapely.errors.GEOSException:
             raise ValueError(f"line {number}: the line is not valid WKT; write POLYGON ((x y, ...))") from None
@@ -40,7 +40,7 @@ def read_wkt(text: str) -> ShapeFile:
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield line number and text of each geometry; a geometry may extend over several lines."""
+    """Yield line number and text of each geometry, which may extend over several lines."""
     collected, first = "", 1
     for number, line in enumerate(text.splitlines(), start=1):
         if START.match(line) and collected:
@@ -52,7 +52,7 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
 
 
 def of_shapely(geometry: shapely.Geometry) -> Iterator[Polyline]:
-    """Yield the shapes of a geometry."""
+    """Yield the rings, lines and points of a geometry."""
     for part in getattr(geometry, "geoms", [geometry]):
         if isinstance(part, shapely.Polygon) and not part.is_empty:
             yield Polyline(shapely.get_coordinates(part.exterior), True)

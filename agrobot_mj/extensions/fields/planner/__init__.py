@@ -1,1 +1,1 @@
-"""Planner of field work: headland laps, swaths, and the turns that join them."""
+"""Planner of field work: headland laps, swaths, and the turns between them."""

@@ -1,8 +1,8 @@
-"""Joins between passes: turns at their ends, and routes along the headland laps to distant passes.
+"""Connections between passes: turns at their ends, and routes along headland laps to distant passes.
 
-Candidates are tried in groups: the chosen turn, then other forward connections and turns with a part in reverse, then
-routes along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the
-cheapest candidate of the first group with free ones, or else the cheapest of all, whose faults the plan reports.
+Candidates are evaluated in groups: the chosen turn, then other forward connections and turns with a part in reverse,
+then routes along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the
+cheapest candidate of the first group with free ones; without any, the cheapest of all, with a warning in the plan.
 """
 
 from collections.abc import Iterator
@@ -37,19 +37,19 @@ from agrobot_mj.paths.transition import bend
 Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0
-"""Maximum distance between passes that are joined by a turn at their ends, in turn radii [-]. Assumed value."""
+"""Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value."""
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Length with the same cost as one metre outside the field, and across the body [-]. Assumed values."""
+"""Costs per metre outside the field, and per metre across the body, as additional path length [-]. Assumed values."""
 CUSP_M = 5.0
-"""Length with the same cost as a cusp [m]. Assumed value."""
+"""Cost of a cusp, as additional path length [m]. Assumed value."""
 GENTLE = (2.0, 3.0)
-"""Radii of gentle bends in turn radii [-]."""
+"""Radii of gentle bends [turn radii]."""
 FORWARD_TRIED = 3
-"""Number of forward connections that are tried."""
+"""Maximum number of forward connections that are evaluated."""
 STEPS, STEP = 13, 0.5
-"""Number of places on a lap where a route may begin or end, and their spacing in turn radii."""
+"""Number of points of a lap at which a route may join or leave it [-], and their spacing [turn radii]."""
 ROUTES_TRIED = 8
-"""Number of routes along laps that are tried, the shortest first."""
+"""Number of routes along laps that are evaluated, shortest first."""
 
 
 class Join(NamedTuple):
@@ -57,24 +57,24 @@ class Join(NamedTuple):
 
     pieces: Pieces
     outside: float = 0.0
-    """Distance beyond the boundary in excess of the tolerance [m]."""
+    """Distance beyond the boundary that exceeds the tolerance [m]."""
     across: float = 0.0
-    """Length across the body [m]."""
+    """Path length across the body [m]."""
 
     @property
     def free(self) -> bool:
-        """Whether the connection has no faults."""
+        """Whether the connection stays inside the field and does not cross the body."""
         return self.outside <= 0.0 and self.across <= TOLERANCE_M
 
     @property
     def cost(self) -> float:
-        """Length of the connection with penalties for its faults and cusps [m]."""
+        """Cost of the connection: its length plus penalties for leaving the field, crossing the body, and cusps [m]."""
         cusps = sum(a.direction != b.direction for a, b in pairwise(self.pieces))
         return length_of(self.pieces) + OUTSIDE * self.outside + ACROSS * self.across + CUSP_M * cusps
 
 
 def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
-    """Return the connection from `start` to `goal`."""
+    """Return the best connection from the pose `start` to the pose `goal`."""
     found: list[Join] = []
     for tier in _tiers(area, start, goal, shape):
         tried = [Join(pieces, *area.faults(start, pieces)) for pieces in tier]
@@ -85,7 +85,7 @@ def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
 
 
 def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterator[Pieces]]:
-    """Yield groups of connections in the order of preference."""
+    """Yield groups of candidate connections, preferred groups first."""
     near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * area.rig.bends.radius
     if opposite := abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
         yield _turns(start, goal, shape, area.rig.bends)
@@ -98,7 +98,7 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, also with gentle bends that reduce the swing of a wide implement, and turns with a
+    """Yield forward connections, also with gentle bends, which reduce the swing of a wide implement, and turns with a
     part in reverse."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
@@ -109,7 +109,7 @@ def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[P
 
 
 def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:
-    """Yield the turn to the opposite pass at `goal`, which begins beyond the ends of both passes."""
+    """Yield the turn to the opposite pass at `goal`. The turn begins beyond the ends of both passes."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     if abs(left) < 1e-6:
         return
@@ -125,7 +125,7 @@ def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Piec
 def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
     """Return the distance by which a turn between neighbouring passes extends beyond their ends [m].
 
-    The ends of the passes lie on one line across them.
+    The line through the ends of both passes is perpendicular to the passes.
     """
     start, goal = Pose(rig.behind, 0.0, 0.0), Pose(rig.behind, rig.spacing, pi)
     turn = next(_turns(start, goal, shape, rig.bends))
@@ -141,9 +141,9 @@ def _mirrored(piece: Piece) -> Piece:
 
 @lru_cache(maxsize=256)
 def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
-    """Return the turn to a pass `away` metres to the left with one flare, and its end ahead of its start [m].
+    """Return the turn to a pass `away` [m] to the left with one flare, and its end ahead of its start [m].
 
-    A bend to the right by the angle f is followed by one to the left by pi + f: for arcs cos f = away / (2 radius).
+    A bend to the right by an angle f is followed by one to the left by pi + f. For arcs, cos f = away / (2 radius).
     """
 
     def turn(flare: float) -> Pieces:
@@ -155,7 +155,7 @@ def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
 
 
 def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
-    """Yield connections along a lap, in the order of their estimated length."""
+    """Yield connections along headland laps, in the order of their estimated length."""
     radius, ranked = area.rig.bends.reach, []
     for ring in area.laps:
         for way in (ring, ring._replace(points=ring.points[::-1])):
@@ -170,11 +170,11 @@ def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
 
 
 Place = tuple[float, Pose, float]
-"""Distance along a ring [m], pose there, and distance from the nearest point of the ring [m]."""
+"""Distance along a ring [m], pose at this distance, and distance from the point of the ring nearest to a pose [m]."""
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
-    """Return places along a ring, starting from the point nearest to a pose."""
+    """Return points along a ring for joining or leaving it, starting at the point nearest to a pose."""
     line = ring.line
     nearest = line.project(shapely.Point(pose.x, pose.y))
     found = []
@@ -190,7 +190,7 @@ def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
 def _route(
     area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
 ) -> Iterator[Pieces]:
-    """Yield the connection along a part of a ring, if the machine can drive it."""
+    """Yield the connection along part of a ring, if the machine can drive it."""
     bends = area.rig.bends
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:

@@ -1,4 +1,4 @@
-"""Headland laps: closed courses parallel to the boundary and around obstacles, with drivable corners."""
+"""Headland laps: closed courses parallel to the boundary and around obstacles, with corners that can be driven."""
 
 from typing import NamedTuple
 
@@ -15,38 +15,38 @@ from agrobot_mj.paths.fillet import Rounding, rounded
 from agrobot_mj.paths.track import Course, Piece
 
 MITRE = 5.0
-"""Maximum length of the corner of an offset, divided by the offset [-]."""
+"""Maximum length of a mitred corner divided by the offset distance [-]."""
 SIMPLE_M = 0.05
-"""Tolerance for omitting points of a ring [m]."""
+"""Tolerance of the simplification of rings [m]."""
 CORNER_M = 0.1
-"""Maximum distance of a rounded gentle corner from the original corner [m]."""
+"""Maximum distance of a rounded corner from the original corner, for gentle corners [m]."""
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
-"""Smoothing radii that are tried until the bends of a ring can be driven, in turn radii [-]."""
+"""Smoothing radii that are tried in order until the machine can drive the ring [turn radii]."""
 
 
 class Ring(NamedTuple):
-    """Closed line of a lap."""
+    """Closed polyline of a headland lap."""
 
     points: Array
-    """Corners in driving order, shape (n, 2), without repetition of the first [m]."""
+    """Corners in driving order, shape (n, 2) [m]. The first corner is not repeated."""
     number: int
-    """Number of the lap; 0 for the lap along the boundary."""
+    """Number of the lap, counted from 0 at the boundary."""
     hole: int = -1
     """Number of the obstacle that the lap surrounds; -1 for the boundary."""
 
     @property
     def line(self) -> LinearRing:
-        """Ring as a geometry."""
+        """Ring as a shapely geometry."""
         return LinearRing(self.points)
 
 
 def offset(area: BaseGeometry, inwards: float) -> BaseGeometry:
-    """Return the area inside a line parallel to the boundary [m]."""
+    """Return the area reduced by the distance `inwards` [m] along its boundary."""
     return area.buffer(-inwards, join_style="mitre", mitre_limit=MITRE)
 
 
 def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
-    """Return the laps: along the boundary from the outermost, then around each hole from the innermost."""
+    """Return the laps: along the boundary from the outside inwards, then around each hole from the hole outwards."""
     holes = [Polygon(hole) for part in shapely.get_parts(area) for hole in part.interiors]
     found = []
     for number in range(count):
@@ -62,7 +62,7 @@ def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
 
 
 def _corners(ring: LinearRing, left: bool) -> Array:
-    """Return the corners of a ring, counter-clockwise if `left`, beginning with its longest side."""
+    """Return the corners of a ring, counter-clockwise if `left`, starting with the longest side."""
     simple = LinearRing(ring).simplify(SIMPLE_M)
     points = np.array(simple.coords)[:-1, :2]
     if LinearRing(points).is_ccw != left:
@@ -72,7 +72,7 @@ def _corners(ring: LinearRing, left: bool) -> Array:
 
 
 def from_point(ring: Ring, distance: float) -> Array:
-    """Return the closed polyline of a ring that begins and ends `distance` [m] along it, shape (n, 2)."""
+    """Return a ring as a closed polyline that starts at the arc length `distance` [m], shape (n, 2) [m]."""
     closed = np.vstack([ring.points, ring.points[:1]])
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))
     distance %= along[-1]
@@ -83,18 +83,18 @@ def from_point(ring: Ring, distance: float) -> Array:
 
 
 def rounding(rig: FieldMachine) -> Rounding:
-    """Return the rounding of polyline corners for this machine."""
+    """Return the parameters for rounding polyline corners with this machine."""
     path = rig.path
     return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
 
 
 def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the course of a lap that begins `distance` [m] along a ring; None if the machine cannot drive it."""
+    """Return the course of a lap that starts at the arc length `distance` [m]; None if the machine cannot drive it."""
     return drivable(from_point(ring, distance), True, rig)
 
 
 def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the course along a polyline with rounded corners; None if a bend is too tight or the line reverses."""
+    """Return the course along a polyline with rounded corners; None if a bend is too tight or the course reverses."""
     try:
         course = rounded(points, closed, rounding(rig))
     except ValueError:
@@ -103,7 +103,7 @@ def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
 
 
 def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
-    """Return the ring with bends that the machine can drive; the ring unchanged if smoothing does not suffice."""
+    """Return a smoothed ring that the machine can drive; the unchanged ring if smoothing is not sufficient."""
     for factor in SMOOTHER:
         radius, found = factor * rig.path.turn_radius_m, ring
         if factor:

@@ -1,6 +1,6 @@
 """Planner: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
 
-Cells are driven nearest first. The plan is drivable and complete, but not optimal.
+The nearest cell is worked next. Plans are drivable and complete, but not optimal.
 """
 
 from collections.abc import Sequence
@@ -26,32 +26,32 @@ from agrobot_mj.paths.headland import half_turn_width
 from agrobot_mj.paths.track import Piece
 
 LAP_STARTS = 24
-"""Number of places along a ring where its lap may start."""
+"""Number of points along a ring at which its lap may start."""
 DEFAULT_HEADLANDS = 2
-"""Number of headland laps that are tried first."""
+"""Default number of headland laps, which increases if turns need more depth."""
 TRIES = 6
-"""Number of attempts with more laps or a wider margin."""
+"""Maximum number of attempts with more laps or a wider margin."""
 MARGIN_STEP_M = 0.02
-"""Width by which a margin exceeds the distance beyond the boundary that it prevents [m]."""
+"""Additional width of a margin, beyond the excess distance that the margin prevents [m]."""
 CLOSE_M = 1e-3
 """Distance below which a pose counts as reached [m]."""
 GOALS_TRIED = 6
-"""Number of starts of the next work to which connections are planned, nearest first."""
+"""Number of possible starts of the next pass to which connections are planned, nearest first."""
 LEAST_AREA = 0.1
-"""Minimum area of a body with swaths, divided by the squared working width [-]."""
+"""Minimum area of a body that gets swaths, divided by the square of the working width [-]."""
 
 
 class Options(NamedTuple):
     """Options of a plan."""
 
     headlands: int | None = None
-    """Number of headland laps; None for two, or more if the turns need more depth."""
+    """Number of headland laps. None: two laps, or more if the turns need more depth."""
     turn: Shape = "clothoid"
-    """Preferred turn between neighbouring swaths."""
+    """Preferred turn shape between neighbouring swaths."""
     order: str = "boustrophedon"
     """Order of the swaths of a cell."""
     angle: float | None = None
-    """Direction of the swaths, counter-clockwise from east; None for the direction with the fewest swaths [rad]."""
+    """Direction of the swaths, counter-clockwise from east [rad]. None: the direction with the fewest swaths."""
     sections: int = 1
     """Number of sections of the implement."""
     beyond: float = 0.0
@@ -72,14 +72,14 @@ class _Work:
         self.layout: Pattern | None = None
 
     def go(self, pieces: tuple[Piece, ...]) -> None:
-        """Append segments."""
+        """Append path segments to the course."""
         self.pieces += pieces
         self.pose = end_of(self.pose, pieces)
         self.distance += length_of(pieces)
 
     def to(self, goals: Sequence[Pose]) -> int:
-        """Append the cheapest connection to one of the poses, or begin an empty plan at the first pose; return the
-        number of the pose."""
+        """Append the cheapest connection to one of the poses and return the number of this pose. An empty plan starts
+        at the first pose."""
         if self.start is None:
             self.start = self.pose = goals[0]
             return 0
@@ -108,7 +108,7 @@ class _Work:
         self.passes.append(PlannedPass("headland", *span, (span,) * self.options.sections))
 
     def _starts(self, ring: Ring) -> list[float]:
-        """Return distances along a ring at which its lap may begin [m]."""
+        """Return arc lengths of a ring at which its lap may start [m]."""
         length, reach = ring.line.length, self.rig.bends.reach
         if self.start is None:
             return [k * length / LAP_STARTS for k in range(1, LAP_STARTS)]
@@ -117,7 +117,7 @@ class _Work:
         return [*near, *(k * length / LAP_STARTS for k in range(LAP_STARTS))]
 
     def swath(self, swath: Swath, layout: Pattern, forth: bool) -> None:
-        """Append a swath in the direction of the angle (`forth`) or against it."""
+        """Append a swath, driven in the swath direction (`forth`) or against it."""
         start = _pose(layout, swath, forth)
         if self.start is None or hypot(start.x - self.pose.x, start.y - self.pose.y) > CLOSE_M:
             self.to([start])
@@ -131,7 +131,7 @@ class _Work:
         self.passes.append(PlannedPass("body", zero, zero + swath.length, tuple(spans)))
 
     def cells(self, layout: Pattern) -> None:
-        """Append the swaths of all cells, the nearest cell first."""
+        """Append the swaths of all cells. The nearest cell is always next."""
         self.layout = layout
         across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.spacing - 1e-9))
         left = list(layout.cells)
@@ -145,11 +145,11 @@ class _Work:
 
     @cached_property
     def leaving(self) -> Leaving:
-        """Places where the work leaves the field."""
+        """Places where the course leaves the field."""
         return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
 
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
-        """Return the completed plan; the notes precede its warnings."""
+        """Return the completed plan. The notes become its first warnings."""
         crossing = [
             f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
@@ -164,16 +164,16 @@ class _Work:
 
 
 def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
-    """Return the pose at the start of a swath."""
+    """Return the pose of the CG at the start of a swath, driven in the swath direction (`forth`) or against it."""
     x, y = layout.point(swath.start if forth else swath.end, swath.across)
     return Pose(x, y, layout.angle if forth else layout.angle + pi)
 
 
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
-    """Return the plan of a field. Raise `ScenarioError` if there is none that stays inside.
+    """Return the plan of a field. Raise `ScenarioError` if no plan stays inside the field.
 
-    Without a given number of laps, laps are added until the turns stay inside. The outermost lap moves inwards where
-    the implement swings further beyond the boundary than tolerated.
+    If the number of laps is not given, laps are added until the turns stay inside. If the implement swings out beyond
+    the boundary by more than the tolerance, the outermost lap moves inwards.
     """
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
     work = _work(field, rig, options, first)
@@ -206,7 +206,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
 
 
 def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
-    """Return the work with a number of headland laps and a margin. Raise `ScenarioError` if it cannot be driven."""
+    """Plan the work with given numbers of headland laps and margin [m]. Raise `ScenarioError` if it is infeasible."""
     area = area_of(field, headlands, rig, options.beyond, margin)
     work = _Work(area, options._replace(headlands=headlands))
     for ring in area.laps:

@@ -1,4 +1,4 @@
-"""Machine for the planner: its outlines, and the bends that its steering can follow."""
+"""Machine data for the planner: outlines of tractor and implement, and the bends that the steering can follow."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -13,29 +13,29 @@ from agrobot_mj.paths import Swaths
 from agrobot_mj.scenario.schema import Scenario
 
 MIN_SHARE = 0.95
-"""Maximum fraction of the curvature limit of the machine that a plan uses [-]. Assumed value: 5 % for feedback."""
+"""Maximum fraction of the machine's curvature limit that plans use [-]. Assumed value: 5 % remain for feedback."""
 BAR_M = 0.1
-"""Half of the length of the outline of an implement [m]."""
+"""Half of the length of the implement's outline [m]."""
 
 
 @dataclass(frozen=True)
 class FieldMachine:
-    """Tractor with its implement. Distances are relative to the CG, the reference point of paths."""
+    """Tractor with its implement. Distances are relative to the CG, which is the reference point of paths."""
 
     width: float
-    """Working width [m]."""
+    """Working width of the implement [m]."""
     behind: float
-    """Distance of the working point of the implement behind the CG when driving straight [m]."""
+    """Distance of the implement's working point behind the CG on a straight line [m]."""
     front: float
-    """Distance of the foremost point of the tractor ahead of the CG [m]."""
+    """Distance of the front end of the tractor ahead of the CG [m]."""
     rear: float
-    """Distance of the rearmost point of the tractor behind the CG [m]."""
+    """Distance of the rear end of the tractor behind the CG [m]."""
     half_width: float
-    """Half of the width of the tractor over its tyres [m]."""
+    """Half of the tractor's width, including the tyres [m]."""
     tightest: float
     """Minimum turn radius of the CG [m]."""
     path: Swaths
-    """Bends of this machine: radius, speed and steering rate of its turns."""
+    """Path key values for the bends of this machine: radius, speed and steering rate."""
     overlap: float = 0.0
     """Planned overlap between neighbouring passes [m]."""
 
@@ -46,28 +46,28 @@ class FieldMachine:
 
     @property
     def bends(self) -> Bends:
-        """Limits of the bends of turns."""
+        """Limits of the bends in turns."""
         speed = self.path.turn_speed_m_s
         return Bends(self.path.turn_radius_m, self.path.sharpness(speed), speed)
 
     @property
     def max_curvature(self) -> float:
-        """Maximum curvature of a plan [1/m]."""
+        """Maximum curvature that a plan may contain [1/m]."""
         return MIN_SHARE / self.tightest
 
 
 def tractor_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
-    """Return the outlines of the tractor with its CG at poses (n,): polygons (n,)."""
+    """Return outlines of the tractor for poses of its CG (n,), as polygons (n,)."""
     return _boxes(x, y, yaw, rig.front, -rig.rear, rig.half_width)
 
 
 def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
-    """Return the outlines of the implement with its working point at poses (n,): polygons (n,)."""
+    """Return outlines of the implement for poses of its working point (n,), as polygons (n,)."""
     return _boxes(x, y, yaw, BAR_M, -BAR_M, rig.width / 2)
 
 
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
-    """Return rectangles in the frame of each pose, polygons (n,)."""
+    """Return rectangles with given extents in the frame of each pose, as polygons (n,)."""
     ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     corners = np.stack([x[:, None] + c * ahead - s * left, y[:, None] + s * ahead + c * left], axis=2)
@@ -89,7 +89,7 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
 
 
 def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine of a scenario with any timed path."""
+    """Return the planner's machine for a scenario with any path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m

@@ -1,8 +1,8 @@
-"""Swaths: parallel strips of one width across an area, in cells between obstacles, at the angle with the fewest turns.
+"""Swaths: parallel strips of one width across an area, in cells between obstacles, in the direction with fewest swaths.
 
-Rows of strips lie side by side from the lowest edge of the area. A row consists of one swath for each connected part
-of the area in its strip. A swath is as long as that part, so that oblique edges are worked over the whole width. A cell
-is a series of swaths in adjacent rows, each with exactly one neighbour: the decomposition of [Choset2000].
+Rows of strips lie side by side, starting at the lowest edge of the area. A row has one swath for each connected part of
+the area in its strip. A swath is as long as that part, so that oblique edges are worked over the full width. A cell is
+a series of swaths in adjacent rows, each with exactly one neighbour in the next row: the decomposition of [Choset2000].
 """
 
 from collections.abc import Iterator
@@ -17,25 +17,25 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.paths.parallel import skipping
 
 THINNEST = 0.02
-"""Minimum width of a part of a strip with a swath, divided by the width of the swath [-]."""
+"""Minimum width of a strip's part that gets a swath, divided by the width of the strip [-]."""
 ANGLE_STEP = pi / 18
-"""Step of the angles that are tried in addition to the directions of the edges [rad]."""
+"""Step of the evaluated directions, in addition to the directions of the edges [rad]."""
 ROUNDING = 1e-6
-"""Excess of the height of an area over a whole number of widths that is ignored, in widths [-]."""
+"""Rounding error of the number of swaths across an area that is ignored [-]."""
 Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
-    """Strip of one pass in the frame of the swath angle: stations along the strip, and its lateral position."""
+    """Strip of one pass, in a frame whose first axis is the swath direction (stations along it, offset to the left)."""
 
     start: float
-    """First station [m]."""
+    """Station at the first end [m]."""
     end: float
-    """Last station [m]."""
+    """Station at the second end [m]."""
     across: float
-    """Lateral position of the middle line, positive to the left of the angle [m]."""
+    """Offset of the middle line to the left of the swath direction [m]."""
     sections: tuple[Span, ...]
-    """First and last station at which each section works, from right to left [m]."""
+    """Stations between which each section works, sections from right to left [m]."""
 
     @property
     def length(self) -> float:
@@ -44,12 +44,12 @@ class Swath(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """Swaths of an area."""
+    """Swaths of an area, in one direction."""
 
     angle: float
     """Direction of the swaths, counter-clockwise from east [rad]."""
     cells: tuple[tuple[Swath, ...], ...]
-    """Cells, each with its swaths from right to left."""
+    """Cells; each is a tuple of its swaths from right to left."""
 
     @property
     def number(self) -> int:
@@ -62,20 +62,20 @@ class Pattern(NamedTuple):
         return sum(swath.length for cell in self.cells for swath in cell)
 
     def point(self, station: float, across: float) -> tuple[float, float]:
-        """Return east and north coordinate of a point at a station and a lateral position [m]."""
+        """Convert a station and an offset [m] to east and north coordinates [m]."""
         c, s = cos(self.angle), sin(self.angle)
         return c * station - s * across, s * station + c * across
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths of all tried angles; among equals, the shortest pattern."""
+    """Return the pattern with the fewest swaths of all evaluated directions; among equals, with the shortest swaths."""
     found = (pattern(area, angle, width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.angle, width, sections)
 
 
 def _angles(area: BaseGeometry, width: float) -> list[float]:
-    """Return the directions of all long edges, and angles in steps of ANGLE_STEP, from 0 to pi [rad]."""
+    """Return the directions of long edges, and directions in steps of ANGLE_STEP, from 0 to pi [rad]."""
     angles = {round(k * ANGLE_STEP, 6) for k in range(round(pi / ANGLE_STEP))}
     for part in shapely.get_parts(area):
         corners = np.array(part.simplify(0.1 * width).exterior.coords)
@@ -86,7 +86,7 @@ def _angles(area: BaseGeometry, width: float) -> list[float]:
 
 
 def pattern(area: BaseGeometry, angle: float, width: float, sections: int) -> Pattern:
-    """Return the swaths of an area at an angle [rad], of this width [m] with a number of equal sections."""
+    """Return the swaths of an area in the direction `angle` [rad], with a width [m] and a number of sections."""
     turned = rotate(area, -degrees(angle), origin=(0.0, 0.0))
     west, south, east, north = turned.bounds
     count = max(1, ceil((north - south) / width - ROUNDING))
@@ -95,7 +95,7 @@ def pattern(area: BaseGeometry, angle: float, width: float, sections: int) -> Pa
 
 
 def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int) -> list[Swath]:
-    """Return the swaths of the strip above `low` [m]."""
+    """Return the swaths of the strip whose lower edge is at the offset `low` [m]."""
     strip = shapely.box(ends[0], low, ends[1], low + width).intersection(area)
     found = []
     for part in shapely.get_parts(strip):
@@ -107,7 +107,7 @@ def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int
 
 
 def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span) -> Iterator[Span]:
-    """Yield the first and last station of each section in a part of a strip; equal stations for an empty section."""
+    """Yield the stations between which each section works in a part of a strip; equal stations if it never works."""
     if count == 1:
         yield whole
         return
@@ -117,7 +117,7 @@ def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span
 
 
 def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
-    """Return the swaths of all rows by cell."""
+    """Return the swaths of all rows, grouped by cell."""
     cells: list[list[Swath]] = []
     before: list[tuple[Swath, list[Swath]]] = []
     for row in rows:
@@ -135,7 +135,7 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
 
 
 def ordered(count: int, order: str, across: int) -> list[int]:
-    """Return the order in which the swaths of a cell are driven: side by side, or skipping `across` - 1 swaths."""
+    """Return the driving order of the swaths in a cell: neighbouring swaths, or skipping `across` - 1 swaths."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:
         return list(skipping(count, across))
     return list(range(count))

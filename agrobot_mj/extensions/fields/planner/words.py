@@ -1,8 +1,8 @@
-"""Connections between two poses: three segments of limited curvature, made of arcs or clothoids.
+"""Connections between two poses: three segments of limited curvature, with arcs or clothoids.
 
-The words are those of [Dubins1957], bend-straight-bend and three bends, and three bends with the middle one in reverse
-[ReedsShepp1990]. Arcs have a closed form. With clothoids, the closed form with the distance of the
-bend's centre as radius is the initial guess for a numerical solution of the three parameters.
+The types of connections (words) are those of [Dubins1957], bend-straight-bend and three bends, and three bends with the
+middle one in reverse [ReedsShepp1990]. With arcs, the three parameters have a closed form. With clothoids, they are
+solved numerically. The initial guess is the closed form for a radius equal to the distance of the bend's centre.
 """
 
 from collections.abc import Iterator
@@ -20,9 +20,9 @@ TURN = 2 * pi
 LEAST_ANGLE = 1e-7
 """Angle below which a bend is omitted [rad]."""
 CLOSE = 1e-6
-"""Maximum error of the end of a connection, in metres and in radians."""
+"""Maximum error at the end of a connection [m, rad]."""
 GRID = 1e-6
-"""Grid to which relative poses are rounded for storing connections [m] and [rad]."""
+"""Grid to which relative poses are rounded for the cache of connections [m, rad]."""
 
 
 class Bends(NamedTuple):
@@ -31,23 +31,23 @@ class Bends(NamedTuple):
     radius: float
     """Radius of arcs [m]."""
     sharpness: float = inf
-    """Maximum change of curvature per metre; infinite for arcs without clothoids [1/m2]."""
+    """Maximum change of curvature per metre [1/m2]; infinite for arcs without clothoids."""
     speed: float = inf
     """Maximum speed [m/s]."""
 
     @property
     def reach(self) -> float:
-        """Lateral distance of the centre of a bend from its start [m]."""
+        """Distance from the start of a bend to its centre, perpendicular to the start direction [m]."""
         return bend(pi, self.radius, self.sharpness).centre[1]
 
 
 class Word(NamedTuple):
-    """Form of a connection: two outer bends and the segment between them."""
+    """Type of a connection: two outer bends and the segment between them."""
 
     first: int
     """Side of the first bend: 1 left, -1 right."""
     middle: int
-    """Side of the middle bend, 0 for a straight."""
+    """Side of the middle bend; 0 for a straight."""
     last: int
     """Side of the last bend."""
     reverse: bool = False
@@ -55,35 +55,35 @@ class Word(NamedTuple):
 
     @property
     def mirrored(self) -> "Word":
-        """Word with the sides exchanged."""
+        """Word with left and right exchanged."""
         return Word(-self.first, -self.middle, -self.last, self.reverse)
 
 
 FORWARD = (*(Word(a, 0, b) for a in (1, -1) for b in (1, -1)), Word(1, -1, 1), Word(-1, 1, -1))
-"""Words driven forward."""
+"""Words that are driven forward."""
 REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))
-"""Words with a middle bend in reverse."""
+"""Words whose middle bend is driven in reverse."""
 
 
 def length_of(pieces: tuple[Piece, ...]) -> float:
-    """Return the travelled length of segments [m]."""
+    """Return the travelled length of path segments [m]."""
     return sum(piece.length for piece in pieces)
 
 
 def end_of(start: Pose, pieces: tuple[Piece, ...] | list[Piece]) -> Pose:
-    """Return the pose at the end of segments that begin at `start`."""
+    """Return the pose at the end of path segments that start at the pose `start`."""
     for piece in pieces:
         start = advance(start, piece.curvature, piece.direction * piece.length, piece.direction * piece.sharpness)
     return start
 
 
 def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
-    """Return a straight; empty for a length of zero."""
+    """Return a straight segment of a length [m]; empty for zero length."""
     return (Piece(length, 0.0, speed),) if length > 1e-9 else ()
 
 
 def connections(start: Pose, goal: Pose, bends: Bends, words: tuple[Word, ...] = FORWARD) -> list[tuple[Piece, ...]]:
-    """Return all possible connections of these words from `start` to `goal`, shortest first."""
+    """Return all connections of the given words from `start` to `goal`, shortest first."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     key = tuple(round(value / GRID) * GRID for value in (ahead, left, wrap(goal.yaw - start.yaw)))
     return list(_connections(*key, bends, words))
@@ -99,7 +99,7 @@ def _connections(
 
 
 def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
-    """Return the length of the shortest forward connection made of arcs and straights [m]."""
+    """Return the length of the shortest forward connection of arcs and straights [m]."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     relative = Pose(ahead, left, wrap(goal.yaw - start.yaw))
     lengths = [
@@ -111,7 +111,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 
 
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
-    """Yield the segments of a word from the origin to `goal`."""
+    """Yield the connections of one word from the origin to `goal`, as path segments."""
     for guess in _arcs(word, goal, bends.reach):
         found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):
@@ -123,8 +123,8 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the segments of a word: angles of bends [rad], length of the straight [m]; a negative angle bends to the
-    other side."""
+    """Yield the segments of a word. `values` are the angles of bends [rad] and the length of a straight [m]. A negative
+    angle bends to the other side."""
     sides = (word.first, word.middle, word.last)
     for k, (side, value) in enumerate(zip(sides, values, strict=True)):
         if side == 0:
@@ -138,7 +138,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the values of a word with clothoids, or None if the search fails."""
+    """Return the three values of a word with clothoids; None if the solver fails."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
@@ -159,7 +159,7 @@ def _refined(
 def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
     """Return the end of a bend in the frame of its start: ahead [m], left [m], and heading change [rad].
 
-    End and start are symmetric about the centre of the bend.
+    The end is symmetric to the start about a line through the centre of the bend.
     """
     turned = abs(angle)
     if turned < LEAST_ANGLE:
@@ -173,17 +173,17 @@ def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tup
 
 @lru_cache(maxsize=64)
 def _centre(bends: Bends) -> tuple[float, float]:
-    """Return the centre of a bend that reaches its radius, in the frame of its start [m]."""
+    """Return the centre of a bend that is long enough to reach its radius, in the frame of its start [m]."""
     return bend(TURN, *bends[:2]).centre
 
 
 def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float, float]]:
-    """Yield the values of a word made of arcs: angles [rad], or the length of the straight [m]."""
+    """Yield the values of a word with arcs: angles [rad], or the length of the straight [m]."""
     if word.first < 0:
         word, goal = word.mirrored, Pose(goal.x, -goal.y, -goal.yaw)
     side = word.last
     x = goal.x - side * radius * sin(goal.yaw)
-    y = goal.y + side * radius * cos(goal.yaw) - radius  # from the centre of the first circle to that of the last
+    y = goal.y + side * radius * cos(goal.yaw) - radius  # from the first circle's centre to the last
     apart, towards = hypot(x, y), atan2(y, x)
     if word.middle == 0:
         across = 0.0 if side > 0 else 2 * radius
@@ -201,6 +201,6 @@ def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float,
 
 
 def _turn(angle: float) -> float:
-    """Return an angle from 0 to a full turn [rad]; a full turn by rounding is 0."""
+    """Return an angle in [0, 2 pi) [rad]. A value that is a full turn by rounding becomes 0."""
     turned = angle % TURN
     return 0.0 if TURN - turned < LEAST_ANGLE else turned
