@@ -1,14 +1,14 @@
 """Steering-angle loop that identifies the dead band and gain of its valve on each side by recursive least squares.
 
-Static valve map for steering to side i, outside the dead band d_i: rate = g_i (v - d_i). v is the voltage at the spool,
+Static valve map for steering to side i, outside the dead band d_i: rate = g_i (v - d_i). The spool voltage v is
 computed from the commanded voltage with the delay and lag given by the keys.
 
-Each time segment in which v stays outside the dead band of one side gives one equation for (g_i, g_i d_i). Both are
-updated with forgetting and projected onto bounds. The equation does not hold for the complete segment if the wheels
-hardly turned, or turned with v inside the dead band: then only d_i is changed slightly.
+Each time segment in which v stays outside the dead band of one side gives one equation for g_i and g_i d_i. Both are
+updated with forgetting and projected onto bounds. The equation does not hold if the wheels hardly turned in the
+segment, or turned with v inside the dead band. In these cases only d_i is changed, by a small amount.
 
 The command is the inverse of the map for the rate that corrects the error within `answer_s`. The error is computed from
-the angle predicted for the end of the delay, so that delayed voltages are not commanded twice.
+the angle predicted for the end of the delay, so that voltages in the delay are not commanded twice.
 
 Guard: the loop returns to the initial map if the learned map predicts the steering rates less accurately.
 """
@@ -27,22 +27,22 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Bounds of the relative gain [-], and maximum dead band [V]. Assumed values, for valves from worn to fast."""
+"""Bounds of the gain relative to its initial value [-], maximum dead band [V]. Assumed values: worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Range of the length of time segments used for learning [s]. Assumed values: 0.07 deg of noise give 0.4 deg/s."""
+"""Range of the duration of time segments [s]. Assumed values: angle noise of 0.07 deg gives 0.4 deg/s of rate noise."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Range of voltages used for learning [V]. Assumed values: dead band, pump limit."""
+"""Range of voltages used for learning [V]. Assumed values: the dead band and the pump limit are outside."""
 UNSURE = (0.5, 0.5)
-"""Initial standard deviation of gain and dead band [fraction of the gain, V]. Assumed value."""
+"""Initial standard deviations of gain [fraction of the gain] and dead band [V]. Assumed values."""
 NOISE = radians(0.1)
-"""Noise of the angle at both ends of a time segment [rad]. Assumed value: 100 samples of a potentiometer."""
+"""Standard deviation of the mean angle at each end of a segment [rad]. Assumed value: 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate above which the wheels turned during the complete segment [rad/s], and fraction of the prediction error by
-which the dead band is otherwise shifted [-]. Assumed values: twice the noise of the rate."""
+"""Mean rate above which the wheels turned in the complete segment [rad/s], and fraction of the prediction error by
+which the dead band is shifted otherwise [-]. Assumed values: twice the noise of the rate."""
 MOST = radians(6.0)
-"""Maximum prediction error of a rate used in an update; limits the effect of outliers [rad/s]. Assumed value."""
+"""Maximum prediction error of the rate in an update, which limits the effect of outliers [rad/s]. Assumed value."""
 JUDGED, TRUST = 30.0, 1.5
-"""Number of time segments for the comparison of both maps, and maximum ratio of their errors [-]. Assumed values."""
+"""Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""
 SIDES = ("left", "right")
 
 
@@ -54,7 +54,7 @@ class Side(NamedTuple):
     offset: float
     """Product of gain and dead band, g d [rad/s]."""
     P: tuple[float, float, float]
-    """Covariance of (gain, offset) divided by that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
+    """Covariance of (gain, offset) relative to that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
@@ -62,7 +62,7 @@ class Side(NamedTuple):
         return self.offset / self.gain
 
     def rate(self, v: float) -> float:
-        """Return the rate [rad/s] at a voltage `v` towards this side [V]."""
+        """Return the steering rate [rad/s] at the spool voltage `v` towards this side [V]."""
         return max(self.gain * v - self.offset, 0.0)
 
 
@@ -70,13 +70,13 @@ class Stretch(NamedTuple):
     """Time segment in which the spool stayed on one side and either inside or outside the dead band."""
 
     side: int = 0
-    """Side: 1 left, -1 right, 0 none."""
+    """Side of the valve: 1 left, -1 right, 0 none."""
     beyond: bool = False
     """Whether the spool was outside the estimated dead band."""
     time: float = 0.0
     """Duration of the time segment [s]."""
     volts: float = 0.0
-    """Integral of the spool voltage towards the side [V s]."""
+    """Time integral of the spool voltage towards the side [V s]."""
     turned: float = 0.0
     """Change of the steering angle towards the side [rad]."""
 
@@ -89,7 +89,7 @@ class AdaptiveState(NamedTuple):
     reference: float = 0.0
     """Present setpoint of the steering angle [rad]."""
     under_way: tuple[float, ...] = ()
-    """Commanded voltages relative to neutral, still delayed by the valve, oldest first [V]."""
+    """Commanded voltages that the valve delay still holds back, relative to neutral, oldest first [V]."""
     spool: float = 0.0
     """Voltage at the spool relative to neutral [V]."""
     mean: float = 0.0
@@ -120,14 +120,14 @@ class AdaptiveLoop(AngleLoop):
     tolerance_deg: Positive = 0.15
     """Maximum angle error without correction [deg]. Assumed value (0.1-0.4): twice the potentiometer noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Fraction of the information kept per time segment [-]. Assumed value (0.97-0.999): a memory of about a minute."""
+    """Fraction of the information kept per time segment [-]. Assumed value (0.97-0.999): memory of about a minute."""
     learn: bool = True
     """Whether the valve map is updated."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Initial valve map: `learned.parquet` of an earlier run. Default: `gain_deg_s_v` and `dead_band_v`."""
 
     def check(self) -> None:
-        """Read `file`. Raises ValueError if it is invalid."""
+        """Read the initial valve map from `file`. Raises ValueError if the file is invalid."""
         if self.file is not None:
             require_quantity(self.file, *_quantities())
 
@@ -143,7 +143,7 @@ class AdaptiveLoop(AngleLoop):
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
-        """Learn from the last tick, then return the voltage for the rate that corrects the predicted error [V]."""
+        """Learn from the last tick; return the voltage [V] for the rate that corrects the predicted angle error."""
         state = self._learnt(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
@@ -157,12 +157,12 @@ class AdaptiveLoop(AngleLoop):
         return state, NEUTRAL_V + volts
 
     def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
-        """Return the spool voltage `dt` [s] after a voltage arrives, and its mean over that time [V]."""
+        """Return the spool voltage `dt` [s] after the voltage `arriving`, and its mean over this time [V]."""
         keep, rest = exp(-dt / self.lag_s), spool - arriving
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Return the steering-angle change still to come from delayed voltages [rad]."""
+        """Return the steering-angle change [rad] that voltages in the delay will still cause."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
@@ -170,7 +170,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """Add the last tick to the time segment, learn at the end of a segment, and return the new state."""
+        """Add the last tick to the time segment, update the map at the end of a segment, and return the state."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -184,7 +184,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated by the equation of a segment, rate = gain v - offset."""
+        """Return the state updated by the equation of a time segment, rate = gain v - offset."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2

@@ -1,13 +1,13 @@
 """Extended-state observer for Stanley's law or LQR: estimates and compensates disturbances of the path errors.
 
-States of the model: cross-track error e_y and heading error e of the CG, crab angle b and disturbance curvature d. b
+States of the model: cross-track error e_y and heading error e of the CG, crab angle b and disturbance curvature d; b
 and d vary slowly. Input: steering angle delta relative to its feedforward value. a and L are those of the inner law.
 
     e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d)
 
 An observer with two poles at -omega estimates each disturbance: z' = ... + 2 omega (y - z), and the derivative of the
-disturbance is omega^2 (y - z) / u. The inner law then acts on the course error e + b instead of the heading error e, so
-that a crab angle causes no offset, and -L d is added to the command. Structure: [Han2009].
+disturbance is omega^2 (y - z) / u. The inner law acts on the course error e + b instead of the heading error e, so that
+a crab angle causes no offset. -L d is added to the command. Structure: [Han2009].
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from agrobot_mj.control.stanley import Stanley
 from agrobot_mj.core.signals import Column
 
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
-"""Maximum crab angle [rad] and disturbance curvature [1/m]. Assumed values: 20 deg side slope, half of full lock."""
+"""Maximum crab angle [rad] and disturbance curvature [1/m]. Assumed values: side slope of 20 deg, half of full lock."""
 MOVING_M_S = 0.3
 """Speed below which the observer is not updated [m/s]."""
 
@@ -34,7 +34,7 @@ class EsoState(NamedTuple):
 
     inner: Any
     seen: tuple[float, float] | None = None
-    """Observed cross-track error [m] and heading error [rad]; None before the first tick."""
+    """Cross-track error [m] and heading error [rad] of the observer; None before the first tick."""
     crab: float = 0.0
     """Estimated crab angle b [rad]."""
     curvature: float = 0.0
@@ -47,12 +47,12 @@ class Eso(Following):
     kind: Literal["eso"] = "eso"
     label: ClassVar = "observer (ESO)"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
-    """Inner law, selected by its own `kind`. Keys that it shares with `eso` are set in `eso`."""
+    """Inner law, selected by its own `kind`. Keys that the inner law shares with `eso` are set in `eso`."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
-    """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of the bandwidth of the path loop; higher
-    values respond to the lag of the steering."""
+    """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of the bandwidth of the path loop. Higher
+    values react to the lag of the steering."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
-    """Search range of the bandwidth."""
+    """Search range of the bandwidth in tuning [1/s]."""
 
     def memory(self) -> EsoState:
         """Return the initial state, with zero disturbances."""
@@ -65,7 +65,7 @@ class Eso(Following):
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
-        """Return the new state, and the angle of the inner law plus the curvature compensation [rad]."""
+        """Return the new state, and the steering angle of the inner law plus the curvature compensation [rad]."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.rolling(situation)[1] * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
@@ -74,7 +74,7 @@ class Eso(Following):
         return memory._replace(inner=inner), wanted + against
 
     def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
-        """Return the updated observer; disturbances stay constant at large heading errors and at standstill."""
+        """Return the updated observer. Disturbances stay constant at large heading errors and near standstill."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)

@@ -1,8 +1,8 @@
 """Iterative learning control: a map of the steering angle over arc length, learned from lap to lap, added to any law.
 
-Corrections of the feedback law at a location in one lap are applied in advance by the map in the next lap (`lap_map`).
-The map thus learns effects that repeat with the location, such as slope and soil, and averages out noise.A lap ends
-where the heading of the path repeats: one round of a figure eight, or two passes of a field. On a path without
+Corrections that the feedback law makes at a location in one lap are applied in advance in the next lap (`lap_map`). The
+map thus learns effects that repeat with the location, such as slope and soil, and averages out noise. A lap ends where
+the heading of the path repeats: after one round of a figure eight, or two passes of a field. On a path without
 repetition, the lap is the complete path, and the next run loads the map from `file`.
 """
 
@@ -23,7 +23,7 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner,
 
 SETTLED_M = 10.0
 """Distance without learning after an invalid tick, while the tractor returns to the path [m]. Assumed value (6-15): the
-map cannot remove these corrections, although they repeat after every tight turn."""
+corrections on this distance repeat after every tight turn, but a map cannot remove them."""
 
 
 class IlcState(NamedTuple):
@@ -42,26 +42,26 @@ class IlcState(NamedTuple):
     feedback: float = 0.0
     """Steering angle added by the feedback law [rad]."""
     learning: bool = False
-    """Whether the last tick is used for learning."""
+    """Whether the last tick was used for learning."""
     settled: float = 0.0
-    """Distance travelled since the last tick with saturated steering, large offset or uncertain position [m]."""
+    """Distance travelled since the last tick with saturated steering, a large offset or an uncertain position [m]."""
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any law plus a map of the steering angle over arc length, learned from lap to lap."""
+    """Any law, plus a map of the steering angle over arc length that is learned from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Lqr()
     """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Maximum angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
+    """Maximum steering angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
     """Response time of the wheels to the map [s]. Assumed value (0.3-0.6): as `preview_s` of other laws."""
     max_offset_m: Positive = 0.5
     """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): excludes path acquisition."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference of measured and commanded angle above which learning is suspended [deg]. Assumed value (5-15)."""
+    """Difference between measured and commanded angle above which learning is suspended [deg]. Assumed value (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:

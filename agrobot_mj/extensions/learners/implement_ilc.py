@@ -1,13 +1,13 @@
 """Iterative learning control of the implement's path: shifts the tractor's line to bring the implement onto the path.
 
-Guidance of the tractor alone leaves errors of the implement: a trailer cuts bends, a seeder drifts down a slope. Here
-the inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the left of the path. y is learned
-from lap to lap (`lap_map`) from the offset of the implement at its own location. A towed implement follows its hitch
-with a lag of its own length and ends where the hitch was. At long wavelengths, a shift therefore appears at the same
-location, and the correction needs no shift in arc length.
+Guidance of the tractor alone leaves errors of the implement: a trailer cuts bends, a seeder drifts down a slope. The
+inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the left of the path. The offset is
+learned from lap to lap (`lap_map`) from the implement's error at its own location. A towed implement follows its hitch
+with a lag of its own length. At long wavelengths, a shift therefore appears at the same location, and the correction
+needs no shift in arc length.
 
 The implement's own receiver (`sensors.implement_gnss`) gives its position. Without a receiver, the position is that of
-a tractrix behind the hitch, which models how an implement cuts bends and assumes the sideslip of the tractor.
+a tractrix behind the hitch, which models how an implement cuts bends and uses the tractor's sideslip.
 """
 
 from collections.abc import Sequence
@@ -28,15 +28,15 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Distance for computing slope and curvature of a shifted line [m]. Assumed value: half the map's filter width."""
+"""Distance for computing slope and curvature of the shifted line [m]. Assumed value: half the map's filter width."""
 
 
 class Moved(NamedTuple):
-    """Route shifted laterally from another route by a map of the offset over arc length."""
+    """Route shifted laterally from another route, by a map of the lateral offset over arc length."""
 
     route: Route
     map_: LapMap
-    """Lateral offset of the line over arc length."""
+    """Map of the lateral offset of the line over arc length."""
     state: LapState
     length: float
     """Length of one lap [m]."""
@@ -70,7 +70,7 @@ class Moved(NamedTuple):
         return found
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the leg of the original path at time `t` [s]."""
+        """Return the leg of the original path at time `t` [s] (`Route.leg`)."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:
@@ -107,27 +107,27 @@ class ImplementIlcState(NamedTuple):
     offset: float = nan
     """Offset of the implement from the path, left positive [m]."""
     beside: float = 0.0
-    """Offset of the tractor's line from the path, left positive [m]."""
+    """Offset of the tractor's shifted line from the path, left positive [m]."""
     learning: bool = False
     """Whether the last tick is used for learning."""
 
 
 class ImplementIlc(PlaceLearner):
-    """Any law on a line learned from lap to lap so that the implement follows the path."""
+    """Any law on a line that is learned from lap to lap, so that the implement follows the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
-    """Law that follows the shifted line, selected by its own `kind`."""
+    """Inner law, which follows the shifted line, selected by its own `kind`."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
-    """Maximum offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m radius by 0.4."""
+    """Maximum offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m radius by 0.4 m."""
     max_offset_m: Positive = 1.0
     """Offset of the implement above which learning is suspended [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance of the working point behind the hitch, without an implement receiver [m]. Assumed value, as in
+    """Distance of the working point behind the hitch, used without an implement receiver [m]. Assumed value, as in
     `drawn`."""
     axle_behind_m: Positive = 2.0
-    """Distance of the axle behind the hitch, without an implement receiver [m]. Assumed value, as in `drawn`."""
+    """Distance of the axle behind the hitch, used without an implement receiver [m]. Assumed value, as in `drawn`."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:
@@ -154,7 +154,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return position [m] and heading [rad] of the implement, measured or from a tractrix behind the hitch."""
+        """Return position [m] and heading [rad] of the implement, measured or from the tractrix behind the hitch."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
@@ -168,11 +168,11 @@ class ImplementIlc(PlaceLearner):
         return x, y, yaw
 
     def feedback(self, state: ImplementIlcState, command: Command) -> float:
-        """Return the feedback angle of the inner law [rad]."""
+        """Return the part of the steering angle that the inner law adds by feedback [rad]."""
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the line for the next lap [m] and the learned values of the inner law."""
+        """Return the offset map for the next lap [m] and the learned values of the inner law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),

@@ -4,16 +4,16 @@ Iterative learning control: the map applies the corrections of one lap in advanc
 
     m_k+1 = r_k^2 (m_k + gain Z(c_k)),    |m| <= bound,      r_k = max(u_k . u_k-1 / (|u_k| |u_k-1|), 0),
 
-with the correction c at each location, and a zero-phase Gaussian filter Z over the distance, with the full width
+with the correction c at each location, and a zero-phase Gaussian filter Z over the distance with the full width
 `smoothing_m` at half maximum. r^2 is the fraction of u = m + Z(c) explained by the previous lap: small in ruts, which
 change in every lap, and nearly 1 on a slope. Locations are GRID_M apart; the map is periodic with the lap.
 
 Guards. A map is worse if the error of its lap exceeds that of the best lap by the factor `WORSE` plus `MARGIN_M`. The
-RMS of the complete lap is compared at its end. During the lap, the error over about WINDOW_M is compared with the same
-location and the mean of the best lap. A worse map is replaced by that of the best lap, blended over FADE_M. The gain is
-halved, and learning is suspended until a complete lap has measured the error of the restored map. If the best map
-itself has become worse, since ground or machine have changed, learning restarts from an empty map. After GIVE_UP
-returns, learning ends.
+RMS of the complete lap is compared at its end. During a lap, the error over about WINDOW_M is compared with that of the
+best lap, at the same location and on average. A worse map is replaced by the map of the best lap, blended over FADE_M.
+The gain is halved, and learning is suspended until a complete lap has measured the error of the restored map. If the
+best map itself has become worse, because ground or machine have changed, learning restarts from an empty map. Learning
+ends after GIVE_UP returns to the best map.
 """
 
 from math import exp, inf, log, sqrt
@@ -29,23 +29,23 @@ from agrobot_mj.core.spec import Spec
 GRID_M = 0.25
 """Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter."""
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Averaging distance of the error during a lap, and blending distance of a new map [m]. Assumed values."""
+"""Distance over which the error is averaged, and distance over which a new map is blended in [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""Relative and absolute increase of the error above which a lap is worse [-, m]. Assumed values: above noise. In ruts,
-which change in every lap, a wider margin would allow learning of effects that do not repeat."""
+"""Relative and absolute increase of the RMS error above which a lap is worse [-, m]. Assumed values: above noise. In
+ruts, which change in every lap, a wider margin would allow learning of effects that do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
 """Maximum relative and absolute increase of the error over WINDOW_M during a lap [-, m]. Assumed values."""
 GIVE_UP = 4
-"""Number of returns to the best map after which learning ends [-]. Assumed value: the gain is then a sixteenth."""
+"""Number of returns to the best map after which learning ends [-]. Assumed value: the gain is then 1/16."""
 COMPLETE = 0.9
-"""Fraction of its locations that a lap must pass to be used for learning [-]."""
+"""Minimum fraction of its locations that a lap must pass to be used for learning [-]."""
 UNKNOWN_M = 1e3
-"""Value written to a file for the unknown error of the best lap [m]."""
+"""Value in a file for an unknown error of the best lap [m]."""
 NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
-    """Values at one location in the present lap."""
+    """Sums over the ticks at one location in the present lap."""
 
     ticks: float = 0.0
     """Number of ticks at the location."""
@@ -54,45 +54,45 @@ class Cell(NamedTuple):
     learnt: float = 0.0
     """Number of ticks used for learning."""
     correction: float = 0.0
-    """Sum of the corrections in these ticks [unit]."""
+    """Sum of the corrections in the ticks used for learning [unit of the map]."""
 
 
 class LapState(NamedTuple):
-    """State of a `LapMap`. Arrays of shape (locations,) are empty before the first tick."""
+    """State of a `LapMap`. Arrays have shape (locations,) and are empty before the first tick."""
 
     lap: int = 0
     s: float = 0.0
     """Arc length along the path [m]."""
     map_: Array = NOTHING
-    """Map in use [unit]."""
+    """Map in use [unit of the map]."""
     before: Array = NOTHING
-    """Previous map, which fades out [unit]."""
+    """Previous map, which is faded out [unit of the map]."""
     since: float = inf
     """Distance since the present map came into use [m]."""
     best: Array = NOTHING
-    """Map of the best lap [unit]."""
+    """Map of the best lap [unit of the map]."""
     best_square: Array = NOTHING
     """Squared error of the best lap, averaged over about WINDOW_M [m2]."""
     best_rms: float = inf
     """RMS error of the best lap [m]; infinite before the first complete lap."""
     cells: Array = NOTHING
-    """Values at each location in the present lap, columns as in `Cell`, shape (locations, 4)."""
+    """Sums at each location in the present lap, columns as in `Cell`, shape (locations, 4)."""
     here: Array = NOTHING
     """Squared error of the present lap, averaged over about WINDOW_M [m2]."""
     cell: tuple[int, Cell] = (0, Cell())
-    """Index of the present location, and its values."""
+    """Index of the present location, and the sums of its ticks."""
     square: float = 0.0
     """Present squared error, averaged over about WINDOW_M [m2]."""
     wanted: Array = NOTHING
-    """Map plus correction of the last learned lap, by location [unit]; zero before it."""
+    """Map plus correction of the last lap used for learning [unit of the map]; zero before such a lap."""
     whole: bool = False
-    """Whether one map has been used since the start of the lap, so that the lap can be evaluated."""
+    """Whether one map has been used since the start of the lap, so that the map can be evaluated."""
     returns: int = 0
     """Number of returns to the best map."""
 
     @property
     def share(self) -> float:
-        """Remaining fraction of the gain [-]."""
+        """Present gain divided by its initial value [-]."""
         return 0.5**self.returns if self.returns < GIVE_UP else 0.0
 
     @property
@@ -112,7 +112,7 @@ class LapMap(Spec):
     """Whether the best map is restored when a lap becomes worse."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
-        """Return the map at arc length `s` [m] of a path with laps of length `lap` [m] [unit]."""
+        """Return the map value at arc length `s` [m] of a path with laps of length `lap` [m] [unit of the map]."""
         if not len(state.map_):
             return 0.0
         fresh = min(state.since / FADE_M, 1.0)
@@ -133,9 +133,9 @@ class LapMap(Spec):
         self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
     ) -> LapState:
         """Return the state after a tick at arc length `s` [m] with cross-track error `error` [m] and `correction` of
-        the law [unit].
+        the law [unit of the map].
 
-        A tick with the correction None is not used for learning. |map| stays within `bound` [unit].
+        A tick whose correction is None is not used for learning. Map values are limited to +-`bound` [unit of the map].
         """
         way, k = s - state.s, int(s % lap / lap * len(state.map_)) % len(state.map_)
         if int(s // lap) > state.lap:
@@ -177,7 +177,7 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return to the best map, or from the best map to an empty map; its error is then measured again."""
+        """Return to the best map, or from the best map to an empty map. The error of that map is measured again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -185,7 +185,7 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """Return the state with a tick at location `k`. Values of a location are stored when the tractor leaves it."""
+    """Add a tick at location `k` and return the state. Sums of a location are stored when the tractor leaves it."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()
@@ -199,13 +199,13 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` exceeds both the error of the best lap there and that lap's mean."""
+    """Return whether the error at location `k` exceeds the local and the mean error of the best lap by the margins."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
 
 def _at(values: Array, turn: float) -> float:
-    """Return `values` (n,) at the middles of n locations of a lap, interpolated linearly at `turn` [laps]."""
+    """Interpolate `values` (n,), given at the centres of n equal segments of a lap, linearly at `turn` [laps]."""
     n = len(values)
     place = turn % 1.0 * n - 0.5
     k = int(place // 1.0)
@@ -214,7 +214,7 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Return `values` (n,) of a lap after a zero-phase filter of full width `width` at half maximum [locations]."""
+    """Filter `values` (n,) of a lap with zero phase and the full width `width` at half maximum [locations]."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
@@ -227,12 +227,12 @@ def _repeats(before: Array, now: Array) -> float:
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
-    """Return the names in a file: map, best map, error of the best lap, map plus correction of the last lap."""
+    """Return the names of the arrays in a file: map, best map, error of the best lap, map plus correction."""
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 
 def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
-    """Return a quantity of a file at the middles of n locations of a lap of length `lap` [m]; zero if absent."""
+    """Return a quantity of a file at the centres of n equal segments of a lap of length `lap` [m]; zeros if absent."""
     if not known or name not in known:
         return np.zeros(n)
     place, value = known[name].T

@@ -1,29 +1,28 @@
 """Feedforward learned without a model, added to any feedback law: delta = delta_feedback + f . w(path).
 
 A network (`PathNetwork`) maps the path ahead (curvature, speed and, with an inertial unit, roll of the ground) to a
-steering angle. It learns from the angle of the feedback law: repeated corrections at the same curvature move into the
-map. This is feedback-error learning as in the paper, with the path as input instead of the error, so that the map
-applies when the same curvature returns. The inner law receives the steering angle minus the contribution of the map, so
-that a law with a steering state does not counteract the map.
+steering angle. It learns from the angle of the feedback law: corrections that repeat at the same curvature move into
+the network. This is feedback-error learning as in the paper, with the path as input instead of the error, so that
+learned angles apply when the same curvature returns. The inner law receives the steering angle minus the learned angle,
+so that a law with a steering state does not counteract it.
 
 Learning is suspended while the command is at its limit, the wheels lag behind the command or the position is uncertain
-(dead reckoning, no RTK solution), and also away from the path, near standstill and in reverse. The map remains active.
-It cannot learn effects that are absent from its inputs: a side slope without an inertial unit, a worn valve, wind.
+(dead reckoning, no RTK solution), and also away from the path, near standstill and in reverse. The learned angle
+remains active. The network cannot learn effects that are absent from its inputs: a side slope without an inertial unit,
+a worn valve, wind.
 
-Network from the path to an angle or a speed: fixed interval type-2 fuzzy sets and learned consequents.
+Network: fixed interval type-2 fuzzy sets with learned consequents. Inputs are the curvature kappa [1/m] and speed u
+[m/s] of the path ahead, and the roll phi of the ground [rad]. Triangular sets are evenly spaced over the range of each
+input. The upper and lower widths of a set are (1 + uncertainty) and (1 - uncertainty) times the distance of the
+centres. The output is linear in the consequents f:  y = f . w,  w = q w_lower + (1 - q) w_upper,  q = 1/2, with the
+normalised firing of the lower and of the upper sets. With uncertainty 0 the network is of type 1.
 
-The inputs describe the path ahead instead of the error: curvature kappa [1/m], speed u [m/s], roll of the ground phi
-[rad]. Fixed triangular sets are evenly spaced over the range of each input. The upper and lower widths of a set are (1
-+ uncertainty) and (1 - uncertainty) times the distance of the centres. The output is linear in the consequents f:  y =
-f . w,  w = q w_lower + (1 - q) w_upper,  q = 1/2, with the normalised firing of the lower and of the upper sets. With
-uncertainty 0, both sets coincide and the network is of type 1.
-
-The feedback e(t) is the error of the output one loop delay earlier. Each rule therefore has a trace, its firing lagged
-by about that delay, and the consequents are updated by the traces:
+The feedback e(t) is caused by the error of the output one loop delay earlier. Each rule therefore has a trace, its
+firing lagged by about this delay, and the consequents are updated by the traces:
 
     trace' = (w - trace) / lag,   f' = eta e trace / (trace . trace)
 
-The lagged output f . trace then changes at the rate eta e for any number of firing rules. f stays within its bound.
+The lagged output f . trace then changes at the rate eta e for any number of firing rules. Each f is bounded.
 """
 
 from collections.abc import Sequence
@@ -44,9 +43,9 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 
 Q = 0.5
-"""Fraction of the lower firing in the output [-]."""
+"""Weight q of the lower firing in the output [-]."""
 LEAST_TRACE = 0.01
-"""Minimum of trace . trace in the update, while the trace builds up [-]; N equal rules give 1/N."""
+"""Minimum of trace . trace in the update, while the trace builds up [-]; N rules with equal firing give 1/N."""
 
 
 class PathInput(NamedTuple):
@@ -64,30 +63,30 @@ class PathNetworkState(NamedTuple):
     """Learned consequents of the network and traces of its rules."""
 
     f: Array
-    """Consequents, curvature as the slowest and roll as the fastest index, shape (rules,) [unit of the output]."""
+    """Consequents, shape (rules,), with curvature as the slowest and roll as the fastest index [rad]."""
     trace: Array
-    """Lagged firing of the rules, shape (rules,) [-]."""
+    """Trace of each rule: its lagged firing, shape (rules,) [-]."""
 
 
 class PathNetwork(Spec):
-    """Fixed interval type-2 sets over curvature, speed and roll, with consequents learned from feedback."""
+    """Network of interval type-2 fuzzy sets over curvature, speed and roll. The consequents learn from feedback."""
 
     eta: NonNegative = 0.2
     """Fraction of the feedback learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
     trace_s: Positive = 0.4
-    """Lag of the trace: delay plus lag of the response to the output [s]. Assumed value (0.2-0.8)."""
+    """Lag of the traces: delay plus lag of the response to the output [s]. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Relative difference of set widths from the distance of the centres [-]. Assumed value (0-0.49; then gaps)."""
+    """Relative difference between set widths and centre distance [-]. Assumed value (0-0.49; 0.5 would leave gaps)."""
     curvature_sets: int = Field(11, ge=1, le=51)
     """Number of curvature sets [-]. Assumed value (5-21): spacing 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
-    """Absolute curvature of the outermost centres [1/m]. Assumed value (0.3-0.7): 2 m, below the tightest turn."""
+    """Absolute curvature of the outermost centres [1/m]. Assumed value (0.3-0.7): a radius of 2 m."""
     speed_sets: int = Field(2, ge=1, le=21)
     """Number of speed sets, from 0 upwards [-]. Assumed value (1-5)."""
     speed_range_m_s: Positive = 3.0
     """Speed of the last centre [m/s]. Assumed value (2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
-    """Number of roll sets [-]. Assumed value (1-7); needs `sensors.imu.enabled`."""
+    """Number of roll sets [-]. Assumed value (1-7). More than one set needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
     """Absolute roll of the outermost centres [rad]. Assumed value (0.1-0.4)."""
 
@@ -102,21 +101,21 @@ class PathNetwork(Spec):
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
     def firing(self, x: PathInput) -> Array:
-        """Return the weight w of every rule in the output, shape (rules,)."""
+        """Return the weight w of every rule in the output, shape (rules,) [-]."""
         lower, upper = np.ones(1), np.ones(1)
         for value, sets in zip(x, _sets(self), strict=True):
-            inside = min(max(value, sets.centres[0]), sets.centres[-1])  # outside the range, the outermost sets apply
+            inside = min(max(value, sets.centres[0]), sets.centres[-1])  # the outermost sets apply outside the range
             lower = np.outer(lower, membership(inside, sets.centres, sets.lower)).ravel()
             upper = np.outer(upper, membership(inside, sets.centres, sets.upper)).ravel()
         w: Array = Q * normalised(lower) + (1 - Q) * normalised(upper)
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
-        """Return the state with its trace after `dt` [s] with rule weights `w`."""
+        """Return the state with traces advanced by `dt` [s] for the rule weights `w`."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
-        """Return the state with consequents updated by feedback `e` for `dt` [s], |f| <= `bound` [output unit]."""
+        """Return the state with consequents updated by feedback `e` for `dt` [s] and limited to +-`bound` [rad]."""
         step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
         return state._replace(f=np.clip(state.f + step, -bound, bound))
 
@@ -140,7 +139,7 @@ def _sets(network: PathNetwork) -> tuple[Sets, ...]:
 
 
 def _evenly(n: int, low: float, high: float, uncertainty: float) -> Sets:
-    """Return n sets with centres from `low` to `high`; a single set, in the middle, always fires."""
+    """Return n sets with evenly spaced centres from `low` to `high`. A single set is in the middle and always fires."""
     centres = np.linspace(low, high, n) if n > 1 else np.array([(low + high) / 2])
     distance = (high - low) / max(n - 1, 1)
     return Sets(centres, np.full(n, (1 - uncertainty) * distance), np.full(n, (1 + uncertainty) * distance))
@@ -151,11 +150,11 @@ class LearnedState(NamedTuple):
 
     inner: Any
     network: PathNetworkState
-    """Map after the learning step of this tick."""
+    """State of the network after the learning step of the last tick."""
     steer: float = 0.0
     """Last commanded steering angle [rad]."""
     feedforward: float = 0.0
-    """Steering angle from the map in the last tick [rad]."""
+    """Learned steering angle in the last tick [rad]."""
     feedback: float = 0.0
     """Steering angle added by the feedback law [rad]."""
     learning: bool = False
@@ -163,7 +162,7 @@ class LearnedState(NamedTuple):
 
 
 class LearnedFeedforward(AngleLearner):
-    """Any feedback law plus a map from the path to the steering angle, learned during the run."""
+    """Any feedback law, plus a map from the path ahead to the steering angle that is learned during the run."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
     label: ClassVar = "learned feedforward"
@@ -174,14 +173,14 @@ class LearnedFeedforward(AngleLearner):
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
     """Preview time of the path ahead of the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Maximum consequent of the map [deg]. Assumed value (5-45): an arc of 2 m; less with another feedforward."""
+    """Maximum consequent [deg]. Assumed value (5-45): an arc of 2 m radius; less with another feedforward."""
     max_offset_m: Positive = 2.0
-    """Lateral error above which learning is suspended [m]. Assumed value (0.5-3): the supervisor's limit."""
+    """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the supervisor's limit."""
     max_steer_lag_deg: Positive = 6.0
     """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
-    (3-10): about 2 on an arc; feedback is meaningless while the valve moves."""
+    (3-10): on an arc the difference is about 2. While the valve moves to a new angle, the feedback is meaningless."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
-    """Search range of the learning rate, in addition to the gains of the yaw controller."""
+    """Search range of the learning rate in tuning, in addition to the gains of the yaw controller."""
     tuned: ClassVar = {
         "learned_feedforward with pd": {
             "guidance.inner.scheduled_above_m_s": 1.5,
@@ -192,11 +191,11 @@ class LearnedFeedforward(AngleLearner):
     }
 
     def init(self) -> LearnedState:
-        """Return the initial state, with an empty map."""
+        """Return the initial state, before learning."""
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Return the command of feedback law plus map, and update the map from the feedback."""
+        """Return the command of feedback law plus learned angle, and update the network from the feedback."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
@@ -208,14 +207,14 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:
-        """Return the inputs of the map: curvature [1/m], speed [m/s] and roll [rad], 0 without a measurement."""
+        """Return the inputs of the network. The roll is 0 without a measurement."""
         ahead = situation.route.at(situation.t + self.preview_s)
         roll = 0.0 if isnan(situation.roll) else situation.roll
         return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the map angle, the learning flag and all consequents."""
+        """Columns of the inner law, the learned angle, the learning flag and all consequents."""
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)
