@@ -1,8 +1,8 @@
-"""Guidance by a program of the AgOpenGPS family: keys of the simulated boards; the control law is external.
+"""Guidance by an external program of the AgOpenGPS family: keys and behaviour of the simulated boards.
 
-The tractor acts as steer module, GNSS receiver and inertial unit. A host sends the steering angle over UDP. `steer_by =
-"angle"` passes this angle to the steering loop of the tractor. With `"pwm"`, the proportional law of the board controls
-the valve, with gains tuned by users of these programs. The speed is the reference speed of the path.
+The tractor acts as steer module, GNSS receiver and inertial unit. A host sends the steering angle over UDP. With
+`steer_by = "angle"`, this angle is the setpoint of the tractor's steering loop. With `"pwm"`, the proportional law of
+the board controls the valve, with gains tuned by users. The speed is the reference speed of the path.
 """
 
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ Byte = Annotated[int, Field(ge=0, le=255)]
 
 
 class BoardSettings(Spec):
-    """Settings of a steer module before the host sends others; defaults of common boards."""
+    """Settings of a steer module until the host sends others. The defaults are those of common boards."""
 
     kp: Byte = 40
-    """Proportional gain [PWM counts/deg]. Default of AgOpenGPS boards."""
+    """Proportional gain of the board's law [PWM counts/deg]. Default of AgOpenGPS boards."""
     high_pwm: Byte = 60
     """PWM limit at steering errors of 3 deg or more [PWM counts of 255]. Default of AgOpenGPS boards."""
     min_pwm: Byte = 9
@@ -32,35 +32,35 @@ class BoardSettings(Spec):
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Offset added to the angle sensor reading; subtracted for `host = "agopenweb"` [counts]. Default of these
+    """Offset added to the angle sensor counts, or subtracted with `host = "agopenweb"` [counts]. Default of these
     boards."""
     ackermann_percent: Byte = 100
     """Scale of left steering angles [%]. Default of AgOpenGPS boards."""
 
 
 class Actuation(NamedTuple):
-    """Steering output of the board in one tick."""
+    """Steering output of the steer module in one tick."""
 
     engaged: bool = False
     steer: float = 0.0
-    """Angle for the steering loop of the tractor, left positive [rad]."""
+    """Setpoint for the steering loop of the tractor, left positive [rad]."""
     voltage: float | None = NEUTRAL_V
-    """Valve voltage that replaces the output of the steering loop [V]; None for the steering loop."""
+    """Valve voltage that replaces the output of the steering loop [V]; None if the steering loop controls the valve."""
     asked: float = nan
-    """Set point of the host, left positive [rad]; also valid while not engaged, NaN before the first."""
+    """Setpoint of the host, left positive [rad]. Also valid while not engaged; NaN before the first message."""
     cross_track: float = nan
-    """Cross-track error computed by the host, left positive [m]; NaN without a line and while the host is silent."""
+    """Cross-track error computed by the host, left positive [m]; NaN without a line, and while the host is silent."""
 
 
 class AgOpenGps(GuidanceLaw):
-    """Guidance by an external program over UDP; see `agrobot-mj link`."""
+    """Guidance by an external program over UDP, see `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"
     label: ClassVar = "AgOpenGPS"
     host: Literal["agopengps", "agopenweb"] = "agopengps"
-    """Dialect of the host. `agopengps` includes QtAgOpenGPS."""
+    """Dialect of the messages. `agopengps` includes QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Use of the host's angle: setpoint of the steering loop, or input of the board's law, which controls the valve."""
+    """Use of the host's angle: setpoint of the steering loop (`angle`), or input of the board's law (`pwm`)."""
     position: Literal["panda", "paogi"] = "panda"
     """Position sentence sent to the host: `panda` for one antenna, `paogi` for two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
@@ -72,19 +72,19 @@ class AgOpenGps(GuidanceLaw):
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
     """Time without messages after which the board releases the steering [s]. AgOpenGPS boards: 100 loops of 25 ms."""
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
-    """Time without messages after which a board is latched, or "never" [s]; at least `watchdog_s`.
+    """Time without messages after which a board is latched [s], at least `watchdog_s`, or "never".
 
-    A latched board stays released until a message without the engaged bit. AiO v2.5: 6.25 s (250 loops of 25 ms).
-    Autosteer_UDP_v5: never.
+    A latched board does not steer until a message without the engaged bit arrives. AiO v2.5: 6.25 s (250 loops of 25
+    ms). Autosteer_UDP_v5: never.
     """
     released: Literal["hold", "centre"] = "hold"
-    """Output of a released board: valve in neutral, or wheels straight ahead."""
+    """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
     give_up_s: Positive = 10.0
-    """Time without messages after which the run ends [s]. Assumed value (3-60): a restart of the host."""
+    """Time without messages after which the run ends [s]. Assumed value (3-60): long enough to restart the host."""
     engage_at_s: NonNegative | None = None
-    """Time at which the steer switch of the board is turned on [s]. Default: at the start."""
+    """Time at which the steer switch of the board is turned on [s]. Default: the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
-    """True scale of the mounted angle sensor [counts/deg]; should equal `board.counts_per_degree`."""
+    """True scale of the angle sensor [counts/deg], which should equal `board.counts_per_degree`."""
     board: BoardSettings = BoardSettings()
     """Board settings at power-up."""
 
@@ -100,7 +100,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensor requirements: two antennas if `position` is "paogi"."""
+        """Sensor requirement: two antennas if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:
@@ -108,7 +108,7 @@ class AgOpenGps(GuidanceLaw):
         return Actuation()
 
     def update(self, state: Actuation, situation: Situation, dt: float) -> tuple[Actuation, Command]:
-        """Return the steering output stored in the state by the link, at the speed of the path."""
+        """Return the command for the steering output that the link stored in the state, at the speed of the path."""
         r = situation.reference
         speed = to_heading(r.yaw, r.vx, r.vy)[0]
         released = not state.engaged and state.voltage is not None  # the steering loop holds the present angle
@@ -116,7 +116,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the values sent by the host."""
+        """Columns of the values that the host sent."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "setpoint of the host, left positive; also valid while disengaged"),

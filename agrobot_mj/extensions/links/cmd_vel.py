@@ -1,8 +1,8 @@
-"""Guidance by velocity commands such as ROS 2's /cmd_vel: forward speed v and yaw rate omega.
+"""Guidance by velocity commands as on ROS 2's topic /cmd_vel: forward speed v and yaw rate omega.
 
-The steering angle is that of a bicycle with the commanded yaw rate and speed: tan(delta) = L omega / v. A tractor
-cannot turn on the spot, so below `least_speed_m_s` the steering angle stays constant. The control law is an external
-program, see `agrobot-mj ros2`; this module contains the keys and the behaviour without commands.
+The steering angle is that of the bicycle model for the commanded yaw rate and speed, tan(delta) = L omega / v. Tractors
+cannot turn on the spot: below `least_speed_m_s` the steering angle stays constant. An external program computes the
+commands, see `agrobot-mj ros2`. This module defines the keys and the behaviour without commands.
 """
 
 from collections.abc import Sequence
@@ -18,26 +18,26 @@ from agrobot_mj.core.spec import Positive
 
 
 class VelocityRequest(NamedTuple):
-    """Last message on /cmd_vel."""
+    """Last velocity command on /cmd_vel."""
 
     speed: float = nan
-    """Velocity along the heading, `linear.x`, negative in reverse [m/s]."""
+    """Velocity along the heading (`linear.x`), negative in reverse [m/s]."""
     yaw_rate: float = nan
-    """Yaw rate, `angular.z`, left positive [rad/s]."""
+    """Yaw rate (`angular.z`), left positive [rad/s]."""
     age: float = inf
-    """Time since the message arrived [s]."""
+    """Time since the command arrived [s]."""
 
 
 class CmdVel(GuidanceLaw):
-    """Guidance by speed and yaw rate from an external program, see `agrobot-mj ros2`."""
+    """Guidance by speed and yaw rate of an external program, see `agrobot-mj ros2`."""
 
     kind: Literal["cmd_vel"] = "cmd_vel"
     timeout_s: Positive = 0.5
-    """Age at which a command expires and the tractor stops [s]. Default of the ROS 2 diff_drive_controller."""
+    """Time after which a command expires and the tractor stops [s]. Default of the ROS 2 diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
     """Speed below which the steering angle stays constant [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
     give_up_s: Positive = 10.0
-    """Time without commands after which the run ends [s]. Assumed value (3-60): a restart of the node."""
+    """Time without commands after which the run ends [s]. Assumed value (3-60): long enough to restart the node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
@@ -58,7 +58,7 @@ class CmdVel(GuidanceLaw):
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """Return the command stored in the state by the link; standstill without a valid command.
+        """Return the command for the velocity stored in the state by the link; standstill if the velocity has expired.
 
         At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards.
         """

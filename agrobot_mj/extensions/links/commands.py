@@ -134,7 +134,7 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """Return the `Answer` of a run with an external program; `given` contains scenario, keys and overrides."""
+    """Run with an external program and return the result; `given` are scenario, keys and command-line overrides."""
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.results import remove, results

@@ -4,23 +4,23 @@ import time
 
 
 class Pace:
-    """Schedule of turns of equal length on the wall clock, from the first turn, with timing statistics."""
+    """Schedule of turns on the wall clock with equal durations, starting at the first turn, with timing statistics."""
 
     LATE_S = 0.005
-    """Delay above which a turn counts as late [s]."""
+    """Delay above which a turn is counted as late [s]."""
 
     def __init__(self, period: float) -> None:
         self.period, self.turns, self.late, self.worst, self.slipped = period, 0, 0, 0.0, 0.0
         self.next = time.perf_counter()
 
     def begin(self) -> float:
-        """Start a turn now; return its delay [s].
+        """Begin a turn now and return its delay [s].
 
-        A delay above one turn shifts the schedule, because hosts cannot process positions sent in quick succession.
+        A delay of more than one turn shifts the schedule, because hosts cannot process positions in quick succession.
         """
         now = time.perf_counter()
         behind = now - self.next if self.turns else 0.0
-        self.next = self.next if self.turns else now  # compilation and loading before the first turn cause no delay
+        self.next = self.next if self.turns else now  # compilation and loading before the first turn are no delay
         self.turns += 1
         self.late += behind > self.LATE_S
         self.worst = max(self.worst, behind)

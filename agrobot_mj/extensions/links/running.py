@@ -1,7 +1,7 @@
 """Run over any link: compilation before the start, observers, and one outcome.
 
-In real time, observers receive the run at its end unless one is live, because recording a turn takes longer than a
-turn.
+In real time, observers receive the run at its end unless one of them is live, because recording a turn takes longer
+than the turn.
 """
 
 from collections.abc import Callable
@@ -17,18 +17,18 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """Raised if the external program does not start in time, so that there is no run."""
+    """Raised if the external program does not start in time, so that the run does not begin."""
 
 
 class LinkSession(Protocol):
-    """Simulation controlled by an external program."""
+    """Run controlled by an external program."""
 
     sim: Simulation
     ended: str | None
     """Outcome set by the link; None if the outcome of the simulation applies."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Simulate to the end and call `tell` after each tick. Raises `NotBegunError`."""
+        """Simulate to the end and call `tell` after each tick. Raises `NotBegunError` if the program does not start."""
         ...
 
 
@@ -39,9 +39,9 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """Return the log of a session with the `metrics` of its link. Raises `NotBegunError`.
+    """Run a session and return its log with the `metrics` of the link. Raises `NotBegunError`.
 
-    `told`: the observers are called during the run instead of at its end.
+    With `told` the observers are called during the run, otherwise at its end.
     """
 
     def finish(log: Log) -> Log:
@@ -58,7 +58,7 @@ def run_session(
 def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
     """Return the heading of an inertial unit: the gyro integrated over `dt` [s] from the true initial heading [rad].
 
-    `before` is NaN at the start. `rate` [rad/s] and the heading are NaN without a gyro.
+    `before` is the previous heading, NaN at the start. Without a gyro, `rate` [rad/s] and the heading are NaN.
     """
     if isnan(rate):
         return nan
@@ -66,7 +66,7 @@ def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
 
 
 def _warm_up(sim: Simulation) -> None:
-    """Simulate one tick on a copy, so that compilation does not delay the first exchanges."""
+    """Simulate one tick of a copy, so that compilation does not delay the first exchange of messages."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

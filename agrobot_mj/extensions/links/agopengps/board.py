@@ -1,16 +1,16 @@
-"""Steer module: converts received datagrams to replies and a steering output, without sockets and without a clock.
+"""Steer module: converts received datagrams to replies and a steering output, independent of sockets and clocks.
 
 The board steers while messages of the host arrive with the "engaged" bit of its dialect. After the watchdog time
 without messages, the board releases the steering. At power-up and after the latch time without messages, the board is
-latched: it stays released until a message without the engaged bit arrives. A reconnecting host is often still engaged
-and would command full lock. The set point is also valid while the bit is not set.
+latched: it does not steer until a message without the engaged bit has arrived. A host that reconnects is often still
+engaged and would command full lock. The setpoint in a message is valid even if the bit is not set.
 
 A datagram identical to the previous one and received within 1 ms is a duplicate from another network interface.
 
 Angles are in rad, left positive. Inside the board, angles are in degrees, right positive, as in the messages. The PWM
-of the motor (-255 to 255, left positive here) is converted to the voltage of the simulated valve. AgOpenGPS boards add
-the offset of message 252 to the sensor reading; the zero button of that program sends the stored offset minus the
-counts of the displayed angle. AgOpenWeb modules subtract the offset; its zero button adds the counts.
+of the motor (-255 to 255, here left positive) is converted to the voltage of the simulated valve. AgOpenGPS boards add
+the offset of message 252 to the sensor counts; the zero button of that program sends the stored offset minus the counts
+of the displayed angle. AgOpenWeb modules subtract the offset; its zero button adds the counts.
 """
 
 from math import degrees, inf, nan, radians
@@ -38,23 +38,23 @@ from agrobot_mj.extensions.links.agopengps_guidance import Actuation, AgOpenGps
 FULL_PWM = 255
 """Maximum output of the motor driver [PWM counts]."""
 SOFT_ZONE_DEG = 3.0
-"""Error below which the PWM limit decreases in proportion to the error [deg]. As in AgOpenGPS boards."""
+"""Steering error below which the PWM limit is proportional to the error [deg], as in AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2
-"""PWM limit at zero error divided by the minimum PWM [-]. As in AgOpenGPS boards."""
+"""PWM limit at zero error divided by the minimum PWM [-], as in AgOpenGPS boards."""
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
-"""Sign of the offset in the sensor reading, by dialect."""
+"""Sign with which a board applies the offset to the sensor counts, by dialect."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04
-"""Bits of `SteerConfig.set0`."""
+"""Bits of `SteerConfig.set0`: inverted sensor, inverted motor."""
 
 
 def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
-    """Return the sensor reading [counts] at a steering angle [rad]; `per_degree` is the true scale [counts/deg]."""
+    """Return the sensor counts at a steering angle [rad]; `per_degree` is the true scale of the sensor [counts/deg]."""
     counts = -degrees(steer) * per_degree
     return -counts if config.set0 & INVERT_SENSOR else counts
 
 
 def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
-    """Return the steering angle [rad] that a board of this dialect computes from a sensor reading [counts]."""
+    """Return the steering angle that a board with this dialect computes from sensor counts [rad]."""
     angle = (counts + OFFSET_SIGN[host] * settings.offset) / max(settings.counts_per_degree, 1)
     if angle < 0:
         angle *= settings.ackermann / 100
@@ -62,7 +62,7 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the true steering angle [rad] for the angle `believed` by the board [rad]: inverse of `angle_of`."""
+    """Return the true steering angle for the angle `believed` by the board [rad]; inverse of `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -72,7 +72,7 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for a steering error, set point minus angle computed by the board [rad]."""
+    """Return the PWM for a steering error: setpoint minus the angle computed by the board [rad]."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:
@@ -85,22 +85,22 @@ def pwm_of(error: float, settings: SteerSettings) -> int:
 
 
 def voltage_of(pwm: int, config: SteerConfig) -> float:
-    """Return the valve voltage of a PWM [V]; voltages above neutral steer left."""
+    """Return the valve voltage for a PWM [V]. Voltages above neutral steer to the left."""
     sign = -1 if config.set0 & INVERT_MOTOR else 1
     return NEUTRAL_V + sign * NEUTRAL_V * pwm / FULL_PWM
 
 
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
-"""Bit of `SteerData.status` set while the host steers, by dialect."""
+"""Bit of `SteerData.status` that is set while the host steers, by dialect."""
 REPEAT_S = 0.001
-"""Time within which an identical datagram is a duplicate [s]."""
+"""Maximum time between identical datagrams that count as duplicates [s]."""
 FALLBACK_S = 0.1
-"""Report interval of the board without messages from the host [s]."""
+"""Interval of the board's reports while the host sends no messages [s]."""
 LOOPBACK = (127, 0, 0, 1)
 
 
 class Tally(NamedTuple):
-    """Counts of messages and events at the board."""
+    """Numbers of messages and events at the board."""
 
     steer_data: int = 0
     hellos: int = 0
@@ -110,46 +110,46 @@ class Tally(NamedTuple):
     repeats: int = 0
     rejected: tuple[tuple[str, int], ...] = ()
     engagements: int = 0
-    """Number of changes from released to steering."""
+    """Number of changes from released to steering board."""
     lost: int = 0
-    """Number of times the messages of the host stopped."""
+    """Number of times that messages of the host stopped arriving."""
 
 
 class BoardState(NamedTuple):
-    """State of the board between two ticks."""
+    """State of the emulated steer module between two ticks."""
 
     settings: SteerSettings
     config: SteerConfig = SteerConfig(0)
     asked: SteerData | None = None
-    """Last steering message."""
+    """Last steering message; None before the first one."""
     heard_at: float = -inf
-    """Arrival time of the last steering message, on the clock of the board [s]."""
+    """Arrival time of the last steering message in board time [s]."""
     latched: bool = True
-    """Whether the board is latched: it does not steer before a message without the engaged bit arrives."""
+    """Whether the board is latched, and waits for a message without the engaged bit."""
     silent: bool = True
-    """Whether the watchdog time has passed without a message."""
+    """Whether the watchdog time has passed since the last message."""
     engaged: bool = False
     steer: float = 0.0
-    """Measured steering angle on the true scale, left positive [rad]."""
+    """Measured true steering angle, left positive [rad]."""
     pwm: int = 0
-    """Motor output of the board's control law, left positive [PWM counts]."""
+    """Motor output of the board's proportional law, left positive [PWM counts]."""
     reported_at: float = -inf
     """Time of the last report [s]."""
     last: tuple[bytes, float] = (b"", -inf)
-    """Last datagram and its wall-clock time [s]."""
+    """Last datagram, and the wall-clock time of its arrival [s]."""
     tally: Tally = Tally()
 
 
 class Board(NamedTuple):
-    """Steer module with the settings of a scenario."""
+    """Emulated steer module with the settings of a scenario."""
 
     spec: AgOpenGps
     limit: float
     """Maximum absolute steering angle [rad]."""
     inertial_unit: bool = False
-    """Whether an inertial unit also replies to the hello message of the host."""
+    """Whether an inertial unit also replies to hello messages of the host."""
     address: tuple[int, int, int, int] = LOOPBACK
-    """Address reported to a host that scans the network."""
+    """IPv4 address reported to a host that scans the network."""
 
     def init(self) -> BoardState:
         """Return the state at power-up."""
@@ -160,9 +160,9 @@ class Board(NamedTuple):
     def receive(
         self, state: BoardState, datagram: bytes, t: float, wall: float, quiet: bool = False
     ) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]; return the state and the replies.
+        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]. Return the state and the replies.
 
-        `quiet`: the steering state is not sent, because hosts would lose the next position, which follows closely.
+        With `quiet` the steering state is not sent, because hosts would lose the position that follows shortly.
         """
         if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
             return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
@@ -186,7 +186,7 @@ class Board(NamedTuple):
         return state, tuple(map(encode, self._answers(state, message, t)))
 
     def tick(self, state: BoardState, t: float, steer: float) -> tuple[BoardState, Actuation]:
-        """Compute the steering output at board time `t` [s] from the measured steering angle [rad]."""
+        """Compute the steering output at board time `t` [s] from the measured steering angle `steer` [rad]."""
         state, spec = self._watch(state._replace(steer=steer), t), self.spec
         asked = state.asked
         engaged = asked is not None and not state.latched and not state.silent and self._wants(asked)
@@ -207,17 +207,17 @@ class Board(NamedTuple):
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the state and the encoded steering state at board time `t` [s]."""
+        """Return the new state, and the steering state as an encoded message, at board time `t` [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
     def report_if_due(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the result of `report` if `FALLBACK_S` has passed since the last report, otherwise no message."""
+        """Return the result of `report` if the last report is older than `FALLBACK_S`, otherwise no message."""
         due = t - state.reported_at > FALLBACK_S - 1e-6
         return self.report(state, t) if due else (state, ())
 
     def _watch(self, state: BoardState, t: float) -> BoardState:
-        """Release the steering after the watchdog time and latch the board after the latch time."""
+        """Release the steering after the watchdog time, and latch the board after the latch time."""
         silence = t - state.heard_at
         if not state.silent and silence > self.spec.watchdog_s:
             lost = state.tally._replace(lost=state.tally.lost + 1)
@@ -249,6 +249,6 @@ class Board(NamedTuple):
         return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
-        """Return the switch byte: work switch off, steer switch on from `engage_at_s` (inverted for AgOpenWeb)."""
+        """Return the byte of switches: work switch off, steer switch on from `engage_at_s` (inverted for AgOpenWeb)."""
         on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
         return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

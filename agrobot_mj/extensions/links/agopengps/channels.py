@@ -1,8 +1,8 @@
 """Datagram channels: sockets in real time, sockets paced by replies of the host, or a recorded session.
 
-A link performs one turn per tick. A turn processes the datagrams received since the last turn (`begin`), sends a
-position, and processes the replies (`rest`) before the board steers. The control loop of a board runs at 40 Hz, so
-`rest` lasts 25 ms of the 50 ms tick.
+A link performs one turn per tick: it processes the datagrams received since the last turn (`begin`), sends a position,
+and processes the replies (`rest`) before the board steers. The control loop of a board runs at 40 Hz. Therefore `rest`
+lasts 25 ms of the 50 ms tick.
 """
 
 import time
@@ -16,36 +16,36 @@ from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.extensions.links.pacing import Pace
 
 BOARD_LOOP_S = 0.025
-"""Period of the control loop of a steer module [s]. As in AgOpenGPS boards."""
+"""Period of the control loop of a steer module [s], as in AgOpenGPS boards."""
 QUIET_S = 0.010
-"""Time before a position in which no report is sent [s]; some hosts would lose the position."""
+"""Time before a position in which no report is sent [s], because some hosts would lose the position."""
 ANSWER_S = 0.5
-"""Maximum time to wait for the reply of a host that paces the run [s]. Assumed value."""
+"""Time limit for the reply of a host that paces the run [s]. Assumed value."""
 
 
 class Channel(Protocol):
-    """Source and destination of datagrams."""
+    """Source and destination of the datagrams of a link."""
 
     @property
     def pace(self) -> Pace | None:
-        """Timing statistics of the wall clock; None without one."""
+        """Timing statistics of turns on the wall clock; None for a channel without a clock."""
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received before this turn; returns when the turn is due."""
+        """Return the datagrams received before this turn. The iteration ends when the turn is due."""
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received before the board steers; `answered` returns whether the host has replied."""
+        """Return the datagrams received before the board steers. `answered()` is True when the host has replied."""
         ...
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
-        """Send a datagram to the host, or to `target`; return wall time [s] and address."""
+        """Send a datagram to the host or to `target`. Return the wall-clock time [s] and the address."""
         ...
 
 
 class _Sockets:
-    """Base of both socket channels."""
+    """Base class of channels with sockets."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         self.sockets, self.opened = sockets, time.perf_counter()
@@ -61,14 +61,14 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets on the wall clock: one simulated second takes one second, or longer by `slower`."""
+    """Sockets paced by the wall clock: one simulated second takes `slower` seconds."""
 
     def __init__(self, sockets: UdpSockets, slower: float = 1.0) -> None:
         super().__init__(sockets)
         self.pace, self.loop = Pace(slower * TICK_S), slower * BOARD_LOOP_S
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Receive datagrams until the turn is due."""
+        """Receive datagrams until the turn is due, and begin the turn."""
         due = self.pace.next
         yield from self._received(due, due - QUIET_S)
         self.pace.begin()
@@ -79,9 +79,9 @@ class RealTime(_Sockets):
 
 
 class Answered(_Sockets):
-    """Sockets paced by the host: the run continues as soon as the host has replied to a position.
+    """Sockets paced by the host: a run continues as soon as the host has replied to a position.
 
-    For hosts that accept positions at any rate. Without replies, the wall clock paces the run.
+    Suitable for hosts that accept positions at any rate. Without replies, the wall clock paces the run.
     """
 
     def __init__(self, sockets: UdpSockets) -> None:
@@ -89,12 +89,12 @@ class Answered(_Sockets):
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received so far; wait if the host has not replied yet."""
+        """Return the datagrams received so far. If the host does not reply, wait first for the time of a turn."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Receive datagrams until the host has replied."""
+        """Receive datagrams until the host has replied, or until a time limit."""
         if answered():
             return
         for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
@@ -105,7 +105,7 @@ class Answered(_Sockets):
 
 
 class Replayed:
-    """Datagrams of a recorded session, processed as fast as the simulation runs."""
+    """Replay of a recorded session, as fast as the simulation runs."""
 
     pace = None
 
@@ -125,5 +125,5 @@ class Replayed:
         return (Incoming(d.wall, d.address, d.data) for d in self.turns.get(turn, ()))
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
-        """Discard the datagram."""
+        """Discard the datagram, because no host is connected."""
         return 0.0, "replay"

@@ -1,4 +1,4 @@
-"""Implementation of `agrobot-mj link`: open the channel, run, and write `link.parquet` and the files of the run."""
+"""Implementation of `agrobot-mj link`: open a channel, run, and write `link.parquet` and the files of a run."""
 
 import tomllib
 from collections.abc import Callable
@@ -26,9 +26,9 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
-"""Scenario keys that may differ between a replay and its record."""
+"""Scenario keys whose values may differ between a replay and the recorded run."""
 LEAST_PACE = 0.05
-"""Minimum number of simulated seconds per second of the wall clock [-]."""
+"""Minimum pace: simulated time per wall-clock time [-]."""
 
 
 class LinkRun(NamedTuple):
@@ -45,7 +45,7 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario with a host and write into `folder`. Raises `ScenarioError`, or `NoHostError` without a host."""
+    """Run a scenario with a host and write the results to `folder`. Raises `ScenarioError`, or `NoHostError`."""
     o, own = options, LOOPBACK
     _keys(scenario)
     with ExitStack() as stack:
@@ -73,10 +73,10 @@ def run_link(
     should_stop: Callable[[], bool] = lambda: False,
     address: tuple[int, int, int, int] = LOOPBACK,
 ) -> LinkRun:
-    """Run a scenario with guidance `agopengps` over a channel without writing files.
+    """Run a scenario with the guidance `agopengps` over a channel, without writing files.
 
-    `address` is the address of the boards, reported to a scanning host. Raises `ScenarioError` for any other guidance,
-    and `NoHostError` if no host replies.
+    `address` is the address of the boards that a scanning host receives. Raises `ScenarioError` for other guidance, and
+    `NoHostError` if no host replies.
     """
     unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
     board = Board(_keys(scenario), scenario.tractor.steer_limit, unit, address)
@@ -108,7 +108,7 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
 
 
 def pace_of(text: str) -> Literal["answered"] | float:
-    """Return the pace of a text: `real_time`, `answered`, or a number. Raises `ScenarioError` for invalid text."""
+    """Convert a text to a pace: `real_time`, `answered`, or a number. Raises `ScenarioError` for another text."""
     if text == "answered":
         return "answered"
     try:
@@ -121,7 +121,7 @@ def pace_of(text: str) -> Literal["answered"] | float:
 
 
 def endpoint(text: str, option: str) -> tuple[str, int]:
-    """Return address and port of a text such as `127.0.0.1:10110`. Raises `ScenarioError` for invalid text."""
+    """Convert a text such as `127.0.0.1:10110` to address and port. Raises `ScenarioError` for another text."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")

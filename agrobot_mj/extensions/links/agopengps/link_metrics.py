@@ -1,4 +1,4 @@
-"""Metrics of the block `link`: pure functions of a link's datagrams, the log and the last state of the board."""
+"""Metrics in the block `link`, computed from the datagrams of a link, the log, and the final state of the board."""
 
 from typing import Any
 
@@ -14,17 +14,17 @@ from agrobot_mj.metrics.base import rms
 from agrobot_mj.simulation.log import Log
 
 POSITIONS = (b"$PANDA", b"$PAOGI")
-"""First bytes of a position message for the host."""
+"""First bytes of a position message to the host."""
 SETTLED_M = 0.1
-"""Distance from the host's line below which the tractor has settled [m]."""
+"""Distance from the host's line below which the tractor counts as settled [m]."""
 LATE_S = 20.0
-"""Time after the first engagement at which the late part of a run starts [s]."""
+"""Time from the first engagement to the start of the late part of a run [s]."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
-"""Minimum real-time factor and minimum fraction of answered positions of a working link [-]."""
+"""Minimum real-time factor, and minimum fraction of positions with a reply, of a working link [-]."""
 
 
 def latencies(record: list[Datagram]) -> list[float]:
-    """Return the wall-clock time from each position to the next steering message [s]."""
+    """Return the wall-clock times from each position to the next steering message [s]."""
     found: list[float] = []
     sent: float | None = None
     for datagram in record:
@@ -37,7 +37,7 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions sent from the last one before the host's first steering message onwards."""
+    """Return the number of positions sent since the host's first steering message, including the one before it."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
@@ -51,9 +51,9 @@ def _steers(datagram: Datagram) -> bool:
 
 
 def cross_track(log: Log) -> dict[str, float | None]:
-    """Return cross-track metrics of the host while it steers: RMS, RMS of the late part [m], settling time [s].
+    """Return cross-track metrics of the host while it steers: RMS [m], RMS in the late part [m], settling time [s].
 
-    Times are measured from the first engagement. A value is None if the error has not settled or without samples.
+    Times count from the first engagement. Values are None without samples, or if the error has not settled.
     """
     engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
     if not engaged.any():
@@ -70,7 +70,7 @@ def cross_track(log: Log) -> dict[str, float | None]:
 
 
 def health(block: dict[str, Any]) -> list[str]:
-    """Return one line of text for each problem in the metrics of a link."""
+    """Return one line of text for each problem that the metrics of a link show."""
     found = []
     asked = block.get("pace", 1.0)
     if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:
@@ -86,7 +86,7 @@ def health(block: dict[str, Any]) -> list[str]:
 
 
 def link_metrics(session: Session, log: Log) -> dict[str, Any]:
-    """Return the block `link`. For a replayed session, wall-clock times are those of the live run."""
+    """Return the metrics block `link`. For a replayed session, wall-clock times are those of the recorded run."""
     channel = session.channel
     record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec

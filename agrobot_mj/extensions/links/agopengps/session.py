@@ -1,15 +1,14 @@
-"""Run with an external guidance program that steers the simulated tractor through the boards, turn by turn.
+"""Run with an external guidance program that steers the simulated tractor through the emulated boards.
 
-A turn is a tick of 50 ms: measure, send the position, process the messages of the host, steer, step. Before the start,
-the tractor is at rest and positions are sent until the host replies (or engages), because hosts take time to detect a
-module. A message of the host acts in the tick in which it arrives, at most 25 ms after the position.
+The exchange is divided into turns. A turn is a tick of 50 ms: measure, send the position, process the messages of the
+host, steer, step. Before the start, the tractor is at rest, and positions are sent until the host replies (or engages),
+because hosts need time to detect a module. A message acts in the tick of its arrival, at most 25 ms after the position.
 
-GNSS and IMU board: converts measurements of the simulated sensors to position sentences.
-
-The position is the receiver solution at the antenna, with noise, latency and losses. Like a real board, the board sends
-no sentence without a solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is
-the gyro, if enabled, integrated from the true initial heading. With two antennas (`paogi`), the heading comes from the
-receiver, and the last heading is repeated during a loss. Before the first heading, the single-antenna sentence is sent.
+The GNSS and IMU board converts measurements of the simulated sensors to position sentences. The position is the
+receiver solution at the antenna, with noise, latency and losses. Like a real board, it sends no sentence without a
+solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is the gyro, if enabled,
+integrated from the true initial heading. With two antennas (`paogi`), the heading comes from the receiver, and the last
+heading is repeated during a loss. Before the first heading, the single-antenna sentence is sent.
 """
 
 from collections.abc import Callable
@@ -30,30 +29,30 @@ from agrobot_mj.extensions.links.running import NotBegunError, gyro_heading
 from agrobot_mj.simulation.stepping import Simulation
 
 QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
-"""Quality number of GGA for each solution quality."""
+"""Quality number in the NMEA sentence GGA for each solution quality."""
 
 
 class ReceiverState(NamedTuple):
-    """State of the emulated receiver board between two ticks."""
+    """State of the emulated GNSS and IMU board between two ticks."""
 
     yaw: float = nan
-    """Integral of the gyro [rad]; NaN before the first measurement."""
+    """Heading from the gyro [rad]; NaN before the first measurement."""
     heading: float = nan
-    """Last heading from two antennas [rad]; NaN before the first."""
+    """Last heading from two antennas [rad]; NaN before the first heading."""
     solution: Solution | None = None
     fresh: bool = False
     """Whether the last measurement contained a solution."""
     attitude: BoardAttitude = BoardAttitude()
-    """Attitude from the last measurement."""
+    """Attitude in the last measurement."""
 
 
 class Receiver(NamedTuple):
-    """GNSS and IMU board with the settings of a scenario."""
+    """Emulated GNSS and IMU board with the settings of a scenario."""
 
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Update the board with the measurements of a tick of `dt` [s]; `truth` gives the initial gyro heading."""
+        """Update the state with the measurements of a tick `dt` [s]. `truth` gives the initial heading of the gyro."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -61,14 +60,14 @@ class Receiver(NamedTuple):
         return ReceiverState(yaw, heading, solution, m.fix is not None, attitude)
 
     def sentence(self, state: ReceiverState, t: float) -> bytes | None:
-        """Return the position sentence at time `t` [s]; None without a solution."""
+        """Return the position sentence at time `t` [s]; None without a new solution."""
         if state.solution is None or not state.fresh:
             return None
         write = paogi if self.spec.position == "paogi" and not isnan(state.heading) else panda
         return write(state.solution._replace(t=t), state.attitude)
 
     def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
-        """Return GGA, RMC and VTG for any NMEA reader at time `t` [s]; marked invalid without a solution."""
+        """Return the NMEA sentences GGA, RMC and VTG at time `t` [s]. They are invalid without a new solution."""
         if state.solution is None:
             return ()
         s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)
@@ -84,9 +83,9 @@ class Receiver(NamedTuple):
 
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
-"""Names of the programs that send hello and steering messages, by dialect."""
+"""Names of the programs that send hello messages and steering messages, by dialect."""
 PATIENCE_S = 5.0
-"""Waiting time before a message names the missing program [s]."""
+"""Waiting time after which a message names the missing program [s]."""
 
 
 class NoHostError(NotBegunError):
@@ -94,21 +93,21 @@ class NoHostError(NotBegunError):
 
 
 class LinkOptions(NamedTuple):
-    """Options of a run over the link, in addition to the scenario."""
+    """Options of a run over a link, in addition to the scenario."""
 
     address: str = "127.0.0.1"
     port: int = BOARD_PORT
     host_port: int = HOST_PORT
     replay: Path | None = None
-    """Record to replay instead of using a host."""
+    """Recorded session to replay instead of a host; None for a host."""
     start: Literal["heard", "engaged", "now"] = "heard"
-    """Event that starts the clock of the run: first message of the host, engagement of the host, or none."""
+    """Event that starts the clock of the run: first message or engagement of the host, or opening of the link."""
     wait_s: float = 60.0
     """Maximum time to wait for the start event [s]."""
     nmea: tuple[str, int] | None = None
-    """Address and port for additional GGA, RMC and VTG sentences; None for none."""
+    """Address and port for additional NMEA sentences GGA, RMC and VTG; None to send none."""
     pace: Literal["answered"] | float = 1.0
-    """Simulated seconds per second of the wall clock, at most 1, or `answered` if replies of the host pace the run."""
+    """Simulated time per wall-clock time, at most 1 [-], or `answered` if replies of the host pace the run."""
     live: bool = False
     """Whether observers receive rows during the run instead of at its end."""
     recorded: bool = True
@@ -116,7 +115,7 @@ class LinkOptions(NamedTuple):
 
 
 class Session:
-    """One session over a channel; `run` may be called only once."""
+    """Run with a guidance program over a channel. `run` may be called only once."""
 
     def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
         self.sim, self.board, self.channel, self.options = sim, board, channel, options
@@ -130,11 +129,11 @@ class Session:
 
     @property
     def now(self) -> float:
-        """Board time: time since the link opened [s]."""
+        """Board time: simulated time since the link was opened [s]."""
         return self.turn * TICK_S
 
     def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
-        """Simulate to the end and call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
+        """Simulate to the end; call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
         measured = self._measured(self.sim.reset())
         while not self.sim.done and not should_stop():
             before = self.state

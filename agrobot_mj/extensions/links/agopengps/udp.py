@@ -1,9 +1,9 @@
 """UDP sockets of a link.
 
-On loopback, a host may send to 127.0.0.1 or to a broadcast address of that network. On Linux, a socket bound to one
-address receives only datagrams for that address, so the link opens three sockets. Any other address must be requested
-and opens the port on all interfaces. Size and number of datagrams per turn are limited, so that excess traffic cannot
-block the simulation.
+On the loopback network, a host may send to 127.0.0.1 or to a broadcast address. On Linux, a socket that is bound to one
+address receives only datagrams to that address. Therefore the link opens three sockets. Any other address must be
+requested, and opens the port on all interfaces. Size and number of datagrams per turn are limited, so that excess
+traffic cannot block the simulation.
 """
 
 import errno
@@ -20,24 +20,24 @@ from agrobot_mj.core.errors import ScenarioError
 BOARD_PORT, HOST_PORT = 8888, 9999
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048
-"""Maximum number of bytes read from a datagram [bytes]; longer datagrams are truncated and rejected."""
+"""Maximum length of a datagram [bytes]. Longer datagrams are truncated and rejected."""
 MOST_A_TURN = 500
-"""Maximum number of datagrams processed per turn; the others are processed in the next turn."""
+"""Maximum number of datagrams processed per turn. Further datagrams are processed in the next turn."""
 
 
 class Incoming(NamedTuple):
-    """Datagram from the network."""
+    """Datagram received from the network."""
 
     wall: float
-    """Arrival time on the clock of `time.perf_counter`, or since the link opened [s]."""
+    """Arrival time, from `time.perf_counter` or counted from the opening of the link [s]."""
     address: str
     data: bytes
     quiet: bool = False
-    """Whether no reply is allowed, because the datagram arrived just before the next position."""
+    """Whether the board must not reply, because the next position follows shortly."""
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
-    """Return an IPv4 address given on the command line. Raises `ScenarioError` for an invalid address."""
+    """Convert an IPv4 address on the command line. Raises `ScenarioError` if the address is invalid."""
     try:
         return IPv4Address(text)
     except AddressValueError:
@@ -45,7 +45,7 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
 
 
 class UdpSockets:
-    """Sockets on the port of the boards, which send to one host."""
+    """Sockets on the port of the boards, which send datagrams to one host."""
 
     def __init__(self, address: str = "127.0.0.1", board_port: int = BOARD_PORT, host_port: int = HOST_PORT) -> None:
         ip = address_of(address)
@@ -55,7 +55,7 @@ class UdpSockets:
             try:
                 self.sockets.append(_bound(own, board_port))
             except OSError as error:
-                # only Linux accepts all of 127.0.0.0/8; other systems use the first address only
+                # only Linux accepts all of 127.0.0.0/8; other systems use only the first address
                 if error.errno == errno.EADDRNOTAVAIL and self.sockets:
                     continue
                 self.close()
@@ -63,9 +63,9 @@ class UdpSockets:
 
     @property
     def address(self) -> tuple[int, int, int, int]:
-        """Address of this computer on the route to the host; loopback without a route."""
+        """IPv4 address of this computer on the route to the host; the loopback address without a route."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
-            way.connect(self.target)  # UDP: nothing is sent
+            way.connect(self.target)  # a UDP connection sends nothing
             a, b, c, d = IPv4Address(way.getsockname()[0]).packed
             return a, b, c, d
         return 127, 0, 0, 1
@@ -82,14 +82,14 @@ class UdpSockets:
             each.close()
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
-        """Send one datagram to the host or to `target`; network errors are counted."""
+        """Send one datagram to the host or to `target`. Network errors are counted in `lost`."""
         try:
             self.sockets[0].sendto(data, target or self.target)
         except OSError:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """Yield the datagrams in the buffer and those that arrive before the `time.perf_counter` value `until` [s]."""
+        """Yield received datagrams, and those that arrive before the `time.perf_counter` value `until` [s]."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

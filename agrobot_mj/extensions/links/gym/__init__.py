@@ -13,7 +13,7 @@ except ImportError:
     raise ImportError('agrobot_mj.extensions.links.gym needs gymnasium; pip install "agrobot-mj[gym]"') from None
 
 ENV_ID = "agrobot_mj/FollowPath-v1"
-"""Name of the environment for `gymnasium.make`."""
+"""Name of the environment, for `gymnasium.make`."""
 
 
 def register_env() -> None:

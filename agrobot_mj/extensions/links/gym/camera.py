@@ -1,6 +1,6 @@
 """Images of the simulated tractor, rendered by MuJoCo with OpenGL.
 
-The scene is a separate model with tractor, ground, sky and light in the pose of the plant, for plants of any kind.
+The rendered scene is a separate model with tractor, ground, sky and light. It takes the pose of any kind of plant.
 """
 
 from itertools import pairwise
@@ -20,9 +20,9 @@ from agrobot_mj.terrain import Ground
 NONE = NoImplement()
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
-"""Half width [m] and colour of the path in an image."""
+"""Half width [m] and colour of the path in images."""
 DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
-"""Distance [m], elevation [deg] and azimuth [deg] of the camera for the default tractor."""
+"""Camera position for the default tractor: distance [m], elevation [deg] and azimuth [deg]."""
 
 
 class NoDisplayError(RuntimeError):
@@ -30,7 +30,7 @@ class NoDisplayError(RuntimeError):
 
 
 class Camera:
-    """Renderer of one tractor on its ground."""
+    """Renderer for one tractor on its ground."""
 
     def __init__(
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
@@ -49,14 +49,14 @@ class Camera:
         self.view.distance = tractor.size * DISTANCE_M
         try:
             self.renderer = mujoco.Renderer(self.model, height=size[1], width=size[0])
-        except Exception as error:  # the exception type depends on the OpenGL library
+        except Exception as error:  # the type of exception depends on the OpenGL library
             raise NoDisplayError(
                 f"MuJoCo finds no OpenGL for rendering ({error}); set MUJOCO_GL=egl or MUJOCO_GL=osmesa in the "
                 "environment before Python starts"
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """Return an image of the tractor and a path (n, 3) [m], shape (height, width, 3); `configuration` is qpos."""
+        """Return an image of tractor and path (n, 3) [m], shape (height, width, 3); `configuration` is MuJoCo qpos."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)
@@ -65,7 +65,7 @@ class Camera:
         return np.asarray(self.renderer.render(), dtype=np.uint8)
 
     def _strip(self, start: Array, end: Array) -> None:
-        """Add a path segment between two points (3,) to the scene, unless the scene is full."""
+        """Add a segment of the path between two points (3,) [m] to the scene, unless the scene is full."""
         scene = self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return
@@ -75,7 +75,7 @@ class Camera:
         scene.ngeom += 1
 
     def close(self) -> None:
-        """Release the renderer."""
+        """Release the resources of the renderer."""
         self.renderer.close()
 
 

@@ -1,21 +1,20 @@
-"""`FollowPath`: environment in which one tractor follows the path of its scenario; a step is one tick of 50 ms.
+"""`FollowPath`: environment in which one tractor follows the path of its scenario. A step is one tick of 50 ms.
 
-Action, in [-1, 1]: steering angle divided by the steering limit, left positive; with `speed=True` also the speed, as
-the relative difference from the reference speed. Otherwise the tractor drives at the reference speed, corrected by a
-proportional law for its along-track error.
+Action, in [-1, 1]: steering angle divided by the steering limit, left positive. With `speed=True` the second component
+is the speed, as the relative difference from the reference speed. Otherwise the tractor drives at the reference speed
+plus a proportional correction of its along-track error.
 
 Reward, from the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The
 progress of a tick is the newly covered path length divided by the path length covered by the reference, at most 1. The
-reward per tick is 1 on the path at the reference speed and 0 at standstill.
+reward per tick is 1 on the path at the reference speed, and 0 at standstill.
 
 The episode terminates if the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), if the tractor is farther
-than `max_offset_m` from the path (`off_path`), or if the reference is farther than `max_lag_m` ahead along the path
-(`lagging`). The episode is truncated at the end of the scenario, `completed` or `unfinished`.
+than `max_offset_m` from the path (`off_path`), or if the reference is more than `max_lag_m` ahead along the path
+(`lagging`). The episode is truncated at the end of the scenario (`completed` or `unfinished`).
 
-Vector environment with several tractors in one process: `FollowPathVector`.
-
-The tractors are stepped in sequence: a tick is mostly Python code, so threads give no speed-up. To use several cores,
-choose gymnasium's processes (`vectorization_mode="async"`) or, better, one process per episode.
+`FollowPathVector` is the vector environment with several tractors in one process. The tractors are stepped in sequence:
+a tick is mostly Python code, so that threads give no speed-up. To use several cores, choose gymnasium's processes
+(`vectorization_mode="async"`) or, better, one process per episode.
 """
 
 from collections.abc import Mapping
@@ -40,13 +39,13 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
 
 Range = tuple[float, float] | list[Any]
-"""Pair (low, high) of a uniform distribution, over integers if both are integers, or a list of values."""
+"""Pair (low, high) of a uniform distribution (of integers if both are integers), or list of equally probable values."""
 SEEDS = 2**31
-"""Number of seeds from which episodes are sampled."""
+"""Number of seeds from which episodes sample their seed."""
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
-    """Raise `ScenarioError` unless every value is a range or a list of values."""
+    """Raise `ScenarioError` unless every value is a valid range or list of values."""
     for key, values in ranges.items():
         if key == "seed":
             raise ScenarioError("randomise: seed: the seed differs in every episode; omit this key")
@@ -58,7 +57,7 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
 
 
 def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
-    """Return sampled overrides for one episode, in the order of the ranges, including the seed."""
+    """Return sampled overrides of one episode, including the seed. Values are sampled in the order of the ranges."""
     drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
     for key, values in ranges.items():
         if isinstance(values, list):
@@ -73,23 +72,23 @@ def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
 SHARP_M = 0.2
 """Cross-track error that halves the reward [m]. An error of 2 cm, the receiver noise, costs 1 %."""
 SLOWEST_M_S = 0.1
-"""Minimum reference speed in the progress, since the reference stops at cusps [m/s]."""
+"""Minimum reference speed for the progress [m/s], because the reference stops at cusps."""
 EFFORT = 0.1
-"""Reward lost by a change of 1 in the steering action between two ticks [-]."""
+"""Reward lost if the steering action changes by 1 between two ticks [-]."""
 CATCH_UP_PER_S = 0.5
-"""Speed added to the reference speed per metre of lag, without `speed` in the action [1/s]. Assumed value."""
+"""Gain of the speed correction: additional speed per along-track error, without `speed` [1/s]. Assumed value."""
 MOST_CATCH_UP_M_S = 0.5
-"""Maximum speed added to the reference speed [m/s]. Assumed value."""
+"""Maximum speed correction [m/s]. Assumed value."""
 PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
 """Default distances ahead at which the path curvature is observed [m]."""
 
 
 DRAWN_M = np.arange(-5.0, 20.0, 0.25)
-"""Segment of the path in an image: distances ahead of the tractor [m]."""
+"""Arc lengths relative to the tractor of the path points in images [m]."""
 
 
 class FollowPath(gymnasium.Env[Any, Any]):
-    """Environment with one tractor on the path of a scenario."""
+    """Environment with one tractor that follows the path of a scenario."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as in gymnasium
 
@@ -109,19 +108,19 @@ class FollowPath(gymnasium.Env[Any, Any]):
         render_mode: str | None = None,
         image_size: tuple[int, int] = (640, 480),
     ) -> None:
-        """Create the environment of a scenario, given by name or path.
+        """Create the environment for a scenario, given by name or path.
 
-        `plant` and `terrain` are kinds; `overrides` are values by dotted key. `randomise` gives ranges by dotted key,
-        sampled for each episode: (low, high) or a list of values. `preview_m` are the distances ahead at which the path
-        curvature is observed [m]; `image_size` is width and height of an image [pixels]. Raises `ScenarioError` for
-        invalid keys and values.
+        `plant` and `terrain` are names of kinds. `overrides` are scenario values by dotted key. `randomise` are ranges
+        by dotted key that are sampled for each episode: (low, high) or a list of values. `preview_m` are the distances
+        ahead at which the path curvature is observed [m]. `image_size` is the width and height of images [pixels].
+        Raises `ScenarioError` for invalid keys and values.
         """
         kinds = {"plant.kind": plant, "terrain.kind": terrain}
         given = {key: kind for key, kind in kinds.items() if kind is not None}
         self.scenario = load_scenario(scenario, {**given, **(overrides or {})})
         self.randomise = dict(randomise or {})
         check_ranges(self.randomise)
-        # Every randomised key is applied once, so that an invalid key raises an error here and not in a later episode.
+        # Each randomised key is applied once, so that an invalid key raises an error here and not in an episode.
         self.scenario.changed(draw(self.randomise, np.random.default_rng(0)))
         self.max_offset_m, self.max_lag_m = max_offset_m, max_lag_m
         self.render_mode, self.image_size = render_mode, image_size
@@ -135,9 +134,9 @@ class FollowPath(gymnasium.Env[Any, Any]):
         self._drawn: Simulation | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
-        """Start a new episode. Without a seed, random values continue the sequence of the previous episodes.
+        """Start a new episode. Without a seed, random values continue the sequence of previous episodes.
 
-        `options={"overrides": {...}}` sets scenario keys for this episode only, including `seed`.
+        `options={"overrides": {...}}` sets scenario keys, including `seed`, for this episode only.
         """
         with held_back():
             super().reset(seed=seed)
@@ -151,7 +150,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return self._observe(), self._info() | {"drawn": drawn}
 
     def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Advance one tick; return observation, reward, terminated, truncated and a dictionary of true values."""
+        """Advance one tick. Return observation, reward, terminated, truncated, and a dictionary of true values."""
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
         if len(values) != (wanted := 2 if self.speed else 1):
@@ -175,7 +174,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state of the episode, without the renderer."""
+        """Return the state of the episode without the renderer, for copies and pickles."""
         return vars(self) | {"components": (), "_camera": None, "_drawn": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -237,14 +236,14 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return self._camera.picture(sim.loop.plant.configuration(), np.array(path))
 
     def close(self) -> None:
-        """Release the renderer."""
+        """Release the resources of the renderer."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None
 
 
 class FollowPathVector(SyncVectorEnv):
-    """Vector environment of `num_envs` tractors; keywords as in `FollowPath`. Signals interrupt only between ticks."""
+    """Vector environment with `num_envs` tractors. Further arguments are those of `FollowPath`."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
@@ -255,7 +254,7 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed` is that of the first tractor, or a list; `options` as in `FollowPath.reset`."""
+        """Start new episodes. `seed` is an integer (first tractor) or a list; `options` as in `FollowPath.reset`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 

@@ -1,7 +1,7 @@
 """Observations of an agent: quantities available to a controller on the tractor and, optionally, true values.
 
-A table defines name, unit, bound, description and value of each component. Bounds are symmetric; larger values are
-clipped.
+A table defines name, unit, bound, description and value of each component. Bounds are symmetric; values beyond a bound
+are clipped.
 """
 
 from collections.abc import Callable
@@ -18,30 +18,30 @@ Vector = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class Moment(NamedTuple):
-    """State of an episode at one tick."""
+    """State of an episode at one tick, from which the observation is computed."""
 
     sim: Simulation
     beside: PathPoint
-    """Point of the path nearest to the estimated position."""
+    """Path point nearest to the estimated position."""
     beside_truth: PathPoint
-    """Point of the path nearest to the true position."""
+    """Path point nearest to the true position."""
     steer: float
     """Steering angle of the last action, left positive [rad]."""
 
 
 class Observed(NamedTuple):
-    """Component of the observation."""
+    """Component of an observation."""
 
     name: str
     unit: str
     bound: float
-    """Maximum magnitude [unit of the component]."""
+    """Maximum absolute value [unit of the component]."""
     description: str
     value: Callable[[Moment], float]
 
 
 def along_track(m: Moment) -> float:
-    """Return the distance of the reference ahead of the estimated position, along the reference heading [m]."""
+    """Return the distance by which the reference leads the estimated position, along the reference heading [m]."""
     r, e = m.sim.reference, m.sim.estimate
     return to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
 
@@ -70,10 +70,10 @@ SEEN = (
     Observed("steer", "rad", 1.0, "measured steering angle, left positive", lambda m: m.sim.situation.steer),
     Observed("steer_action", "rad", 1.0, "steering angle of the last action, left positive", lambda m: m.steer),
 )
-"""Components of every observation, followed by the curvatures ahead."""
+"""Components of every observation. The curvatures ahead follow them."""
 
 ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
-"""Component added for scenarios with an inertial unit (`sensors.imu.enabled`)."""
+"""Component added in scenarios with an inertial unit (`sensors.imu.enabled`)."""
 
 TRUTH = (
     Observed(
@@ -93,11 +93,11 @@ TRUTH = (
     Observed("true_roll", "rad", pi, "roll, left side up positive", lambda m: m.sim.truth.roll),
     Observed("true_pitch", "rad", pi, "pitch, nose down positive", lambda m: m.sim.truth.pitch),
 )
-"""Components added at the end of the observation with `privileged=True`."""
+"""True values added at the end of the observation with `privileged=True`."""
 
 
 def curvature_ahead(distance: float) -> Observed:
-    """Return the component for the path curvature `distance` ahead of the nearest point [m]."""
+    """Return the component with the path curvature at a distance ahead of the nearest path point [m]."""
     return Observed(
         f"curvature_{distance:g}m",
         "1/m",
@@ -108,17 +108,17 @@ def curvature_ahead(distance: float) -> Observed:
 
 
 def table(preview_m: tuple[float, ...], imu: bool, privileged: bool) -> tuple[Observed, ...]:
-    """Return the components of an observation, in order."""
+    """Return the components of an observation in order, with path curvatures at the distances `preview_m` [m]."""
     ahead = tuple(curvature_ahead(distance) for distance in preview_m)
     return (*SEEN, *ahead, *((ROLL,) if imu else ()), *(TRUTH if privileged else ()))
 
 
 def bounds(components: tuple[Observed, ...]) -> Vector:
-    """Return the maximum magnitudes, shape (n,)."""
+    """Return the maximum absolute values of the components, shape (n,)."""
     return np.array([part.bound for part in components], dtype=np.float32)
 
 
 def observation(components: tuple[Observed, ...], highest: Vector, moment: Moment) -> Vector:
-    """Return the observation within its bounds, shape (n,); values that are not finite (diverged run) become 0."""
+    """Return the observation clipped to its bounds, shape (n,). Values that are not finite (diverged run) become 0."""
     values = np.array([part.value(moment) for part in components], dtype=np.float32)
     return np.clip(np.nan_to_num(values, posinf=0.0, neginf=0.0), -highest, highest)

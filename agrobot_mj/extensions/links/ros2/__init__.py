@@ -1,6 +1,6 @@
 """ROS 2 link: the tractor as a robot with topics, live over rclpy or as the MCAP file of a run.
 
-`content` builds the messages of one tick, live or from a log, as plain data of the types in `definitions`. `node` sends
-the messages over rclpy (the only importer), `profile` restricts the traffic to this computer, `session` implements
-`agrobot-mj ros2`, `bag` writes MCAP without ROS.
+`content` builds the messages of one tick, live or from a log, as plain data of the types in `definitions`. `node`
+publishes the messages with rclpy, which no other module imports. `profile` restricts the traffic to this computer.
+`session` implements `agrobot-mj ros2`. `bag` writes MCAP files without ROS.
 """

@@ -1,7 +1,7 @@
-"""Export of a finished run as an MCAP file of ROS 2 messages for `ros2 bag` and Foxglove, without ROS.
+"""Export of a finished run as an MCAP file of ROS 2 messages for `ros2 bag` and Foxglove. Does not need ROS.
 
-The file contains the messages of a live tractor with their stamps, /tf and /tf_static for viewers, and commands
-received on /cmd_vel.
+The file contains the messages of a live tractor with their time stamps, /tf and /tf_static for viewers, and the
+commands received on /cmd_vel.
 """
 
 import json
@@ -40,11 +40,11 @@ from agrobot_mj.simulation.results import atomic, results
 
 FILE = "run.mcap"
 LARGEST = 1e9
-"""Upper bound of the magnitude of every signal [SI units]."""
+"""Upper bound of the absolute value of all signals [SI units]."""
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
-    """Write the run of `folder` as MCAP into that folder or into `out`; return the file and the number of messages."""
+    """Write the run in `folder` as MCAP, to that folder or to `out`. Return the file and the number of messages."""
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: the folder has no {name}; specify the folder of a run")
@@ -54,7 +54,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Return the time that the node of a run waited for a program, from its metrics [s]; 0 without a node."""
+    """Return the time for which a run's node waited for a program, from its metrics [s]; 0 for runs without a node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -79,7 +79,7 @@ def _signals(file: Path) -> pa.Table:
 
 
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
-    """Write a run into `file`; return the number of messages. Raises `ScenarioError` without the extra `mcap`."""
+    """Write a run to an MCAP file; return the number of messages. Raises `ScenarioError` without the extra `mcap`."""
     library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
         writer = library.Writer(str(temporary))
@@ -103,7 +103,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: floa
 
 
 def recorded(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
-    """Yield topic, time [s] and content of every message of a run, in chronological order."""
+    """Yield topic, time [s] and content of all messages of a run in chronological order."""
     site, yaw, way = site_of(scenario), nan, path(scenario)
     for k, sample in enumerate(samples_of(signals)):
         t, yaw = sample.t + waited_s, gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)

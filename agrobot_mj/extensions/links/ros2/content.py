@@ -1,11 +1,11 @@
-"""Messages of one tick as plain data: dictionaries with the fields of `definitions`.
+"""Messages of one tick as plain data: dictionaries with the fields listed in `definitions`.
 
 Frames follow REP 103 and REP 105. `map` is ENU with the origin of the scenario. `base_link` is R, the point on the
-ground below the rear axle: x forward, y left. Stamps count from a fixed UTC time, so that runs are repeatable.
-Quantities without a measurement are marked as in ROS, by a covariance that begins with -1.
+ground below the rear axle, with x forward and y left. Time stamps count from a fixed UTC time, so that runs are
+repeatable. Quantities without a measurement are marked as usual in ROS, by a covariance that starts with -1.
 
-A running simulation and the table of a finished run give the same values, so that a recording contains the messages
-received by a live subscriber.
+Messages from a running simulation and from the table of a finished run are equal: a recording contains the messages
+that a live subscriber receives.
 """
 
 from collections import namedtuple
@@ -32,11 +32,11 @@ TickSample = namedtuple(
     "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
     defaults=(nan, nan, nan, nan, nan, nan),
 )
-"""Signals of one tick, with the names and units of the log columns; NaN for signals absent from a run."""
+"""Signals of one tick, with names and units as in the log; NaN for signals that a run does not have."""
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """Return the sample of the present tick of a simulation; reads the sensors if necessary."""
+    """Return the signals of the present tick of a simulation. Reads the sensors if necessary."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance
@@ -51,38 +51,38 @@ def sample_of(sim: Simulation) -> TickSample:
 
 
 def samples_of(signals: pa.Table) -> Iterator[TickSample]:
-    """Yield the sample of every tick in `signals.parquet`."""
+    """Yield the signals of each tick in `signals.parquet`."""
     known = set(signals.column_names)
     columns = [
         signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
     ]
     quality = TickSample._fields.index("gnss_quality")
-    columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # for a run that diverged in the first tick
+    columns[quality] = np.nan_to_num(columns[quality], nan=Quality.NONE)  # the run may have diverged in the first tick
     return (TickSample(*row) for row in np.column_stack(columns).astype(float).tolist())
 
 
 Content = dict[str, Any]
 EPOCH_NS = round(START.timestamp() * 1e9)
-"""UTC time at the start of every run, since 1970 [ns]."""
+"""UTC time at the start of every run, in nanoseconds since 1970."""
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
-"""Status numbers of NavSatStatus by solution quality: RTK float as plain fix, RTK fix as ground-based augmentation."""
+"""Status in NavSatStatus for each solution quality: RTK float is a plain fix, RTK fix a ground-based augmentation."""
 SERVICES = 1 + 2 + 4 + 8
-"""Satellite systems: GPS, GLONASS, BeiDou, Galileo."""
+"""Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
 """Standard deviation of the height divided by that of a horizontal coordinate [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100
-"""Number of ticks between repetitions of /path and /tf_static for late subscribers."""
+"""Number of ticks between repetitions of /path and /tf_static, which late subscribers need."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
-"""Distance between the points of /path [m], and their maximum number."""
+"""Distance between points of /path [m], and maximum number of points [-]."""
 UNKNOWN_VARIANCE = 1e6
-"""Variance of a component without a measurement."""
+"""Variance of a component that is not measured."""
 NOT_MEASURED = [-1.0, *[0.0] * 8]
-"""Covariance of a quantity without a measurement."""
+"""Covariance that marks an unmeasured quantity."""
 
 
 class Site(NamedTuple):
-    """Scenario data used by the messages."""
+    """Values from the scenario that the messages need."""
 
     origin: Origin
     antenna: tuple[float, float, float]
@@ -94,7 +94,7 @@ class Site(NamedTuple):
     wheel_radius: float
     """Radius of the rear wheels [m]."""
     position_variance: tuple[float, float]
-    """Variance of the position along each horizontal axis: RTK float, RTK fix [m2]."""
+    """Variance of the position along each horizontal axis for the solutions RTK float and RTK fix [m2]."""
     tilt_variance: float
     """Variance of roll and pitch of the inertial unit [rad2]."""
     gyro_variance: float
@@ -104,7 +104,7 @@ class Site(NamedTuple):
 
 
 def site_of(scenario: Scenario) -> Site:
-    """Return the site of a scenario, with the origin of its guidance or the default origin."""
+    """Return the values for a scenario, with the geographic origin of its guidance or the default origin."""
     tractor, sensors = scenario.tractor, scenario.sensors
     keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
@@ -122,7 +122,7 @@ def site_of(scenario: Scenario) -> Site:
 
 
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
-    """Return all messages of a tick by topic, /clock last; `yaw` is the yaw of the inertial unit [rad]."""
+    """Return all messages of a tick with their topics, /clock last. `yaw` is the yaw of the inertial unit [rad]."""
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
     if isfinite(s.gyro) or isfinite(s.imu_roll):
@@ -132,23 +132,23 @@ def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -
 
 
 def stamp(t: float) -> Content:
-    """Return `builtin_interfaces/Time` for `t` after the start [s]."""
+    """Return `builtin_interfaces/Time` at the time `t` since the start [s]."""
     sec, nanosec = divmod(nanoseconds(t), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 
 def nanoseconds(t: float) -> int:
-    """Return the time since 1970 [ns] for `t` after the start [s], rounded to microseconds."""
+    """Return the UTC time at `t` since the start [s], in nanoseconds since 1970, rounded to microseconds."""
     return EPOCH_NS + round(t * 1e6) * 1000
 
 
 def header(at: Content, frame: str) -> Content:
-    """Return `std_msgs/Header`."""
+    """Return `std_msgs/Header` with a time stamp and a frame."""
     return {"stamp": at, "frame_id": frame}
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude is the true height on level ground."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude is the true one on level ground."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
@@ -187,7 +187,7 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/JointState`: front wheel of the bicycle model, and rear wheels if a sensor exists."""
+    """Return `sensor_msgs/JointState`: front wheel of the bicycle model, and rear wheels if they have a sensor."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {
         "header": header(at, ""),
@@ -199,7 +199,7 @@ def joint_states(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def estimated(s: TickSample, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the estimate, for R in the map plane."""
+    """Return `nav_msgs/Odometry` of the estimated motion of R in the plane of the map."""
     covariance = [0.0] * 36
     covariance[0], covariance[1], covariance[6], covariance[7] = s.p_xx, s.p_xy, s.p_xy, s.p_yy
     covariance[35] = s.p_yaw
@@ -208,7 +208,7 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the truth, for R in the map, with velocities along the heading and to the left."""
+    """Return `nav_msgs/Odometry` of the true motion of R in the map, with velocities along the heading and left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate
@@ -227,12 +227,12 @@ def fixed_frames(site: Site, at: Content) -> Content:
 
 
 def request(s: TickSample) -> Content:
-    """Return `geometry_msgs/Twist` of the velocity command."""
+    """Return `geometry_msgs/Twist` with the received velocity command."""
     return {"linear": vector(s.cmd_speed, 0.0, 0.0), "angular": vector(0.0, 0.0, s.cmd_yaw_rate)}
 
 
 def path(scenario: Scenario, t: float = 0.0) -> Content:
-    """Return `nav_msgs/Path` of the reference path of the CG."""
+    """Return `nav_msgs/Path` with the reference path of the CG."""
     end = max(scenario.ticks * TICK_S, scenario.path.duration_s)
     count = int(np.clip(end * scenario.path.speed_m_s / PATH_STEP_M, 2, MOST_PATH_POINTS))
     at = header(stamp(t), "map")
@@ -242,12 +242,12 @@ def path(scenario: Scenario, t: float = 0.0) -> Content:
 
 
 def vector(x: float, y: float, z: float) -> Content:
-    """Return `geometry_msgs/Vector3` or `Point`."""
+    """Return `geometry_msgs/Vector3` or `geometry_msgs/Point`."""
     return {"x": x, "y": y, "z": z}
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> Content:
-    """Return `geometry_msgs/Quaternion` of rotations about the map axes x, then y, then z [rad]."""
+    """Return `geometry_msgs/Quaternion` for rotations about the map axes x, then y, then z [rad]."""
     (cr, cp, cy), (sr, sp, sy) = ([f(angle / 2) for angle in (roll, pitch, yaw)] for f in (cos, sin))
     return {
         "x": sr * cp * cy - cr * sp * sy,

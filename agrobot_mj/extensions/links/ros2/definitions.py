@@ -1,7 +1,7 @@
 """ROS 2 message types of the tractor, as text of .msg files.
 
-A definition lists fields as `type name`. Types without a package belong to the same package. `full_definition` returns
-a type with all its nested types, as required by an MCAP schema.
+A definition lists fields as `type name`. A nested type without a package is in the same package. `full_definition`
+returns a type with all nested types, as MCAP schemas require.
 """
 
 SEPARATOR = "=" * 80
@@ -56,19 +56,19 @@ TOPICS = {
     "/path": "nav_msgs/Path",
     "/clock": "rosgraph_msgs/Clock",
 }
-"""Message types of a live tractor by topic."""
+"""Message types of a live tractor, by topic."""
 RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", **dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/TFMessage")}
-"""Message types of an MCAP file by topic. ROS packages on PyPI lack tf2_msgs, which a file does not need."""
+"""Message types in an MCAP file, by topic. ROS packages on PyPI lack tf2_msgs, which writing a file does not need."""
 
 
 def full_name(kind: str) -> str:
-    """Return the full name of a type: `nav_msgs/msg/Odometry` for `nav_msgs/Odometry`."""
+    """Return the full name of a message type: `nav_msgs/msg/Odometry` for `nav_msgs/Odometry`."""
     package, _, name = kind.partition("/")
     return f"{package}/msg/{name}"
 
 
 def full_definition(kind: str) -> str:
-    """Return the definition of a type followed by each nested type once."""
+    """Return the definition of a message type, followed by the definition of each nested type."""
     needed = list(dict.fromkeys(_inside(kind)))
     return "\n".join([DEFINITIONS[kind], *(f"{SEPARATOR}\nMSG: {name}\n{DEFINITIONS[name]}" for name in needed)]) + "\n"
 

@@ -1,4 +1,4 @@
-"""ROS 2 node of the tractor: publishers of its topics and a subscription to /cmd_vel, over rclpy."""
+"""ROS 2 node of the tractor, based on rclpy: publishers of its topics and a subscription to /cmd_vel."""
 
 import re
 import time
@@ -12,38 +12,38 @@ from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
 DEPTH = 10
-"""Number of messages queued for a slow subscriber."""
+"""Queue length for slow subscribers [messages]."""
 MOST_DOMAIN = 232
-"""Maximum ROS domain ID with DDS over UDP."""
+"""Maximum ROS domain ID for DDS over UDP."""
 LATCHED = "/path"
-"""Topic with durability TRANSIENT_LOCAL: late subscribers receive the last message."""
+"""Topic with the durability TRANSIENT_LOCAL: late subscribers receive the last message."""
 
 
 NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
-"""Pattern of a ROS namespace without the leading slash; may be empty."""
+"""Pattern of a ROS namespace without its leading slash; the namespace may be empty."""
 TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
-"""Types of /cmd_vel: plain and stamped."""
+"""Message types of /cmd_vel: without and with a time stamp."""
 
 
 class VelocityMessage(NamedTuple):
-    """Message on /cmd_vel."""
+    """Received velocity command."""
 
     speed: float
     """Forward speed [m/s]."""
     yaw_rate: float
     """Yaw rate, left positive [rad/s]."""
     wall: float
-    """Arrival time, from `time.perf_counter` [s]."""
+    """Arrival time from `time.perf_counter` [s]."""
 
 
 class RosNode:
-    """ROS node `tractor`; a context manager.
+    """ROS node `tractor`, used as a context manager.
 
-    `heard` counts valid commands, `refused` commands that are not finite; `last` is the newest command.
+    `heard` counts valid commands, `refused` counts commands that are not finite, `last` is the newest command.
     """
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
-        """Create the node. `stamped`: /cmd_vel is a TwistStamped; `namespace` applies to the node and its topics."""
+        """Create the node. With `stamped`, /cmd_vel is a TwistStamped. `namespace` applies to node and topics."""
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
@@ -55,8 +55,8 @@ class RosNode:
 
     def __enter__(self) -> Self:
         rclpy = self.rclpy
-        quiet = ["--ros-args", "--disable-external-lib-logs"]  # no log files in the user's home
-        signals = rclpy.signals.SignalHandlerOptions.NO  # the command handles Ctrl-C
+        quiet = ["--ros-args", "--disable-external-lib-logs"]  # no log files in the user's home folder
+        signals = rclpy.signals.SignalHandlerOptions.NO  # the command itself handles Ctrl-C
         self.context = rclpy.context.Context()
         rclpy.init(args=quiet, context=self.context, domain_id=self.domain, signal_handler_options=signals)
         options = {"context": self.context, "enable_rosout": False, "start_parameter_services": False}
@@ -82,7 +82,7 @@ class RosNode:
         return self.node.create_publisher(message_class(kind), full_topic(self.namespace, topic), profile)
 
     def publish(self, topic: str, content: Content) -> None:
-        """Publish a message; a message with unchanged content is reused."""
+        """Publish a message on a topic. If the content is unchanged, the previous message is sent again."""
         known, message = self.built.get(topic, (None, None))
         if known is not content:
             message = message_class(TOPICS[topic])() if message is None else message
@@ -91,7 +91,7 @@ class RosNode:
         self.publishers[topic].publish(message)
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Process queued messages, and further ones until the `time.perf_counter` value `until` [s] or `enough`."""
+        """Process queued and further messages until the `time.perf_counter` value `until` [s], or until `enough()`."""
         while not enough():
             rest = until - time.perf_counter()
             heard = self.heard
@@ -100,7 +100,7 @@ class RosNode:
                 return
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, see `problem_of`."""
+        """Return the reason why no commands arrive (`problem_of`)."""
         found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 
@@ -120,7 +120,7 @@ def full_topic(namespace: str, name: str) -> str:
 
 
 def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
-    """Return the reason why no commands arrive on /cmd_vel, with the fix; empty if unknown."""
+    """Return the reason why no commands arrive on /cmd_vel, with a fix; empty if the reason is unknown."""
     sent = sorted({kind.replace("/msg/", "/") for kind in types})
     if sent and TWISTS[stamped] not in sent:
         fix = f"{'omit' if stamped else 'add'} --stamped" if TWISTS[not stamped] in sent else "change the publisher"
@@ -131,14 +131,14 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
 
 
 def message_class(kind: str) -> Any:
-    """Return the class of a type such as `nav_msgs/Odometry`. Raises `ScenarioError` if its package is missing."""
+    """Return the class of a message type such as `nav_msgs/Odometry`. Raises `ScenarioError` without its package."""
     package, _, name = kind.partition("/")
     required(package, "ros", "ros2")
     return getattr(import_module(f"{package}.msg"), name)
 
 
 def fill(message: Any, content: Content) -> None:
-    """Set the fields of a message from plain data."""
+    """Set the fields of a message, including nested messages, from plain data."""
     for name, value in content.items():
         if isinstance(value, dict):
             fill(getattr(message, name), value)

@@ -1,9 +1,9 @@
 """Restriction of a ROS 2 node to this computer.
 
 With ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST, Fast DDS still opens its ports on all interfaces. A profile with one UDP
-transport and unicast discovery on 127.0.0.1 opens ports on loopback only. Nodes with default settings on the same
-computer are still discovered. `python -m agrobot_mj.extensions.links.ros2.profile` prints the profile for other
-programs on this computer.
+transport and unicast discovery on 127.0.0.1 opens ports on the loopback interface only. Nodes with default settings on
+the same computer are still discovered. `python -m agrobot_mj.extensions.links.ros2.profile` prints the profile for
+other programs on this computer.
 """
 
 import os
@@ -15,9 +15,9 @@ from pathlib import Path
 from agrobot_mj.core.errors import ScenarioError
 
 MIDDLEWARE = "rmw_fastrtps_cpp"
-"""Middleware to which the profile applies."""
+"""ROS middleware to which the profile applies."""
 PEERS = 32
-"""Maximum number of participants found on this computer [-]."""
+"""Maximum number of participants that are discovered on this computer [-]."""
 PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com">
   <profiles>
@@ -50,9 +50,9 @@ PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 
 @contextmanager
 def loopback_only() -> Iterator[None]:
-    """Restrict nodes created within the block to loopback. Raises `ScenarioError` for any other middleware.
+    """Restrict nodes created in the block to the loopback interface. Raises `ScenarioError` for another middleware.
 
-    Must be entered before rclpy is initialised: Fast DDS reads its profile once per process.
+    The block must begin before rclpy is initialised, because Fast DDS reads its profile once per process.
     """
     other = os.environ.get("RMW_IMPLEMENTATION", MIDDLEWARE)
     if other != MIDDLEWARE:

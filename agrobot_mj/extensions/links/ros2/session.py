@@ -1,9 +1,9 @@
-"""Run controlled by a program over /cmd_vel, turn by turn.
+"""Run controlled by a program that publishes on /cmd_vel.
 
-A turn is a tick of 50 ms: publish the sensors and the clock, receive a command, steer, step. In real time, a command
-acts in the tick in which it arrives, at most 25 ms after the sensors. In lock-step, the clock waits for one command
-every `every` ticks, so that a run is repeatable on any computer; the run ends without a command. Before the start, the
-tractor is at rest; clock and sensors are published in real time until the first command arrives.
+The exchange is divided into turns. A turn is a tick of 50 ms: publish the sensors and the clock, receive a command,
+steer, step. In real time, a command acts in the tick of its arrival, at most 25 ms after the sensors. In lock-step, the
+clock waits for one command every `every` ticks, so that a run is repeatable on any computer; the run ends if no command
+arrives. Before the start, the tractor is at rest. Clock and sensors are published in real time until the first command.
 """
 
 import time
@@ -39,15 +39,15 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025
-"""Time within a turn in which an arriving command acts in the same turn [s]."""
+"""Time in a turn within which an arriving command still acts in this turn [s]."""
 SETTLE_S = 0.3
-"""Time without commands after which no reply to an earlier clock message is pending in lock-step [s]. Assumed value."""
+"""Time without commands after which no reply to an earlier clock message is pending (lock-step) [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of turns without a command before the publishers of /cmd_vel are checked; discovery takes 1-2 s."""
+"""Number of turns without a command after which publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensors enabled with ROS unless the scenario sets them."""
+"""Sensors that a run with ROS enables unless the scenario sets them."""
 
 
 class NoProgramError(NotBegunError):
@@ -55,25 +55,25 @@ class NoProgramError(NotBegunError):
 
 
 class Port(Protocol):
-    """Source of commands and destination of messages: a ROS node or a test double."""
+    """Source of commands and destination of messages: a ROS node, or a test double."""
 
     heard: int
     """Number of commands received."""
     refused: int
-    """Number of ignored commands with values that are not finite."""
+    """Number of ignored commands whose values are not finite."""
     last: VelocityMessage | None
-    """Newest command."""
+    """Newest command; None before the first one."""
 
     def publish(self, topic: str, content: Content) -> None:
-        """Publish a message."""
+        """Publish a message on a topic."""
         ...
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Process messages until the `time.perf_counter` value `until` [s] or until `enough`."""
+        """Process messages until the `time.perf_counter` value `until` [s], or until `enough()` is True."""
         ...
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, with the fix; empty if unknown."""
+        """Return the reason why no commands arrive, with a fix; empty if the reason is unknown."""
         ...
 
 
@@ -81,17 +81,17 @@ class RosOptions(NamedTuple):
     """Options of a run as a ROS node, in addition to the scenario."""
 
     pace: Literal["real_time", "lock_step"] = "real_time"
-    """Whether the wall clock or the commands of the program pace the run."""
+    """Time base of the run: the wall clock, or the commands of the program."""
     every: int = 1
-    """Number of ticks per command in lock-step."""
+    """Number of ticks for each command in lock-step."""
     start: Literal["heard", "now"] = "heard"
     """Event that starts the clock of the run."""
     wait_s: float = 60.0
-    """Maximum time to wait for the start and, in lock-step, for a command [s]."""
+    """Maximum time to wait for the start, and in lock-step for each command [s]."""
     network: bool = False
-    """Whether other computers can access the topics."""
+    """Whether other computers can reach the topics."""
     domain: int | None = None
-    """ROS domain. Default: that of the environment."""
+    """ROS domain ID. Default: the environment."""
     stamped: bool = False
     namespace: str = ""
     live: bool = False
@@ -101,7 +101,7 @@ class RosOptions(NamedTuple):
 
 
 class RosSession:
-    """One run over a port; `run` may be called once."""
+    """Run over a port. `run` may be called only once."""
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
         spec: GuidanceLaw = sim.scenario.guidance
@@ -124,7 +124,7 @@ class RosSession:
         """Outcome set by the link; None if the outcome of the simulation applies."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Simulate to the end, calling `tell` after each tick. Raises `NoProgramError` if no command arrives in
+        """Simulate to the end and call `tell` after each tick. Raises `NoProgramError` if no command arrives in
         time."""
         self.sim.reset()
         sample = self._sensed()
@@ -200,14 +200,14 @@ class RosSession:
             self.options.notify(f"no message on {self.place} yet: {problem}")
 
     def _settle(self) -> None:
-        """Wait until no reply to an earlier clock message is pending, so that each reply belongs to one tick."""
+        """Wait until replies to earlier clock messages have arrived, so that each later reply belongs to one tick."""
         heard = -1
         while heard != self.port.heard:
             heard = self.port.heard
             self.port.spin(time.perf_counter() + SETTLE_S)
 
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the link: commands, ignored commands, latencies [s], late turns."""
+        """Return the metrics of the link: received and ignored commands, latencies [s], late turns."""
         waits, real_time = np.array(self.latencies), self.options.pace == "real_time"
         return {
             "pace": self.options.pace,
@@ -228,7 +228,7 @@ def ros2(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario with guidance `cmd_vel` as a ROS node and write into `folder`."""
+    """Run a scenario with the guidance `cmd_vel` as a ROS node, and write the results to `folder`."""
     with ExitStack() as stack:
         if not options.network:
             stack.enter_context(loopback_only())
@@ -248,7 +248,7 @@ def run_over(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario over a port; the log has a metrics block `ros2`. Raises the same errors as `ros2`."""
+    """Run a scenario over a port. The log gets the metrics block `ros2`. Raises the same errors as `ros2`."""
     session = RosSession(Simulation(scenario), port, options)
     told = options.live or options.pace == "lock_step"
     return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)
