@@ -1,1 +1,1 @@
-"""Logs of real machines: reading and mapping columns, replay on a plant, identification of valve and vehicle."""
+"""Logs of real machines: reading, mapping of columns, replay on a plant, identification of valve and vehicle."""

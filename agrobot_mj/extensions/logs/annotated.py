@@ -1,4 +1,4 @@
-"""TOML files with comments at the ends of lines."""
+"""TOML files with a comment at the end of a line."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ import tomli_w
 
 
 def annotated_toml(data: Mapping[str, Any], notes: Mapping[str, str], head: str = "") -> str:
-    """Return data as TOML with comments by `table.key` in `notes`; lines of `head` precede the data as comments."""
+    """Return data as TOML text. `head` is a list of comment lines, `notes` are comments by `table.key`."""
     lines, table = [f"# {line}".rstrip() for line in head.splitlines()], ""
     for line in tomli_w.dumps(dict(data)).splitlines():
         if line.startswith("["):

@@ -1,11 +1,11 @@
 """Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
 
-One fit estimates all of them together with tyre slip and steering play (`identify.fit`), with priors: parameters that
-slow driving does not excite get wider intervals and do not bias the others. The wheelbase must be known, since slow
-driving identifies only scale divided by wheelbase. Latencies are relative to the gyro or, without a gyro, to the
-steering.
+One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). Priors give wide
+intervals to parameters that slow driving does not excite, so that they do not bias the others. The wheelbase must be
+known, because slow driving identifies only scale divided by wheelbase. Latencies are relative to the gyro or, without a
+gyro, to the steering.
 
-The initial value comes from a regression without slip (`steering`), which also finds two scales about one centre.
+The initial value comes from a regression without slip (`steering`), which also finds two scales with one centre.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,65 +39,65 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Fraction of the maximum latency above which the true latency may be outside the search range [-]."""
+"""Fraction of the longest latency in the search above which the true latency may be outside the search [-]."""
 LEAST_WINDOWS = 3
-"""Minimum number of windows for a calibration: a quarter of a minute at speed."""
+"""Minimum number of windows for a calibration: a quarter of a minute of driving at speed."""
 SEEN_IN_SPEED = 0.9
-"""Minimum fraction of the variance common to recorded speed and positions for identifying the speed latency [-]."""
+"""Minimum fraction of the variance that speed and positions share, for identifying the latency of the speed [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
-"""Half width of an interval above which a quantity is not identified [unit of the key]. Assumed values."""
+"""Maximum half width of the interval of an identified quantity [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
-slip, corrections of 0.7 deg on a line give an antenna position error of 0.13 m, bends of 3 deg 0.016 m."""
+slip, corrections of 0.7 deg on a line give an error of 0.13 m in the antenna position, bends of 3 deg 0.016 m."""
 LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.025, 0.04
-"""Half intervals of a latency due to unmodelled tyre lag [s], relative to a gyro and relative to the steering. Assumed
-values, from other models."""
+"""Half widths of the interval of a latency due to unmodelled tyre lag [s]: relative to a gyro, and relative to the
+steering. Assumed values, derived from other models."""
 TWO_SIGMA = 2.0
 """Minimum difference of two scales, divided by its standard error [-]."""
 RIGHT_SIGMA = 0.3
-"""Prior standard deviation of the scale to the right divided by the scale to the left [-]."""
+"""Prior standard deviation of the scale to the right per scale to the left [-]."""
 ONE_SPEED = 3.0
-"""Factor on intervals at a single speed, which confounds scale, tyres and antenna [-]. Assumed value (other models)."""
+"""Factor on intervals if the log has a single speed, which confounds scale, tyres and antenna [-]. Assumed value."""
 SPREAD = {"position.ahead_m": 1.4, "speed.delay_s": 1.4}
-"""Factors on intervals of quantities that sway of the body and slip change [-]. Assumed values, from drawn machines."""
+"""Factors on intervals of quantities that depend on body sway and slip [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2
-"""Half interval of the scrub of tyres divided by that of the plant [-]: from none to twice as much. Assumed value."""
+"""Half width of the interval of tyre scrub per scrub of the plant [-]: from none to about twice. Assumed value."""
 SLIP_LEAD = 1 / 30
-"""Half interval of the latency of a wheel speed, divided by the speed [s2/m]: accelerating wheels slip. Assumed value
+"""Half width of the interval of a wheel speed's latency, per speed [s2/m]: accelerating wheels slip. Assumed value
 (tyres on firm ground: 1/60)."""
 
 
 class _Drive(NamedTuple):
-    """Limits of identifiability in a log, independent of the fit."""
+    """Properties of a log that limit identifiability, independent of the fit."""
 
     wander: float
-    """Half interval of the mean drift of two antennas [rad]."""
+    """Half width of the interval of the mean heading drift of two antennas [rad]."""
     bends: bool
     """Whether latencies and antenna positions are identifiable."""
     steady: bool
     """Whether the log has a single speed."""
     scrub: float
-    """Fraction of the yaw rate in slow bends lost by tyres that scrub [-]."""
+    """Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]."""
     slip_lead: float
-    """Half interval of the latency of a wheel speed due to slip [s]."""
+    """Half width of the interval of a wheel speed's latency due to slip [s]."""
     gyro: bool
     """Whether latencies are relative to a gyro."""
 
 
 class Calibration(NamedTuple):
-    """Calibration of the sensors of a log, with vehicle parameters."""
+    """Calibration of the sensors of a log, together with the fitted vehicle parameters."""
 
     found: dict[str, Quantity]
-    """Quantities by map key, in the units of the map."""
+    """Quantities by map key, in the units of the keys."""
     log_map: LogMap
     pieces: Pieces
-    """Segments with wheel angles in radians from `rough`."""
+    """Segments of the log with wheel angles from `rough` [rad]."""
     rough: RoughSteering
     data: VehicleData
     fit: VehicleFit
-    """Estimated values relative to `rough` and the map."""
+    """Estimated values, relative to `rough` and to the map."""
     centres: tuple[float, ...]
-    """Reading straight ahead in the first and in the second half of the log [unit of the sensor]."""
+    """Sensor reading straight ahead in the first and in the second half of the log [unit of the sensor]."""
 
     @property
     def steer(self) -> SteerColumn:
@@ -107,12 +107,12 @@ class Calibration(NamedTuple):
 
     @property
     def positive(self) -> Literal["left", "right"]:
-        """Side to which the readings increase."""
+        """Side to which the sensor readings increase."""
         return "left" if self.rough.scale > 0 else "right"
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the estimated quantities, where the map defines them."""
+        """Units of the estimated quantities that depend on the map."""
         units = dict.fromkeys(("steer.scale", "steer.scale_right"), f"{self.steer.unit} per reading")
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
@@ -124,12 +124,12 @@ class Calibration(NamedTuple):
 
     @property
     def heading_error(self) -> float | None:
-        """Angle from the true to the recorded heading, left positive [rad]; None if not identifiable."""
+        """Angle from the true heading to the recorded one, left positive [rad]; None if not identified."""
         return self.fit.values.get("heading_offset")
 
     @property
     def two_scales(self) -> bool:
-        """Whether the sensor has a different scale on each side."""
+        """Whether the sensor has different scales to the left and to the right."""
         right, error = (each.get("steer_right") for each in (self.fit.values, self.fit.errors))
         return right is not None and error is not None and abs(right - 1.0) > TWO_SIGMA * error
 
@@ -140,7 +140,7 @@ class Calibration(NamedTuple):
 
     @property
     def calibrated(self) -> LogMap:
-        """Map with the estimated values; quantities that are not identified are unchanged."""
+        """Map with the estimated values. Keys of quantities that are not identified are unchanged."""
         told = {key: each.rounded for key, each in self.found.items() if each.identified}
         return changed_map(self.log_map, {**told, "steer.positive": self.positive})
 
@@ -148,14 +148,14 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of logs with one map and the scenario's wheelbase. Raises `FieldLogError`."""
+    """Calibrate the sensors of logs with a common map, for the wheelbase of a scenario. Raises `FieldLogError`."""
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return the given map or a built-in one. Raises `FieldLogError` for a map without a wheel angle."""
+    """Return the given map or a built-in map. Raises `FieldLogError` if the map has no wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: the map has no [steer]; add it with the column of the wheel angle")
@@ -163,7 +163,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Return the calibration of segments with raw readings as wheel angles. Raises `FieldLogError`."""
+    """Calibrate segments in which the wheel angle is the raw sensor reading. Raises `FieldLogError`."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -197,12 +197,12 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
 
 
 def _spread(angles: Sequence[FieldRecording]) -> float:
-    """Return the standard deviation of the wheel angle [rad]."""
+    """Return the standard deviation of the wheel angle in all segments [rad]."""
     return float(np.std(np.concatenate([each.steer.value for each in angles if each.steer is not None])))
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the parameters of the fit; latencies are relative to the gyro or, without a gyro, to the steering."""
+    """Return the names of the parameters to fit. Latencies are relative to the gyro or else to the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -212,9 +212,9 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
-    """Return the maximum fraction of the variance of track lengths explained by the recorded speed, over all latencies.
+    """Return the maximum fraction of the variance of track lengths that the recorded speed explains, for any latency.
 
-    At nearly constant speed, only the noise of both remains, which matches at no latency.
+    At nearly constant speed, only noise remains in both. In this case no latency gives a high fraction.
     """
     ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
@@ -224,18 +224,18 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Return track lengths per `CHORD_S`: from positions, and from the speed at each latency, (1 + ages, n) [m]."""
+    """Return track lengths per `CHORD_S` (1 + latencies, n) [m]: from positions, then from speed per latency."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
-    """Return the quantities of the map computed from the fit."""
+    """Convert the fitted parameters to the quantities of the map, with intervals."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
     s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
-    # a curvature is read as its angle
+    # a curvature is treated as its angle
     unit, per = ANGLES.get(m.steer.unit, 1.0), 1.0 / (m.steer.wheelbase_m or 1.0)
     # true angle = s k (reading - rough centre) - o
     slopes = {"steer_offset": per / (s * k), "steer_scale": -per * o / (s * s * k)}
@@ -270,9 +270,9 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Return the half interval of the mean heading drift of two antennas [rad], indistinguishable from their mounting.
+    """Return the half width for the mean heading drift of two antennas [rad], which resembles their mounting angle.
 
-    The mean of a first-order process over T time constants has 2 / T (1 - (1 - e^-T) / T) of its variance.
+    The mean of a first-order process over T time constants has 2 / T (1 - (1 - e^-T) / T) of the process variance.
     """
     if "heading" not in data.channels:
         return 0.0
@@ -290,7 +290,7 @@ def _quantity(
     drive: _Drive,
 ) -> Quantity:
     """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log."""
-    if not slopes.keys() <= index.keys():  # the fit omits a latency that the log cannot identify
+    if not slopes.keys() <= index.keys():  # the fit omits latencies that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
     for name, slope in slopes.items():
@@ -310,7 +310,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """Return a map with changed values by `table.key`."""
+    """Return a copy of a map with changed values, given by `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

@@ -11,24 +11,24 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions for summed distances [s], and maximum ratio of these distances to the integrated speed [-].
-Assumed values."""
+"""Time between positions for summed distances [s], and maximum ratio of these distances to the integral of the speed
+[-]. Assumed values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
-"""Maximum distance of an antenna from the rear axle [m], and maximum rms error of the distances explained by the
-antenna position, divided by their rms [-]. Assumed values."""
+"""Maximum distance of an antenna from the rear axle [m], and maximum relative RMS error of the distances that the
+antenna position explains [-]. Assumed values."""
 AGREED = 0.5
-"""Minimum correlation of two yaw rates of one machine, even with another sign or unit [-]. Assumed value:
+"""Minimum correlation of two yaw rates of the same machine, also with a wrong sign or unit [-]. Assumed value:
 consistent sensors have 0.9."""
 OTHER_UNIT = 5.0
-"""Ratio of two yaw rates above which their units differ [-]; deg/s instead of rad/s gives 57."""
+"""Ratio of two yaw rates above which their units are assumed to differ [-]; deg/s for rad/s gives 57."""
 LEAST_HZ = 2.5
-"""Minimum rate of positions or headings for yaw dynamics [Hz]."""
+"""Minimum rate of positions and headings at which they show yaw dynamics [Hz]."""
 COARSE_M_S = 0.12
-"""Resolution of recorded speeds above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
+"""Resolution of recorded speed above which rounding biases a fitted scale [m/s]. Assumed value (1 km/h: 5 %)."""
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for slow, coarse or contradictory columns, such as speeds in a wrong unit."""
+    """Raise `FieldLogError` for slow, coarse or contradictory columns, such as a speed in a wrong unit."""
     _check_rates(kept)
     _check_speed(kept)
     _check_turning(kept)
@@ -55,7 +55,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_speed(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if slip and antenna position do not explain the difference of speeds and positions."""
+    """Raise `FieldLogError` if speeds and positions differ more than slip and antenna position explain."""
     found = [part for piece in recordings if (part := _ways(piece)) is not None]
     if not found:
         return
@@ -75,10 +75,10 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _ways(piece: FieldRecording) -> Array | None:
-    """Return distances per `CHORD_S`, (3, n) [m]; None without positions.
+    """Return distances per `CHORD_S`, shape (3, n) [m]; None without positions.
 
-    Rows: distances of the positions; distances of the antenna from recorded speed and yaw rate; sideways distances of a
-    point one metre ahead of the rear axle.
+    Rows: distances between positions; distances of the antenna from recorded speed and yaw rate; lateral displacements
+    of a point one metre ahead of the rear axle.
     """
     if piece.position is None or not len(piece.position.t):
         return None
@@ -90,7 +90,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance of the antenna from the rear axle that explains the positions [m]; None if there is none."""
+    """Return the distance between antenna and rear axle that explains the positions [m]; None if none does."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -100,7 +100,7 @@ def _arm(way: Array, said: Array, across: Array) -> float | None:
 
 
 def _check_turning(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if the track turns opposite to the yaw rate (mirrored) or much faster (wrong unit)."""
+    """Raise `FieldLogError` if the track turns opposite to the yaw rate (mirrored) or at another rate (wrong unit)."""
     pairs = [pair for piece in recordings if (pair := _turning_twice(piece)) is not None]
     if not pairs:
         return
@@ -121,7 +121,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None if not independently recorded."""
+    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None if recorded by one sensor only."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)

@@ -1,4 +1,4 @@
-"""Command `twin` for logs of simulated and real machines, and the former commands for its parts."""
+"""Command `twin` for logs of real and simulated machines, and the former commands for its parts."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -111,7 +111,7 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Return the results folder: the run's folder if only a run is identified; None for a calibration without --out."""
+    """Return the results folder: that of the run for `valve` only, None for a calibration without --out."""
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None
@@ -119,7 +119,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """Return the scenario in the folder of the log, or the default on level ground, with overrides."""
+    """Return the scenario next to the log, or the default scenario on level ground, with overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
@@ -128,7 +128,7 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
 
 
 def _former(name: str) -> Callable[..., Answer]:
-    """Return the former command of a part, with the options of `twin`."""
+    """Return the former command for a part of the analysis, with the options of `twin`."""
 
     @wraps(twin)
     def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:
@@ -144,7 +144,7 @@ def _former(name: str) -> Callable[..., Answer]:
 
 
 def _former_identify() -> Callable[..., Answer]:
-    """Return the former command `identify`, which fits the valve of a run unless `--vehicle` is given."""
+    """Return the former command `identify`. It fits the valve of a run unless `--vehicle` is given."""
     vehicle = Annotated[bool, typer.Option("--vehicle", help="Fit the vehicle instead of the valve.")]
     command = _former("identify")
     return with_option(command, command, "vehicle", vehicle, False)
@@ -162,4 +162,4 @@ COMMANDS = {
     _former("replay"): HelpEntry(now="twin LOG --only replay"),
     _former("calibrate"): HelpEntry(now="twin LOG --only calibrate"),
 }
-"""Commands added by this extension, with their help entries."""
+"""Commands of this extension with their help entries."""

@@ -1,11 +1,11 @@
-"""Direction of travel: the sign of an unsigned recorded speed, such as from a GNSS receiver.
+"""Direction of travel: the sign of a recorded speed that is unsigned, as from a GNSS receiver.
 
 Displacements between fixes, projected on the heading, are summed to a forward distance. Where this distance decreases
-by more than the noise, the tractor has reversed; the change of direction is at the minimum speed nearby. A heading with
-an angular offset (two antennas across the machine) is first rotated by its mean angle to the course, because machines
-mostly drive forwards. Without a heading, the course is used, which jumps by half a turn where the tractor changes
+by more than the noise, the tractor has reversed. Its direction changes at the minimum speed nearby. A heading with an
+angular offset (two antennas across the machine) is first rotated by its mean angle to the course, because machines
+mostly drive forwards. Without a heading, the course is used, which jumps by 180 deg where the tractor changes its
 direction. Noise of positions without RTK resembles such jumps. In this case the steering determines the direction: the
-yaw rate divided by the speed is linear in the wheel angle, with the opposite sign in reverse.
+yaw rate divided by the speed is linear in the wheel angle, and has the opposite sign in reverse.
 """
 
 from math import sqrt
@@ -19,23 +19,23 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 SIGNED = -0.1
-"""Minimum speed of a log below which the recorded speed is signed [m/s]. Assumed value: beyond the noise of a
+"""A recorded speed whose minimum is below this value is signed [m/s]. Assumed value: larger than the noise of a
 receiver at rest."""
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Minimum distance of a leg in reverse [m], and minimum distance divided by the scatter of the positions [-]."""
+"""Minimum length of a leg in reverse [m], and minimum length per scatter of the positions [-]."""
 AROUND_S = 2.0
-"""Time before and after a change of direction for the search of the minimum speed [s]."""
+"""Time before and after a change of direction in which the minimum speed is searched [s]."""
 LONGEST_STEP_S = 2.0
-"""Maximum time between fixes whose displacement is used [s]."""
+"""Maximum time between two fixes whose displacement is used [s]."""
 STANDING_M_S = 0.1
-"""Speed below which a machine is at standstill [m/s]. Assumed value: three times the noise of a receiver at rest."""
+"""Speed below which a machine counts as standing [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
-"""Minimum fraction of the yaw rate explained by the steering for determining a direction, and minimum increase of this
-fraction [-]. Assumed values: larger than for noise."""
+"""Minimum fraction of the yaw rate that the steering must explain to determine a direction, and minimum increase of
+this fraction [-]. Assumed values: larger than for noise."""
 MOST_TURN = 3.0
-"""Yaw rate above which a sample is an outlier, divided by the 80 % quantile [-]. Assumed value."""
+"""Yaw rate of an outlier divided by the 80 % quantile of all yaw rates, at least [-]. Assumed value."""
 MOST_LEGS = 200
-"""Maximum number of legs whose direction is determined by the steering."""
+"""Maximum number of legs whose directions the steering determines."""
 
 
 class Directed(NamedTuple):
@@ -43,11 +43,11 @@ class Directed(NamedTuple):
 
     recording: FieldRecording
     reverse_m: float
-    """Detected distance in reverse [m]; 0 for a signed recorded speed."""
+    """Distance driven in reverse, if detected [m]; 0 for a signed recorded speed."""
     mounting: float | None
-    """Mean angle from course to recorded heading [rad]; None if not identifiable."""
+    """Mean angle from the course to the recorded heading [rad]; None if not identified."""
     how: str = ""
-    """Source of the direction; empty if no reverse is detected."""
+    """Quantity that determined the direction; empty if no reverse is detected."""
 
 
 def is_signed(recording: FieldRecording) -> bool:
@@ -56,13 +56,13 @@ def is_signed(recording: FieldRecording) -> bool:
 
 
 def scatter(position: TimeSeries) -> float:
-    """Return the standard deviation of white noise on each coordinate [m], from the median of third differences."""
+    """Return the standard deviation of white noise in each coordinate [m], from the median of third differences."""
     off = np.abs(np.diff(position.value, 3, axis=0))
     return 1.4826 * float(np.median(off)) / sqrt(20.0) if len(off) else 0.0
 
 
 def directed(recording: FieldRecording) -> Directed:
-    """Return the recording with negative speed in reverse; unchanged if the direction is not identifiable."""
+    """Return the recording with a negative speed in reverse; unchanged if the direction is not identified."""
     speed = recording.speed
     if recording.position is None or len(recording.position.t) < 8:
         return Directed(recording, 0.0, None)
@@ -89,14 +89,14 @@ def directed(recording: FieldRecording) -> Directed:
 
 
 def _displacements(position: TimeSeries) -> tuple[Array, Array]:
-    """Return middle times [s] and displacements between fixes, complex east + i north [m]; 0 across a gap."""
+    """Return mean times [s] and displacements between fixes, as complex east + i north [m]; 0 across gaps."""
     step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
     step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
     return (position.t[:-1] + position.t[1:]) / 2, step
 
 
 def by_course(step: Array, least: float) -> Array:
-    """Return signed displacements; the sign changes where the course reverses between legs of `least` [m]."""
+    """Return displacements with a sign that changes where the course reverses between two legs of `least` [m]."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -112,7 +112,7 @@ def by_course(step: Array, least: float) -> Array:
 
 
 def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Array, Array]:
-    """Return the times of changes of direction, shape (n,), and the signs of the legs, shape (n + 1,)."""
+    """Return the times at which the direction changes, shape (n,), and the sign of each leg, shape (n + 1,)."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=least)[0])
     borders = np.array([_slowest(speed, t[k]) for k in turns])
@@ -126,9 +126,9 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the legs that best explain the yaw rate, mostly forwards; None if the steering does not.
+    """Return the signs of the legs that best explain the yaw rate, mostly forwards; None if they explain too little.
 
-    Centre, scale and sign of the sensor are not required.
+    Centre, scale and sign of the steering sensor are unknown here.
     """
     if recording.steer is None or recording.yaw_rate is None or len(signs) > MOST_LEGS:
         return None

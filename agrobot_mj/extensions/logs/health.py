@@ -1,7 +1,8 @@
-"""Properties of a log before any fit: scatter of positions, bursts, steering centre over time, and antenna position.
+"""Properties of a log that need no fit: scatter of positions, bursts, steering centre over time, antenna position.
 
-Neither segments of several seconds nor a machine are required. The steering centre results from a regression without
-slip, independent of the wheelbase. A centre that moves or differs from the map indicates that the sensor has slipped.
+They require neither segments of several seconds nor a machine. The steering centre results from a regression without
+slip, which is independent of the wheelbase. A centre that moves, or that differs from the map, indicates that the
+sensor has slipped.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,19 +21,19 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
 
 WHEELBASE_M = 2.0
-"""Wheelbase for the regression [m]. Assumed value: only the scale depends on the wheelbase."""
+"""Wheelbase in the regression [m]. Assumed value; only the scale depends on it."""
 PART_S, MOST_PARTS = 15.0, 6
-"""Minimum driving time of a part with a separate centre [s], and maximum number of parts."""
+"""Minimum driving time of a part whose steering centre is evaluated [s], and maximum number of parts."""
 MOVED_DEG = 1.0
-"""Minimum reported change of the steering centre [deg]."""
+"""Minimum change of the steering centre that is reported [deg]."""
 TOLD = 0.5
-"""Minimum fraction of the yaw rate explained by the steering for evaluating the steering centre [-]. Assumed value."""
+"""Minimum fraction of the yaw rate that the steering must explain for a steering centre [-]. Assumed value."""
 SIGMAS = 3.0
-"""Minimum reported difference divided by its standard error [-]."""
+"""Minimum difference that is reported, in standard errors [-]."""
 CHORD_S, MOST_ALIKE = 0.5, 20.0
-"""Minimum time between fixes for the antenna position [s], and maximum condition number of its regression [-]."""
+"""Minimum time between fixes used for the antenna position [s], and maximum condition number of the regression [-]."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Minimum reported difference of an antenna position in excess of `SIGMAS` errors, and maximum standard error [m]."""
+"""Minimum reported difference of an antenna position beyond `SIGMAS` errors, and maximum standard error [m]."""
 
 
 class CentrePart(NamedTuple):
@@ -41,36 +42,36 @@ class CentrePart(NamedTuple):
     start: float
     end: float
     centre: float
-    """Reading with the wheels straight ahead [unit of the sensor]."""
+    """Sensor reading with the wheels straight ahead [unit of the sensor]."""
 
 
 class LogHealth(NamedTuple):
-    """Properties of a log that need no fit; None if not identifiable."""
+    """Properties of a log that need no fit; None for properties that are not identified."""
 
     name: str
     scatter_m: float | None
-    """Standard deviation of white noise on positions [m]."""
+    """Standard deviation of white noise in each coordinate of the positions [m]."""
     bursts: Bursts | None
     steering: RoughSteering | None
     parts: tuple[CentrePart, ...]
-    """Centres over time."""
+    """Steering centres over time."""
     ahead_m: tuple[float, float] | None
-    """Distance of the antenna ahead of the rear axle, and its standard error [m]."""
+    """Distance of the antenna ahead of the rear axle, and the standard error of this distance [m]."""
 
     @property
     def centre(self) -> float:
-        """Mean centre of the parts [unit of the sensor]."""
+        """Mean steering centre of all parts [unit of the sensor]."""
         return float(np.mean([part.centre for part in self.parts]))
 
     @property
     def centre_error(self) -> float:
-        """Standard error of the centre from the spread of its parts [unit of the sensor]; 0 for one part."""
+        """Standard error of the mean steering centre from the spread of the parts [sensor unit]; 0 for one part."""
         centres = [part.centre for part in self.parts]
         return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
 
 
 def health(recording: FieldRecording) -> LogHealth:
-    """Return the health of a recording with raw steering readings."""
+    """Evaluate a recording whose wheel angle is the raw sensor reading."""
     whole = directed(recording).recording
     steering, parts = _steering(whole)
     noise = None if whole.position is None else scatter(whole.position)
@@ -78,7 +79,7 @@ def health(recording: FieldRecording) -> LogHealth:
 
 
 def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
-    """Return the steering without slip, and its centre in parts with equally many samples."""
+    """Return the steering relation without slip, and its centre in parts with equal numbers of samples."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
     found = turning([recording], WHEELBASE_M)
@@ -98,10 +99,10 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
 
 
 def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
-    """Return the distance of the antenna ahead of the rear axle and its standard error [m]; None if not identifiable.
+    """Return the distance of the antenna ahead of the rear axle with its standard error [m]; None if not identified.
 
-    The antenna moves across the heading by the yaw rate times this distance, plus the speed times the mounting angle
-    of the heading, plus their product times its latency.
+    The lateral velocity of the antenna is the yaw rate times this distance, plus the speed times the mounting angle of
+    the heading, plus the product of speed and yaw rate times the latency of the heading.
     """
     if recording.position is None or recording.heading is None:
         return None
@@ -124,7 +125,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
-    """Return sentences about the health of logs; unreadable logs are skipped; their reader reports the error."""
+    """Return sentences about properties of logs, without unreadable logs, which their reader reports."""
     found = []
     for source in sources:
         try:
@@ -137,7 +138,7 @@ def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0
 
 
 def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
-    """Yield a sentence about a steering centre that differs between two logs."""
+    """Yield a sentence if the steering centres of two logs differ."""
     assert one.steering is not None
     per_reading, (before, after) = degrees(abs(one.steering.scale)), (one.centre, other.centre)
     if per_reading * (abs(after - before) - SIGMAS * hypot(one.centre_error, other.centre_error)) > MOVED_DEG:
@@ -149,12 +150,12 @@ def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
 
 
 def _digits(per_reading: float) -> int:
-    """Return the number of decimals of a centre for readings of an angle [deg]."""
+    """Return the number of decimals for a steering centre, from the angle per unit of the reading [deg]."""
     return max(0, -int(np.floor(np.log10(0.1 / per_reading))))
 
 
 def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
-    """Yield sentences about the health of a log."""
+    """Yield sentences about the properties of one log."""
     if h.bursts:
         yield (
             f"recorded in {h.bursts.number} bursts of {h.bursts.length:.1f} s, one every {h.bursts.period:.1f} s; only "

@@ -1,7 +1,7 @@
 """Meaning of the columns of a recording: `map.toml`, its schema, and built-in maps.
 
-A map defines columns with units, signs, offsets and latencies; converted values are in SI, radians, left positive, ENU.
-The latency of a value is the time from its validity to the time of its row.
+A map defines columns with their units, signs, offsets and latencies. Converted values are in SI units and radians, left
+positive, ENU. The latency of a value is the time from the validity of the value to the time of its row.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from agrobot_mj.core.spec import Spec
 from agrobot_mj.scenario.overrides import read_spec, read_toml
 
 Delay = Annotated[float, Field(ge=-5, le=5)]
-"""Latency of a value [s]; negative if the logger dates values too early."""
+"""Latency of a value [s]; negative if the logger assigns too early times."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Accepted = Annotated[tuple[int | str, ...], Field(min_length=1)]
@@ -23,40 +23,40 @@ Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class TimeColumn(Spec):
-    """Time of a row, from any start."""
+    """Time of a row, counted from any start."""
 
     column: Name
-    """Name of the column, which may also contain date and time of a clock."""
+    """Name of the column. Its values are numbers, or date and time of a clock."""
     unit: Literal["s", "ms", "us", "ns"] = "s"
-    """Unit of the times."""
+    """Unit of numeric times."""
 
 
 class MeasuredColumn(Spec):
-    """Measured quantity in a column."""
+    """Quantity measured in one column."""
 
     column: Name
     """Name of the column."""
     delay_s: Delay = 0.0
-    """Latency of the value [s]."""
+    """Latency of the values [s]."""
 
 
 class SteerColumn(MeasuredColumn):
-    """Angle of the front wheel of the bicycle model."""
+    """Angle of the front wheel in the bicycle model."""
 
     unit: Literal["deg", "rad", "1/m"] = "deg"
     """Unit of the values; 1/m for the curvature of the corresponding circle."""
     wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
-    """Wheelbase for converting curvature to angle [m]."""
+    """Wheelbase that converts curvatures to angles [m]."""
     positive: Literal["left", "right"] = "left"
-    """Positive direction of the values."""
+    """Direction in which the values are positive."""
     offset: Factor = 0.0
     """Reading with the wheels straight ahead [unit of the column]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True angle divided by the reading [-]."""
     scale_right: Annotated[float, Field(gt=0, le=100)] | None = None
-    """True angle divided by the reading for wheel angles to the right [-]. Default: `scale`."""
+    """True angle divided by the reading for angles to the right [-]. Default: `scale`."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Averaging time of the sensor [s]; add half of it to `delay_s`."""
+    """Time over which the sensor averages [s]. Add half of this time to `delay_s`."""
 
     @model_validator(mode="after")
     def _has_wheelbase(self) -> "SteerColumn":
@@ -65,7 +65,7 @@ class SteerColumn(MeasuredColumn):
         return self
 
     def as_read(self) -> "SteerColumn":
-        """Return the column with raw readings as angles in radians, or as curvatures."""
+        """Return the column definition for raw readings, treated as angles in radians or as curvatures."""
         unit = self.unit if self.unit == "1/m" else "rad"
         return self.model_copy(
             update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0, "scale_right": None}
@@ -73,7 +73,7 @@ class SteerColumn(MeasuredColumn):
 
 
 class ValveColumn(MeasuredColumn):
-    """Voltage of the steering valve, or a proportional signal such as a PWM value."""
+    """Voltage of the steering valve, or a signal proportional to the voltage such as a PWM value."""
 
     volts_per_unit: Factor = 1.0
     """Valve voltage (0-12 V) per unit of the column [V/unit]; negative if values increase to the right."""
@@ -87,11 +87,11 @@ class SpeedColumn(MeasuredColumn):
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
     """Unit of the values."""
     of: Literal["ground", "antenna", "wheel"] = "ground"
-    """Speed of the rear axle over ground (radar), of the GNSS antenna, or of the driven wheels, which slip."""
+    """Measured point: rear axle over ground (radar), GNSS antenna, or driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True speed divided by the reading [-]."""
     signed: bool = False
-    """Whether the values are negative in reverse; also true if the machine never reverses."""
+    """Whether the values are negative in reverse. Also true for a machine that never reverses."""
 
 
 class YawRateColumn(MeasuredColumn):
@@ -106,31 +106,31 @@ class YawRateColumn(MeasuredColumn):
 
 
 class HeadingColumn(MeasuredColumn):
-    """Heading of the body, from two antennas or an inertial unit, instead of the course over ground."""
+    """Heading of the body from two antennas or an inertial unit; not the course over ground."""
 
     unit: Literal["deg", "rad"] = "deg"
     """Unit of the values."""
     convention: Literal["compass", "enu"] = "compass"
-    """Zero and direction: `compass` from north clockwise, `enu` from east counter-clockwise."""
+    """Zero and direction of the values: `compass` from north clockwise, `enu` from east counter-clockwise."""
     offset: Factor = 0.0
     """Reading when the tractor points north (`compass`) or east (`enu`) [unit of the column]."""
     quality: Name | None = None
     """Column with the quality of the heading."""
     accepted: Accepted = (1,)
-    """Values of the quality column in valid rows, numbers or words; true is 1."""
+    """Values of the quality column in valid rows: numbers or words. True is 1."""
 
 
 class PositionColumns(Spec):
-    """Position of a point of the tractor, as latitude and longitude or as east and north."""
+    """Position of a point of the tractor: latitude and longitude, or east and north."""
 
     latitude: Name | None = None
     """Column of the latitude, north positive [deg]."""
     longitude: Name | None = None
     """Column of the longitude, east positive [deg]."""
     origin_lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
-    """Latitude of x = y = 0 [deg]. Default: first fix."""
+    """Latitude of x = y = 0 [deg]. Default: latitude of the first fix."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
-    """Longitude of x = y = 0 [deg]. Default: first fix."""
+    """Longitude of x = y = 0 [deg]. Default: longitude of the first fix."""
     east: Name | None = None
     """Column of the east coordinate [m]."""
     north: Name | None = None
@@ -148,9 +148,9 @@ class PositionColumns(Spec):
     quality: Name | None = None
     """Column with the quality of the solution."""
     accepted: Accepted = (4,)
-    """Values of the quality column in valid rows, numbers or words; 4 is RTK fixed in GGA."""
+    """Values of the quality column in valid rows: numbers or words. 4 is RTK fixed in GGA."""
     delay_s: Delay = 0.0
-    """Latency of the value [s]."""
+    """Latency of the position [s]."""
 
     @model_validator(mode="after")
     def _one_pair(self) -> "PositionColumns":
@@ -163,7 +163,7 @@ class PositionColumns(Spec):
 
 
 def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
-    """Yield the keys that name a column, with the column."""
+    """Yield the map keys that name a column, each with the column."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
             if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
@@ -184,7 +184,7 @@ class LogMap(Spec):
     valve: ValveColumn | None = None
     """Voltage of the steering valve."""
     yaw_rate: YawRateColumn | None = None
-    """Yaw rate of a gyro. Default: computed from the heading or the course."""
+    """Yaw rate of a gyro. Default: derivative of the heading or the course."""
     heading: HeadingColumn | None = None
     """Heading of the body."""
     position: PositionColumns | None = None
@@ -211,9 +211,9 @@ SIGNALS_MAP = LogMap(
     speed=SpeedColumn(column="speed_hat"),
     position=PositionColumns(east="gnss_x", north="gnss_y", quality="gnss_quality", accepted=(2,)),
 )
-"""Map of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
+"""Built-in map of `signals.parquet`: sensor measurements, estimated speed, and valve voltage."""
 GYRO_MAP = SIGNALS_MAP.model_copy(update={"yaw_rate": YawRateColumn(column="gyro", unit="rad/s")})
-"""Map of `signals.parquet` for a run with a gyro."""
+"""Built-in map of `signals.parquet` for a run with a gyro."""
 AGOPENGPS_MAP = LogMap(
     title="CSV in the units and signs of the AgOpenGPS family",
     time=TimeColumn(column="time_s"),
@@ -221,9 +221,9 @@ AGOPENGPS_MAP = LogMap(
     speed=SpeedColumn(column="speed_km_h", unit="km/h"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
-"""Map of the columns in docs/extensions/logs/replay.md: angles right positive, km/h, quality as in GGA."""
+"""Built-in map of the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality as in GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
-"""Maps evaluated in this order for a log without a map."""
+"""Built-in maps, in the order in which they are tried for a log without a map."""
 UNKNOWN = "the columns are unknown; describe their meaning with --map map.toml"
 
 
@@ -254,17 +254,17 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Map tables for logs in SI units with their required columns; the first available one of a table is used."""
+"""Map tables for logs in SI units, with the columns they need. The first possible one of each table is used."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle / steering-wheel angle",
 }
-"""Columns that can replace the wheel angle if named in a map."""
+"""Columns that can replace the wheel angle if a map names them."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the map tables for a log with the column `names` of a reader.
+    """Return the map tables for a log in SI units with the columns `names`.
 
     `changed` contains keys that differ from their defaults, by table.
     """
@@ -278,7 +278,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """Return the tables missing for a replay, as text; empty if complete."""
+    """Return a text about the tables that a replay needs and that are missing; empty if there are none."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]
@@ -290,5 +290,5 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
-    """Return the map key of each column named in a map, by column."""
+    """Return the map key for each column that a map names."""
     return {column: key for key, column in _named(log_map)}

@@ -1,4 +1,4 @@
-"""Identity of a result from logs: that of its scenario, with the logs, their map and the options of the command."""
+"""Identity of a result from logs: the identity of its scenario, extended by logs, map and options of the command."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap | None = None, **asked: Any) -> str:
-    """Return the identity of a result as text; `asked` are the options that affect the result, as JSON values."""
+    """Return the identity of a result as text. `asked` are the options that affect the result, as JSON values."""
     of = scenario.identity
     said = json.dumps([log_map and log_map.model_dump(mode="json"), asked])
     files = joined([of.files, *map(_content, sources)])
@@ -23,7 +23,7 @@ def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap 
 
 
 def _content(source: Source) -> str:
-    """Return the digest of a log, independent of its name and location."""
+    """Return the digest of a log's content, independent of name and location."""
     if isinstance(source, Path):
         return file_digest(source)
     table, sink = source.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()

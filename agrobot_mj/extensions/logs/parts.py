@@ -1,4 +1,4 @@
-"""Parts of `agrobot-mj twin`. Each part returns text lines, a JSON file and further files."""
+"""Parts of `agrobot-mj twin`. Each part returns text lines, the content of a JSON file, and further files."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
@@ -35,15 +35,15 @@ from agrobot_mj.simulation.results import atomic, results, write_json
 
 
 class Job:
-    """Logs of one machine with options for their analysis."""
+    """Logs of one machine with the options for their analysis."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """Create a job; `options` are `start_s`, `end_s` [s], `share` [-], parameter `names` and input `by`."""
+        """Create a job. The options are `start_s`, `end_s` [s], `share` [-], parameter `names`, and input `by`."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
     def opened(self) -> tuple[list[Source], LogMap]:
-        """Opened logs and their common map."""
+        """Opened logs, and the map that they have in common."""
         log_map = read_map(self.map_file) if self.map_file is not None else None
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
@@ -53,7 +53,7 @@ class Job:
         return [loaded(each.source) for each in found], maps[0]
 
     def health(self) -> list[str]:
-        """Return sentences about the health of the logs with a wheel angle; none for logs without a map."""
+        """Return sentences about the properties of logs that have a wheel angle; empty for logs without one."""
         sources, log_map = self.opened
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
@@ -63,34 +63,34 @@ class Job:
         return log_identity(scenario, sources, log_map, **options)
 
     def given(self, *names: str) -> tuple[list[Source], LogMap, Scenario, dict[str, Any]]:
-        """Return the logs, map, scenario and the options `names` with start and end time."""
+        """Return logs, map, scenario, and a dictionary with start time, end time and the options `names`."""
         return *self.opened, self.scenario, {name: self.options[name] for name in ("start_s", "end_s", *names)}
 
 
 class Finding(NamedTuple):
-    """Result of one part of the analysis."""
+    """Result of a part of the analysis."""
 
     lines: Iterable[str]
     content: Mapping[str, Any] = MappingProxyType({})
-    """Content of the JSON file; empty without a result."""
+    """Content of the JSON file; empty if there is no result."""
     write: Callable[[Path], object] = lambda folder: None
-    """Function that writes the other files into a results folder."""
+    """Function that writes the other files to a results folder."""
     failed: str = ""
-    """Reason for a missing or incomplete result; else empty."""
+    """Reason why the result is missing or incomplete; otherwise empty."""
 
 
 class LogPart(NamedTuple):
-    """Part of the analysis of logs."""
+    """Definition of a part of the analysis."""
 
     run: Callable[[Job], Finding]
     file: str
     """Name of the JSON file."""
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
-    """Names of the other files."""
+    """Function that returns the names of the other files for a scenario."""
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
-    """Run parts on logs; write their results into `folder` unless None."""
+    """Run parts of the analysis on logs, and write their results to `folder` if it is given."""
     names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
     found = dict[str, Finding]()
     with nullcontext() if folder is None else results(folder, names):
@@ -103,7 +103,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Calibrate centre, scale and sign of the steering, latencies, mounting and the antenna position."""
+    """Calibrate steering centre, scale and sign, latencies, mounting and the antenna position."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -122,7 +122,7 @@ def _calibration(found: Calibration, scenario: Scenario, identity: str) -> Findi
 
 
 def vehicle(job: Job) -> Finding:
-    """Identify tyre stiffness and relaxation, and the offset, delay and backlash of the steering."""
+    """Identify stiffness and relaxation of the tyres, and offset, delay and backlash of the steering."""
     sources, log_map, scenario, options = job.given("names", "share")
     try:
         found = identify_vehicle(sources, log_map, scenario, **options)
@@ -138,7 +138,7 @@ def vehicle(job: Job) -> Finding:
 
 
 def _table(found: Found, units: Mapping[str, str]) -> str:
-    """Return the values with intervals as plain text and valid Markdown."""
+    """Return values with intervals as a table: plain text and valid Markdown."""
     return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
 
 
@@ -177,7 +177,7 @@ def valve(job: Job) -> Finding:
 
 
 def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
-    """Return lines with the identified values and standard errors, and the values of the scenario if given."""
+    """Return lines with identified values, standard errors and, if given, the values of the scenario."""
     known = dict[str, float]()
     if scenario is not None:
         own, cylinder = scenario.steering.valve, scenario.steering.cylinder
@@ -201,7 +201,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def whole(job: Job) -> Finding:
-    """Calibrate and identify on one part of the logs, replay the rest, and write a report."""
+    """Calibrate and identify with one part of the logs, replay the rest, and write a report."""
     sources, log_map, scenario, options = job.given("share")
     found = twin(sources, log_map, scenario, **options)
     content = {
@@ -228,13 +228,13 @@ PARTS = {
     "replay": LogPart(driven, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }
-"""Parts by name for `--only`."""
+"""Parts that `--only` selects, by name."""
 WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
 """Default analysis: all parts except the valve, with a report."""
 
 
 def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
-    """Return the parts with these names; the default analysis without names. Raises `ScenarioError`."""
+    """Return the parts with the given names; without names the default analysis. Raises `ScenarioError`."""
     if unknown := next((name for name in names if name not in PARTS), None):
         near = suggestion(unknown, list(PARTS))
         raise ScenarioError(f"--only {unknown}: unknown{near} (known: {', '.join(PARTS)})")

@@ -1,7 +1,7 @@
 """Segments of recordings for replay and fit, separated by gaps, standstill and loss of position.
 
-Within a segment, all inputs are available without gaps, the machine moves except for short stops, and positions, if
-recorded, arrive throughout. A speed without a sign gets one first (`direction`).
+In a segment, all inputs are available without gaps, the machine moves except for short stops, and positions, if
+recorded, arrive throughout. An unsigned speed first gets a sign (`direction`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,19 +18,19 @@ from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, 
 from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, longest_pause
 
 STANDING_S = 2.0
-"""Minimum duration of a standstill that separates segments [s]."""
+"""Duration of a standstill above which it separates segments [s]."""
 SHORTEST_S = 5.0
-"""Minimum duration of a segment [s]: a window of the fit, half a window of the replay."""
+"""Minimum duration of a segment [s]: one window of the fit, half a window of the replay."""
 FEWEST_BURSTS = 4
-"""Minimum number of parts of a recording with pauses [-]."""
+"""Minimum number of parts of a recording that is written in bursts [-]."""
 TWO_SPEEDS = 1.5
-"""Minimum ratio of fast to slow speeds in a log with two speeds [-]."""
+"""Minimum ratio of fast to slow speed in a log with two speeds [-]."""
 TURNED_DEG = 15.0
 """Minimum angle between heading and course that is reported [deg]."""
 
 
 class Span(NamedTuple):
-    """Omitted time interval with the reason."""
+    """Omitted time interval with the reason for the omission."""
 
     start: float
     end: float
@@ -38,16 +38,16 @@ class Span(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Segments used from recordings, with notes."""
+    """Segments that are used, with notes about them."""
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]
     signed: bool
-    """Whether a recorded speed is negative in reverse; otherwise most of the distance is assumed to be forwards."""
+    """Whether the recorded speed is negative in reverse. Otherwise most of the distance is assumed to be forwards."""
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
-    """Return the segments of all recordings between `start` and `end` of each recording's time [s].
+    """Return the segments of all recordings, from `start` to `end` in the time of each recording [s].
 
     Raises `FieldLogError` if no segment remains.
     """
@@ -74,7 +74,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def _at_axle(recording: FieldRecording) -> FieldRecording:
-    """Return the recording with the speed of the rear axle instead of that of the antenna at the place in the map."""
+    """Return the recording with the rear-axle speed, if its speed is that of the antenna (position as in the map)."""
     if not recording.antenna_speed or recording.yaw_rate is None:
         return recording
     (t, v), (ahead, left, _) = recording.speed, recording.arm
@@ -82,17 +82,17 @@ def _at_axle(recording: FieldRecording) -> FieldRecording:
 
 
 class Bursts(NamedTuple):
-    """Parts of a recording between gaps of its inputs."""
+    """Bursts of a recording: its parts between gaps of the inputs."""
 
     number: int
     length: float
-    """Median duration [s]."""
+    """Median duration of a burst [s]."""
     period: float
-    """Median time from start to start [s]."""
+    """Median time from the start of a burst to the next start [s]."""
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return the bursts of a recording written with pauses; None if most parts are long enough for segments."""
+    """Return the bursts of a recording with pauses; None if most parts are long enough for segments."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])
@@ -103,7 +103,7 @@ def bursts(recording: FieldRecording) -> Bursts | None:
 
 
 def _remedy(recordings: Sequence[FieldRecording]) -> str:
-    """Return how to record a log with segments."""
+    """Return advice for recording a log that contains segments."""
     for recording in recordings:
         if found := bursts(recording):
             return (
@@ -121,7 +121,7 @@ def read_pieces(
     end: float = inf,
     readings: bool = False,
 ) -> Pieces:
-    """Return the segments of one or more logs with a common map; see `read_recording` and `pieces`."""
+    """Return the segments of one or more logs with a common map (`read_recording`, `pieces`)."""
     sources = source if isinstance(source, Sequence) else [source]
     return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 
@@ -141,7 +141,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
 
 
 def spells(mask: Mask) -> list[tuple[int, int]]:
-    """Return the start and end index (exclusive) of each run of true values."""
+    """Return the start index and the end index (exclusive) of each run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -151,7 +151,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Yield the intervals from `start` to `end` outside the omitted ones, of at least `shortest` [s]."""
+    """Yield the intervals from `start` to `end` that are not omitted and are at least `shortest` long [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -161,7 +161,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """Return a text about the used and omitted parts of a recording."""
+    """Return a text about the used and the omitted parts of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
     if spans and len(spans) < 7:
@@ -190,13 +190,13 @@ def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
 
 
 def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
-    """Return the 10th and 90th percentile of the speed in recordings [m/s]."""
+    """Return the 10th and the 90th percentile of the speed in recordings [m/s]."""
     slow, fast = np.percentile(np.abs(excitation(recordings)[0]), [10, 90])
     return float(slow), float(fast)
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Return the first fraction `share` of the time in segments, and the rest; one segment is cut at the border."""
+    """Split segments into the first fraction `share` of the time and the rest. One segment may be cut."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

@@ -1,4 +1,4 @@
-"""Estimated quantities with 95 % intervals, as table rows and as JSON numbers."""
+"""Estimated quantities with 95 % intervals, as rows of a table and as JSON values."""
 
 from collections.abc import Iterator, Mapping
 from math import floor, isfinite, log10
@@ -14,7 +14,7 @@ LEVEL = 0.95
 
 
 class Quantity(NamedTuple):
-    """Quantity with its interval, in the unit of its key; an end without a bound is infinite."""
+    """Estimated quantity with its interval, in the unit of its key. An unbounded end is infinite."""
 
     value: float
     low: float
@@ -29,7 +29,7 @@ class Quantity(NamedTuple):
 
     @property
     def rounded(self) -> float:
-        """Value rounded to the second digit of the interval's half width."""
+        """Value rounded to the second significant digit of the half width."""
         return rounded(self.value, self.half)
 
     @property
@@ -50,21 +50,21 @@ class Quantity(NamedTuple):
 Found = Mapping[str, Quantity]
 """Quantities by key."""
 HEAD = ("quantity", "value", "from", "to", "unit", "identified")
-"""Column names of the table of quantities."""
+"""Column heads of the table of quantities."""
 UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
 UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
-"""Units that `unit_of` cannot derive from the key."""
+"""Units of quantities whose key does not contain the unit."""
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table of quantities; `units` are those not given in the keys."""
+    """Yield the rows of the table of quantities. `units` are units that the keys do not contain."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
 
 
 def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
-    """Return the quantities for JSON; null for an infinite number."""
+    """Return the quantities as JSON values; null for infinite numbers."""
     return {
         key: {name: value if isfinite(value) else None for name, value in each._asdict().items()}
         for key, each in found.items()
@@ -72,12 +72,12 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Return the value rounded to the second digit of the half width; six digits without an interval."""
+    """Round a value to the second significant digit of a half width; to six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half width of Student's t interval of a function with `gradient` (n,) by the parameters."""
+    """Return the half width of the Student's t interval of a function with the given gradient (n,)."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

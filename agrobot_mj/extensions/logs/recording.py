@@ -1,8 +1,8 @@
-"""Recording in SI units: the columns of a log converted with a map, each value at its time of validity.
+"""Recording in SI units: the columns of a log converted with a map, each value at the time of its validity.
 
-Inputs (steering, speed) are complete except for short gaps; measured channels (yaw rate, heading, position) may have
-any gaps. Time counts from the first row. Values implausible for their unit are rejected, because a wrong unit resembles
-a poorly controlled tractor.
+Inputs (steering, speed) are complete except for short gaps. Measured channels (yaw rate, heading, position) may have
+gaps of any length. Time counts from the first row. Values that are implausible for their unit are rejected, because a
+wrong unit resembles a poorly controlled tractor.
 """
 
 from math import inf, pi, radians
@@ -53,15 +53,15 @@ SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_GAP_S = 1.0
-"""Maximum gap of an input bridged by interpolation [s]. Assumed value: shorter than a turn."""
+"""Maximum gap of an input that interpolation bridges [s]. Assumed value: shorter than a turn."""
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
-"""Maximum plausible steering angle [rad] and speed [m/s] of a tractor; larger values indicate a wrong unit."""
+"""Maximum plausible steering angle [rad] and speed [m/s] of a tractor. Larger values indicate a wrong unit."""
 LARGEST_FIELD_M = 100e3
-"""Maximum extent of the positions [m]; larger values indicate invalid fixes."""
+"""Maximum extent of the positions [m]. Larger values indicate invalid fixes."""
 FARTHEST_M = 50e3
-"""Maximum east and north of a position [m]; map grid coordinates (UTM) are larger."""
+"""Maximum east or north coordinate [m]. Map grid coordinates (UTM) are larger."""
 MOST_JUMPS = 0.2
-"""Maximum fraction of jumping positions [-]; above it positions are rejected. Assumed value."""
+"""Maximum fraction of positions that jump [-], above which all positions are rejected. Assumed value."""
 
 
 class FieldRecording(NamedTuple):
@@ -69,15 +69,15 @@ class FieldRecording(NamedTuple):
 
     name: str
     start: float
-    """First time with all inputs [s]."""
+    """First time at which all inputs are available [s]."""
     end: float
-    """Last time with all inputs [s]."""
+    """Last time at which all inputs are available [s]."""
     speed: TimeSeries
     """Speed along the heading [m/s]."""
     wheel_speed: bool
-    """Whether the speed is that of the driven wheels."""
+    """Whether the speed is that of the driven wheels, which slip."""
     antenna_speed: bool
-    """Whether the recorded speed is that of the recorded point."""
+    """Whether the recorded speed is that of the recorded point (antenna)."""
     steer: TimeSeries | None
     """Wheel angle, left positive [rad]."""
     voltage: TimeSeries | None
@@ -89,18 +89,18 @@ class FieldRecording(NamedTuple):
     heading: TimeSeries | None
     """Heading from east, counter-clockwise, unwrapped [rad]."""
     position: TimeSeries | None
-    """East and north of the recorded point, shape (n, 2) [m]."""
+    """East and north coordinates of the recorded point, shape (n, 2) [m]."""
     left_out: tuple[str, ...]
-    """Descriptions of omitted implausible values."""
+    """Descriptions of implausible values that are omitted."""
     arm: tuple[float, float, float]
-    """Position of the recorded point relative to R: ahead, left and up [m]."""
+    """Position of the recorded point relative to R: ahead, to the left and up [m]."""
     inputs: dict[str, str]
-    """Input columns by name: `speed`, and `steer` or `voltage`."""
+    """Columns of the inputs: `speed`, and `steer` or `voltage`."""
     signed: bool
-    """Whether the map defines the speed as negative in reverse."""
+    """Whether the map declares the speed as negative in reverse."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Return start and end of the part from `start` to `end` [s]. Raises `FieldLogError` below one second."""
+        """Limit the interval from `start` to `end` [s] to the recording. Raises `FieldLogError` below one second."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -110,9 +110,9 @@ class FieldRecording(NamedTuple):
         return first, last
 
     def between(self, start: float, end: float) -> "FieldRecording":
-        """Return the part from `start` to `end` [s], without channels with fewer than `FEWEST` values.
+        """Return the part from `start` to `end` [s]. Channels with fewer than `FEWEST` values are removed.
 
-        Raises `FieldLogError` for an empty part or an input with a gap.
+        Raises `FieldLogError` for an empty part, or if an input has a gap.
         """
         first, last = self.bounds(start, end)
         for part, column in self.inputs.items():
@@ -133,7 +133,7 @@ class FieldRecording(NamedTuple):
 def read_recording(
     source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
 ) -> FieldRecording:
-    """Read a log with `log_map`, or with a suitable built-in map if None.
+    """Read a log with `log_map`; with None a suitable built-in map is used.
 
     With `readings`, the wheel angle is the raw sensor reading in its own unit. Raises `FieldLogError`, or
     `ScenarioError` if no map fits.
@@ -179,15 +179,15 @@ def read_recording(
 
 
 class _Reader(NamedTuple):
-    """Columns of a log with methods that convert each quantity to a series."""
+    """Columns of a log, with methods that convert each quantity to a time series."""
 
     name: str
     t: Array
     data: dict[str, Array]
     good: dict[str, Mask]
-    """Mask of rows with an accepted quality, by column."""
+    """Mask of the rows whose quality is accepted, by quality column."""
     left_out: list[str]
-    """Descriptions of omitted implausible values."""
+    """Descriptions of implausible values that are omitted."""
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
@@ -278,14 +278,14 @@ class _Reader(NamedTuple):
         return steady
 
     def _settled(self, column: str, values: Values) -> Values:
-        """Return the values with outliers replaced by NaN."""
+        """Return the values with NaN in place of outliers."""
         alone = lone(self.t, values)
         if alone.any():
             self.left_out.append(f"{alone.sum()} values of {column!r} far from their neighbours")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return the available values at their times of validity. Raises `FieldLogError` above `bound` [`unit`]."""
+        """Return the values at their times of validity. Raises `FieldLogError` if one exceeds `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; omit [{part}] in the map")
@@ -297,7 +297,7 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return the yaw rate without a gyro, and its source: heading, or course, which sideslip and tilting distort."""
+    """Return a yaw rate without a gyro, and its source: heading, or course, which sideslip and tilt distort."""
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

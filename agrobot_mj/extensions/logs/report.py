@@ -1,4 +1,4 @@
-"""Reports of this extension: a folder of a twin already contains its report."""
+"""Reports of this extension. The folder of a twin already contains its report."""
 
 from agrobot_mj.studies.pages.report import Reports
 

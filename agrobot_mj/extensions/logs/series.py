@@ -1,4 +1,4 @@
-"""Time series: removal of repetitions and jumps, interpolation, and differentiation."""
+"""Time series: removal of repeated values and jumps, interpolation, and differentiation."""
 
 from collections.abc import Callable
 from math import inf
@@ -14,40 +14,40 @@ from agrobot_mj.core.table_columns import Mask
 Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4
-"""Minimum number of values for interpolation [-]."""
+"""Minimum number of values that interpolation needs [-]."""
 SMOOTHING_S = 1.0
-"""Length of the cubic for differentiating headings and courses [s]."""
+"""Length of the local cubics that differentiate headings [s]."""
 COURSE_S = 2.0
-"""Length of the cubic for the course rate, a second derivative of noisy positions [s]."""
+"""Length of the local cubics for the course rate [s], which depends on second derivatives of noisy positions."""
 LOST_S = 2.0
-"""Time without positions after which the position is lost [s]; three times the spacing for slower receivers."""
+"""Time without positions after which the position is lost [s]; for slow receivers three times their spacing."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Plausible distance between two fixes at any speed [m], and factors on speed and typical error for larger distances
-[-]. Assumed values: RTK floats by less, wheels slip by less."""
+"""Plausible distance between two fixes at any speed [m], and factors on speed and on typical error for larger distances
+[-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Plausible heading jump [rad] and maximum yaw rate of a tractor [rad/s]. Assumed values."""
+"""Plausible heading change between two values [rad] and maximum yaw rate of a tractor [rad/s]. Assumed values."""
 AWAY_S = 5.0
-"""Maximum time until a jumped position returns [s]; later returns count as a permanent jump. Assumed value."""
+"""Maximum time after which a jumped position returns [s]. A longer jump counts as permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Deviation of an outlier divided by that of neighbouring values, and by this quantile of all [-]. Assumed values."""
+"""Minimum deviation of an outlier, per nearby deviation and per quantile of all deviations [-]. Assumed values."""
 LEAST_SPEED = 0.3
-"""Speed below which the course is undefined and dynamics are not excited [m/s]."""
+"""Speed below which the course is undefined and the dynamics are not excited [m/s]."""
 
 
 class TimeSeries(NamedTuple):
     """Time series of values."""
 
     t: Array
-    """Times, increasing, shape (n,) [s]."""
+    """Increasing times, shape (n,) [s]."""
     value: Array
     """Values in SI units, shape (n,) or (n, 2)."""
 
     def at(self, t: Array) -> Array:
-        """Return the values at other times (m,), by Akima interpolation, constant outside the range."""
+        """Return the values at other times (m,) by Akima interpolation; constant beyond both ends."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """Return a function that interpolates the series at times (m,) (Akima), constant outside the range."""
+        """Return a function that interpolates the series at times (m,) (Akima); constant beyond both ends."""
         # linear interpolation between samples 50 ms apart would reduce an oscillation of 1 Hz by 0.8 %
         cubics = Akima1DInterpolator(self.t, self.value)
 
@@ -64,15 +64,15 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without repetitions of the previous row, as from a frozen or slow receiver."""
+    """Remove repeated values, as of a frozen or slow receiver."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
 def lone(t: Array, values: Values) -> Mask:
-    """Return the mask of outliers in `values` (n,), real or complex, NaN if missing, at times `t` (n,). An outlier is
-    far from the line between its neighbours, which have typical deviations; repeated values count once."""
+    """Return a mask of the outliers in `values` (n,), real or complex, NaN if missing, at times `t` (n,). An outlier is
+    far from the line between its neighbours, whose own deviations are typical. Repeated values count once."""
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
     found = np.zeros(len(values), dtype=bool)
@@ -83,25 +83,25 @@ def lone(t: Array, values: Values) -> Mask:
     off = np.pad(np.abs(x[1:-1] - (1 - share) * x[:-2] - share * x[2:]), 3)
     here, beside, beyond = off[3:-3], np.stack([off[2:-4], off[4:-2]]), np.maximum(off[1:-5], off[5:-1])
     most = STANDS_OUT * np.maximum(beyond, np.quantile(here, USUAL_OFF))
-    half = (np.abs(beside - here / 2) < here / 4).all(axis=0)  # the line to an outlier is half as far off
+    half = (np.abs(beside - here / 2) < here / 4).all(axis=0)  # the line to an outlier is half as far away
     for k in np.flatnonzero((here > most) & half) + 1:
         found[starts[k] : starts[k + 1]] = True
     return found & np.isfinite(values)
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Return the positions reachable at the recorded speed; see `without_jumps`."""
+    """Return the positions that are reachable with the recorded speed (`without_jumps`)."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
-    noise = float(np.median(np.abs(speeds - u[1:])))  # includes the error of a speed in another unit
+    noise = float(np.median(np.abs(speeds - u[1:])))  # includes the error of a speed in a wrong unit
     return without_jumps(
         position, lambda a, b: JUMP_M + (FASTER * np.maximum(u[a], u[b]) + NOISY * noise) * (t[b] - t[a])
     )
 
 
 def turned_headings(heading: TimeSeries) -> TimeSeries:
-    """Return the headings [rad] reachable at the maximum yaw rate; see `without_jumps`."""
+    """Return the headings [rad] that are reachable with the maximum yaw rate (`without_jumps`)."""
     t, yaw = heading
     points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
     kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
@@ -109,8 +109,8 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
-    """Return points (n, 2) without temporary jumps and points near permanent jumps. `reach` returns the possible
-    distance between the points of two indices."""
+    """Remove temporary jumps, and points near permanent jumps, from a series of points (n, 2). `reach` returns the
+    possible distance between the points with two indices."""
     t, places = series
     rows = np.arange(len(t))
 
@@ -140,36 +140,36 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
 
 
 def longest_pause(t: Array) -> float:
-    """Return the time without positions after which the position is lost, for positions at `t` (n,) [s]."""
+    """Return the time without positions after which the position is lost [s], for positions at times `t` (n,)."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
 def axle_speed(v: Array, yaw_rate: Array, ahead: float, left: float) -> Array:
-    """Return the speed of the rear axle from the speed of a point `ahead` and `left` of it [m], all (n,) [m/s]."""
+    """Return the rear-axle speed from the speed `v` of a point `ahead` and to the `left` of it [m], all (n,) [m/s]."""
     found: Array = np.sign(v) * np.sqrt(np.maximum(v**2 - (ahead * yaw_rate) ** 2, 0.0)) + left * yaw_rate
     return found
 
 
 def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
-    """Return times in steps of `spacing` [s], shape (n,), and distances between the positions, shape (n - 1,) [m]."""
+    """Return times in steps of `spacing` [s], shape (n,), and distances between positions, shape (n - 1,) [m]."""
     t = np.arange(position.t[0], position.t[-1], spacing)
     return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Return the values corrected for sensor averaging over `length` [s], to second order."""
+    """Correct values for sensor averaging over `length` [s], to second order."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x
     bend = np.zeros_like(x)
     bend[1:-1] = x[2:] - 2 * x[1:-1] + x[:-2]
-    # the mean of a parabola exceeds its centre value by length^2 / 24 times the second derivative
+    # the mean of a parabola exceeds its central value by length^2 / 24 times the second derivative
     sharp: Array = x - (length / spacing) ** 2 / 24 * bend
     return sharp
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Return the rate of the course from cubics over `COURSE_S`, without times below `LEAST_SPEED`."""
+    """Return the rate of the course from local cubics of the length `COURSE_S`, at speeds above `LEAST_SPEED`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -182,7 +182,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Return the derivative from cubics over `SMOOTHING_S`, without times near gaps; None for a short series."""
+    """Return the derivative from local cubics of length `SMOOTHING_S`, except near gaps; None if too short."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid
@@ -191,8 +191,8 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Return regular times in place of `t` [s], the mask of times without gaps of `SMOOTHING_S` under their cubic, and
-    parameters of `savgol_filter` for cubics of `length_s`; None for too few samples."""
+    """Return regular times in place of `t` [s], a mask of times whose cubic contains no gap of `SMOOTHING_S`, and
+    parameters of `savgol_filter` for cubics of `length_s` [s]; None for too few samples."""
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)
     even = np.arange(t[0], t[-1], spacing, dtype=np.float64)

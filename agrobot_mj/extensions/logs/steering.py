@@ -1,8 +1,9 @@
-"""Steering of a log without slip: centre, scale and latency of its sensor from a regression.
+"""Steering of a log without slip: centre, scale and latency of the sensor by regression.
 
-The wheel angle without slip, atan(L r / u), is computed from the yaw rate and regressed on the sensor reading, at the
-latency that explains the largest variance. A sensor on one wheel or on a linkage has a different scale on each side.
-Two lines that meet at the centre are used if the scales differ significantly, because one line would shift the centre.
+The wheel angle without slip, atan(L r / u), is computed from the yaw rate. It is regressed on the sensor reading, with
+the latency that explains the largest variance. A sensor on one wheel or on a linkage has different scales to both
+sides. If the scales differ significantly, two lines that meet at the centre are fitted, because one line would shift
+the centre.
 """
 
 from collections.abc import Sequence
@@ -18,67 +19,67 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)
-"""Candidate latencies of the yaw rate relative to the steering [s]."""
+"""Latencies of the yaw rate relative to the steering that are tried [s]."""
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the variance of the angle explained by a straight line [-]. Assumed value: sensors give > 0.9."""
+"""Minimum fraction of the variance of the angle that a line explains [-]. Assumed value: sensors give > 0.9."""
 LEAST_SAMPLES = 50
-"""Minimum number of yaw-rate samples."""
+"""Minimum number of yaw-rate samples for a regression."""
 OUTLIER = 3.0
-"""Distance from the line, in robust standard deviations, above which a sample is an outlier [-]."""
+"""Distance from the line above which a sample is an outlier [robust standard deviations]."""
 SIDES_DIFFER, SURELY = 0.05, 4.0
-"""Minimum relative difference between the scales of both sides, and minimum of the difference divided by its standard
-error, for two scales [-]. Assumed values: linkages differ by more."""
+"""Minimum relative difference between the scales of both sides, and minimum difference per standard error, for two
+lines [-]. Assumed values: linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
-"""Minimum fraction of samples with more than this wheel angle [rad] to each side for two scales [-]. Assumed values."""
+"""Minimum fraction of samples on each side with more than this wheel angle [rad], for two lines [-]. Assumed values."""
 BLOCKS = 6
-"""Number of blocks of a log for jackknife standard errors."""
+"""Number of blocks of a log for standard errors by jackknife."""
 CENTRES = 101
-"""Number of candidate centres in a search."""
+"""Number of centres that a search tries."""
 
 
 class RoughSteering(NamedTuple):
-    """Relation of steering readings and wheel angle: a line, or two lines that meet at the centre."""
+    """Relation between sensor reading and wheel angle: one line, or two lines that meet at the centre."""
 
     centre: float
-    """Reading with the wheels straight ahead [unit of the sensor]."""
+    """Sensor reading with the wheels straight ahead [unit of the sensor]."""
     scale: float
-    """Wheel angle to the left per unit of the reading; negative if readings increase to the right [rad/unit]."""
+    """Wheel angle per unit of the reading, steering left [rad/unit]; negative if readings increase to the right."""
     age: float
     """Latency of the yaw rate relative to the steering [s]."""
     explained: float
-    """Fraction of the variance explained [-]."""
+    """Fraction of the variance that the relation explains [-]."""
     right: float = 1.0
     """Scale to the right divided by the scale to the left [-]; 1 for one line."""
 
     def wheel(self, reading: Array) -> Array:
-        """Return the wheel angle of readings [rad]."""
+        """Return the wheel angle for readings [rad]."""
         angle = self.scale * (reading - self.centre)
         return np.where(angle < 0, self.right * angle, angle)
 
     def less_wheel(self, reading: Array, angle: Array) -> Array:
-        """Return the readings with the wheels straight ahead, from readings at wheel angles [rad]."""
+        """Return the readings that remain with the wheels straight ahead, from readings at given wheel angles [rad]."""
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with readings converted to wheel angles by the scale to the left."""
+        """Return the recording with readings converted to wheel angles with the scale of the left side."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
 
 
 class TurningSamples(NamedTuple):
-    """Samples of the wheel angle without slip, from the yaw rate."""
+    """Samples of sensor readings and of the wheel angle without slip, which follows from the yaw rate."""
 
     reading: Array
-    """Readings at each of `AGES_S`, shape (latencies, n) [unit of the sensor]."""
+    """Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]."""
     angle: Array
     """Wheel angle without slip, shape (n,) [rad]."""
     weight: Array
-    """Weight, shape (n,)."""
+    """Weights of the samples, shape (n,)."""
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` if the fit is poor."""
+    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` for a poor fit."""
     found, name = turning(pieces, wheelbase), pieces[0].name
     if found is None or len(found.angle) < LEAST_SAMPLES:
         raise FieldLogError(f"{name}: too few values of yaw rate, heading or position in motion; add one to the map")
@@ -93,7 +94,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> TurningSamples | None:
-    """Return the samples of all segments; None if there are no samples."""
+    """Return the samples of all segments; None if there are none."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     return TurningSamples(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
 
@@ -107,18 +108,18 @@ def _turning(piece: FieldRecording, wheelbase: float) -> TurningSamples | None:
     angle = np.arctan(wheelbase * seen.value / u)
     return TurningSamples(
         read, angle, np.abs(u) * np.cos(angle) ** 2
-    )  # noise of a yaw rate = noise of the angle / (u cos2)
+    )  # noise of the angle = noise of the yaw rate / weight
 
 
 def line_of(found: TurningSamples) -> RoughSteering:
-    """Return the line at the latency that explains the largest variance."""
+    """Return the regression line for the latency that explains the largest variance."""
     lines = (_line(reading, found.angle, found.weight) for reading in found.reading)
     (explained, scale, centre), age = max(zip(lines, map(float, AGES_S), strict=True))
     return RoughSteering(centre, scale, age, explained)
 
 
 def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, float]:
-    """Return explained fraction, slope and reading at angle zero; outliers are removed once."""
+    """Return explained fraction, slope and reading at angle zero of a line. Outliers are removed once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0 or np.ptp(angle[kept]) == 0.0:
@@ -131,7 +132,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
 
 
 def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
-    """Return two lines that meet at the centre if their scales differ significantly; otherwise the single line."""
+    """Return two lines that meet at the centre if their scales differ significantly, otherwise the given line."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line
     samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
@@ -144,14 +145,14 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
-    """Return the least-squares fit to samples (3, n) by two lines that meet at angle zero."""
+    """Fit two lines that meet at angle zero to samples (3, n), by least squares."""
     reading, angle, weight = samples
     kept, centre = np.ones(len(reading), dtype=bool), line.centre
     reach = 0.25 * float(np.ptp(reading))
     found = line
     for _ in range(2):
         low, high = centre - reach, centre + reach
-        for _ in range(3):  # each search is fifty times finer
+        for _ in range(3):  # each search is fifty times finer than the one before
             tried = np.linspace(low, high, CENTRES)
             fits = [_slopes(samples[:, kept], each, line.scale) for each in tried]
             k = int(np.argmin([fit[0] for fit in fits]))
@@ -165,7 +166,7 @@ def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
 
 
 def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, float]:
-    """Return the sum of squares, and the slopes to the left and right, of lines through angle zero at `centre`."""
+    """Return the sum of squares and both slopes (left, right) of lines that meet at angle zero at `centre`."""
     reading, angle, weight = samples
     x, wy, left = weight * (reading - centre), weight * angle, (reading - centre) * scale > 0
     total, slopes = 0.0, []
@@ -177,7 +178,7 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
 
 
 def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float | None:
-    """Return the mean reading with the wheels straight ahead, using the scales of `rough`; None without samples."""
+    """Return the mean reading with the wheels straight ahead, for the scales of `rough`; None without samples."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]

@@ -1,4 +1,4 @@
-"""Sentences about the results of a log analysis: calibration, identification, replay and twin."""
+"""Sentences about results of a log analysis: calibration, identification, replay and twin."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import atan, degrees, sin, tan
@@ -20,33 +20,33 @@ PLACES = {
     "ahead_m": ("ahead of the rear axle", "behind the rear axle"),
     "left_m": ("left of the middle", "right of the middle"),
 }
-"""Directions of antenna positions, positive and negative, by key."""
+"""Words for positive and negative antenna positions, by key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Ranges of the scale that indicate the other unit of angles, by unit."""
+"""Ranges of the scale that indicate that angles have the other unit, by unit."""
 LOOKAHEAD_M = 2.0
-"""Look-ahead distance of the pure-pursuit law whose offset is reported [m]."""
+"""Look-ahead distance of the pure-pursuit law for which an offset is reported [m]."""
 MOVED_DEG = 1.0
-"""Minimum reported error or change of the steering centre [deg]."""
+"""Minimum error or change of the steering centre that is reported [deg]."""
 
 
 FOLLOWED = 0.05
-"""Speed residual divided by mean speed above which the plant does not follow the speed [-]."""
+"""RMS speed residual per mean speed above which the plant does not follow the speed [-]."""
 SAME_GAIN = 0.05
-"""Combined error of scale and wheelbase above which it is reported [-]: the accuracy of users' measurements."""
+"""Combined error of scale and wheelbase that is reported [-]: above the accuracy of users' measurements."""
 SLIPLESS = 0.5
-"""Ratio of residuals, without slip to plant, below which the plant is wrong rather than the scale [-]."""
+"""Ratio of residuals (without slip, with plant) below which the plant is wrong and not the scale [-]."""
 JUDGED_S = 10.0
-"""Minimum duration for the evaluation of a gain [s]: one or two bends."""
+"""Minimum duration for evaluating a gain [s]: one or two bends."""
 WRONG_GAIN = 3.0
-"""Gain above which the unit is wrong rather than the scale of a sensor [-]."""
+"""Gain above which the unit of a sensor is wrong and not its scale [-]."""
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
 """Minimum reported position error in a window [m]; relative length errors above slip, and above any slip [-]."""
 FAST_M_S = 2.5
-"""Minimum speed for identifying stiffnesses [m/s]. Assumed value: K u^2 is a few per cent."""
+"""Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent."""
 TIGHT = 0.15
 """Minimum curvature of a tight bend [1/m]: a radius of 7 m."""
 QUICK_DEG_S = 10.0
-"""Minimum rate of quick steering, compared with the 95th percentile of the log [deg/s]."""
+"""95th percentile of the steering rate above which steering counts as quick [deg/s]."""
 
 
 def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
@@ -61,7 +61,7 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
 
 
 def map_lines(c: Calibration) -> str:
-    """Return the complete map as TOML, with the intervals of estimated values as comments."""
+    """Return the calibrated map as TOML text, with the intervals of estimated values as comments."""
     notes = {key: " to ".join(each.ends) for key, each in c.found.items() if each.identified}
     return annotated_toml(c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True), notes)
 
@@ -143,12 +143,12 @@ def _side(angle: float) -> str:
 
 
 def _unit(c: Calibration) -> str:
-    """Return the unit of the readings as text; scaled readings are counts."""
+    """Return the unit of the readings as text. Scaled readings are counts."""
     return f" {c.steer.unit}" if c.steer.scale == 1.0 and c.found["steer.scale"].value > 0.5 else " counts"
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return sentences about manoeuvres that identify the `missing` quantities, by key; empty if none is missing."""
+    """Return sentences about manoeuvres that would identify the missing quantities (keys); empty if none is missing."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -178,7 +178,7 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
 
 
 def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterator[str]:
-    """Yield sentences about the reliability of an identification."""
+    """Yield sentences about the reliability of an identified vehicle."""
     if not told_apart(found.found):
         yield "The axles cannot be told apart in this log: take the understeer gradient, which both share."
     yield from advice(found.kept, [key for key, each in found.found.items() if not each.identified])
@@ -199,7 +199,7 @@ def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterato
 
 
 def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
-    """Yield the lines of a replay's results, with warnings."""
+    """Yield lines with the results of a replay and warnings."""
     m = found.metrics
     yield from found.notes
     yield (f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}")
@@ -209,7 +209,7 @@ def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterato
 
 
 def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]:
-    """Yield the table rows of a replay from its metrics: name, value, unit."""
+    """Yield rows of the table of a replay from its metrics: name, value, unit."""
     if rate := m["yaw_rate"]:
         slipless = rate["kinematic_rms_without_bias"]
         yield f"yaw rate by the {rate['source']}, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
@@ -226,7 +226,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Yield warnings about limits of the plant and possible errors of the map; `scaled` if the scale was fitted."""
+    """Yield warnings about limits of the plant and possible errors of the map. `scaled`: the scale was fitted."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -263,7 +263,7 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
 
 
 def _why(rate: dict[str, Any], scaled: bool) -> str:
-    """Return possible reasons for different yaw rates."""
+    """Return possible reasons why the yaw rates differ."""
     off, slipless = rate["rms_without_bias"], rate["kinematic_rms_without_bias"]
     if slipless is not None and slipless < (1.0 if scaled else SLIPLESS) * off:
         return (
@@ -280,7 +280,7 @@ def _why(rate: dict[str, Any], scaled: bool) -> str:
 
 
 def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
-    """Yield warnings from positions, which also reveal errors in the direction of bends."""
+    """Yield warnings from the positions and track lengths of a replay."""
     if not place or place["windows_rms"] is None or place["windows_rms"] <= SAME_WAY_M:
         return
     off = place["windows_rms"]
@@ -295,7 +295,7 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
 
 
 def twin_sentences(t: Twin) -> list[str]:
-    """Return sentences about the reliability of the twin, then about its properties."""
+    """Return sentences about the reliability of a twin, then about its properties."""
     m = t.held_out.metrics
     rate, place = m["yaw_rate"], m["position"]
     parts = []

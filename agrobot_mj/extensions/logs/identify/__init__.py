@@ -1,1 +1,1 @@
-"""Identification of a steering valve from a run, and of a vehicle's lateral dynamics from recordings."""
+"""Identification: the steering valve from a run, and the lateral dynamics of a vehicle from recordings."""

@@ -1,14 +1,14 @@
-"""Fit of the lateral dynamics and the sensors to recordings, with the uncertainty of the estimates.
+"""Fit of the lateral dynamics and of the sensors to recordings, with the uncertainty of the estimates.
 
-Residuals of gyro yaw rate, heading and position are computed in windows of some seconds, each aligned with the
-recording, so that the drift of an open loop does not dominate (`predictions`). Errors of RTK and of recorded inputs are
-correlated over many samples: all residuals are whitened by an autoregression of themselves (generalised least squares,
+Residuals of gyro yaw rate, heading and position are computed in windows of some seconds. Each window is aligned with
+the recording, so that the drift of an open loop does not dominate (`predictions`). Errors of RTK and of recorded inputs
+are correlated over many samples. Therefore all residuals are whitened by an autoregression (generalised least squares,
 three rounds), and shifts and rotations of windows are then projected out. The covariance comes from a bootstrap of
 complete windows and from noise added to the recorded steering angle and speed.
 
 Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and the interval of an
 unidentifiable stiff axle includes compliance zero. Quantities that a recording may not identify have a normal prior,
-treated as an additional measurement in the fit and in the covariance.
+which acts as an additional measurement in the fit and in the covariance.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,16 +36,16 @@ from agrobot_mj.extensions.logs.identify.windows import (
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
-"""Length of the autoregression of residuals [s], limited to `LEAST_ORDER` to `MOST_ORDER` samples."""
+"""Length of the autoregression of residuals [s], limited to between `LEAST_ORDER` and `MOST_ORDER` samples."""
 LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3
 """Number of rounds of whitening and fitting [-]; two are sufficient for convergence."""
 SLOW_S = 60.0
-"""Maximum time over which errors of windows are correlated [s]; at most a third of the log."""
+"""Maximum time over which errors of windows count as correlated [s]; at most a third of the log."""
 DRAWS = 12
-"""Number of noise samples for the recorded angle and speed [-]."""
+"""Number of noise realisations for the recorded angle and speed [-]."""
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
-"""Parameters fitted if identifiable, but not reported as vehicle parameters."""
+"""Parameters that are fitted if identifiable, but are not reported."""
 
 
 class Prior(NamedTuple):
@@ -57,23 +57,23 @@ class Prior(NamedTuple):
 
 
 class Autoregression(NamedTuple):
-    """Autoregressive model of the residuals of a channel."""
+    """Autoregressive model of the residuals in one channel."""
 
     coefficients: Array
-    """Coefficients for the last p values, shape (p,)."""
+    """Coefficients of the last p values, shape (p,)."""
     sigma: float
-    """Standard deviation of the innovation."""
+    """Standard deviation of the innovations."""
 
 
 class VehicleFit(NamedTuple):
-    """Result of a fit."""
+    """Fitted parameters with their covariance."""
 
     names: tuple[str, ...]
     value: Array
-    """Values of `names` [SI, rad]."""
+    """Values of the parameters `names` [SI, rad]."""
     covariance: Array
     freedom: int
-    """Degrees of freedom of the intervals: number of windows minus one."""
+    """Degrees of freedom for the intervals: number of windows minus one."""
 
     @property
     def errors(self) -> dict[str, float]:
@@ -87,7 +87,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return series (windows, n, ...) without their autoregression, divided by sigma; drops the first p samples."""
+    """Whiten series (windows, n, ...): subtract their autoregression, divide by sigma, and drop the first p samples."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -98,7 +98,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return the autoregression of length `MEMORY_S` for residuals (windows, n, ...) with this `spacing` [s]."""
+    """Fit an autoregression of the length `MEMORY_S` to residuals (windows, n, ...) with a sample spacing [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -109,12 +109,12 @@ def noise_of(residuals: Array, spacing: float) -> Autoregression:
 
 
 class Problem:
-    """Least-squares problem with a noise model for each channel."""
+    """Nonlinear least-squares problem with a noise model for each channel."""
 
     def __init__(self, data: VehicleData, names: Sequence[str], noise: Mapping[str, Autoregression]) -> None:
         self.data, self.names, self.noise = data, tuple(names), noise
         self.dynamic = [k for k, name in enumerate(self.names) if name in data.dynamics]
-        # a Jacobian reuses the motion for each sensor parameter
+        # the Jacobian reuses a motion for all sensor parameters
         self.motions = lru_cache(maxsize=2)(self._motions)
         self.bases = {name: self._basis(name, list(found)) for name, found in self._freedoms()}
 
@@ -123,7 +123,7 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """Yield the free initial values of each window as changes of a channel, by channel."""
+        """Yield for each channel the changes that the free initial values of a window cause."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -133,12 +133,12 @@ class Problem:
             yield "position", [np.stack(pair, axis=2) for pair in free]
 
     def _basis(self, name: str, columns: list[Array]) -> Array:
-        """Return orthonormal whitened columns, shape (windows, samples, columns)."""
+        """Return an orthonormal basis of whitened columns, shape (windows, samples, columns)."""
         white = [whitened(column, self.noise[name]).reshape(len(column), -1) for column in columns]
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return whitened residuals, shape (windows, samples), without the part due to initial values of windows."""
+        """Return whitened residuals (windows, samples), without the part that initial values of windows explain."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -150,7 +150,7 @@ class Problem:
 
 
 class _Units(NamedTuple):
-    """Bounds, initial values, typical magnitudes and priors of the parameters, each of shape (n,)."""
+    """Bounds, initial values, typical magnitudes and priors of the parameters, shape (n,) each."""
 
     low: Array
     high: Array
@@ -159,10 +159,10 @@ class _Units(NamedTuple):
     mean: Array
     """Means of the priors."""
     weight: Array
-    """Typical magnitude divided by the standard deviation of the prior; 0 without a prior."""
+    """Typical magnitude of a parameter per standard deviation of its prior; 0 without a prior."""
 
     def known(self, x: Array) -> Array:
-        """Return the residuals of the priors."""
+        """Return the residuals relative to the priors."""
         off: Array = self.weight * (x - self.mean) / self.scale
         return off
 
@@ -180,14 +180,14 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 
 
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
-    """Fit the parameters `names` of `PARAMETERS` in three rounds of whitening."""
+    """Fit parameters of `PARAMETERS`, given by name, in three rounds of whitening."""
     names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
     noise = {k: Autoregression(np.zeros(LEAST_ORDER), 0.01) for k in data.channels}
     for last in (*[False] * (ROUNDS - 1), True):
         problem = Problem(data, names, noise)
-        # in units of the typical magnitudes, since the solver's tolerance applies to the norm of all parameters
+        # scaled by typical magnitudes, because the solver's tolerance applies to the norm of all parameters
         result: OptimizeResult = least_squares(
             lambda z, problem=problem: np.concatenate([problem.blocks(z * scale).ravel(), units.known(z * scale)]),
             np.clip(x, units.low + 1e-3 * scale, units.high) / scale,
@@ -202,18 +202,18 @@ def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | N
         noise = {k: noise_of(found[k] - channel.value, channel.spacing) for k, channel in data.channels.items()}
     problem = Problem(data, names, noise)
     J, r = _jacobian(problem, x, units), problem.blocks(x)
-    # parameters without information keep a huge variance
+    # parameters without information keep a very large variance
     information = np.einsum("wnp,wnq->pq", J, J) + np.diag(units.weight**2 + 1e-9)
     shift, scatter = _noisy_input(problem, x, units, information)
     covariance = (_bootstrap(J, r, information, units.weight**2) + scatter) * np.outer(scale, scale)
-    if "backlash" in names:  # noise hides a play of its size
+    if "backlash" in names:  # noise hides a play of the same size
         covariance[names.index("backlash"), names.index("backlash")] += data.steer_noise**2
     x = np.clip(x - shift * scale, units.low, units.high)
     return VehicleFit(names, x, covariance, data.windows - 1)
 
 
 def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the derivative of `blocks` by each scaled parameter, shape (windows, samples, parameters)."""
+    """Return the derivative of `blocks` with respect to the scaled parameters, shape (windows, samples, parameters)."""
     columns = []
     for k, step in enumerate(0.05 * units.scale):
         up, down = x.copy(), x.copy()
@@ -225,12 +225,12 @@ def _jacobian(problem: Problem, x: Array, units: _Units) -> Array:
 def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
     """Return the covariance of the parameters by a block bootstrap in closed form.
 
-    The residuals of complete windows, with all channels together, are resampled with replacement. The covariance thus
-    includes correlations missed by the autoregression and shared by channels. Residuals of a window come from a fit
-    without that window, because few windows are overfitted. With g = sum of J_w' r_v over the windows w, each with an
-    independent window v, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add their information.
-    If neighbouring windows are correlated, as under slow errors of two antennas, variances are increased by the
-    autocorrelations up to `SLOW_S` with Bartlett's window [NeweyWest1987].
+    The bootstrap resamples the residuals of complete windows, with all channels together. The covariance thus includes
+    correlations that the autoregression misses, and correlations between channels. The residuals of a window come from
+    a fit without this window, because few windows are overfitted. With g = sum of J_w' r_v over the windows w, each
+    with an independent window v, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add their
+    information. If neighbouring windows are correlated (slow errors of two antennas), variances are increased by the
+    autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987].
     """
     left_out = np.stack([e + j @ np.linalg.solve(information - j.T @ j, j.T @ e) for j, e in zip(J, r, strict=True)])
     g = np.einsum("wnp,vn->wvp", J, left_out)
@@ -245,10 +245,10 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
-    """Return shift and scatter of the parameters due to noise of the recorded inputs, in units of their scales.
+    """Return bias and covariance of the parameters due to noise of the recorded inputs, in units of their scales.
 
-    The same noise is added again, followed by one step of the fit. To first order, the resulting change equals the
-    effect of the noise already present [Cook1994]. Noise resembles a lag of the tractor, and play removes the noise.
+    Noise of the same size is added to the inputs, followed by one step of the fit. To first order, the change equals
+    the effect of the noise already present [Cook1994]. Noise resembles a lag of the tractor, and play removes noise.
     """
     data, steps, clean = problem.data, [], _gradient(problem, x, units)
     for k in range(DRAWS):
@@ -260,7 +260,7 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
 
 
 def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the gradient of half the sum of squares in units of the scales, by one-sided differences."""
+    """Return the gradient of half the sum of squares, in units of the scales, by one-sided differences."""
     r, found = problem.blocks(x), np.empty(len(x))
     for k, step in enumerate(0.05 * units.scale):
         moved = x.copy()
@@ -272,7 +272,7 @@ def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
 def _with_noise(
     piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
 ) -> FitPiece:
-    """Return the segment with white noise added to its recorded angle and speed."""
+    """Return a segment with white noise added to its recorded angle and speed."""
     assert piece.recording.steer is not None
     inputs = (
         (piece.recording.steer.t, data.steer_noise, of_steer),
@@ -284,16 +284,16 @@ def _with_noise(
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:
-    """Return whether the channels identify a nuisance parameter."""
+    """Return whether the available channels identify a nuisance parameter."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)
 
 
 SLIP_AT_LOAD = Prior(0.1, 0.08)
-"""Slip angle at which the lateral force of a linear tyre equals its load [rad]. Stiffness divided by load is 5-25 on
-roads, 2-10 on soil."""
+"""Slip angle at which a linear tyre's lateral force equals its load [rad]. Stiffness per load is 5-25 on roads, 2-10 on
+soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Relaxation length divided by wheel radius [-]. 0.25 on turf at walking speed; published values reach 3."""
+"""Relaxation length per wheel radius [-]. 0.25 on turf at walking speed; published values reach 3."""
 BACKLASH = Prior(0.0, radians(1.5))
 """Play of the steering [rad]."""
 SPEED_ERROR = Prior(0.0, 0.02)
@@ -301,13 +301,13 @@ SPEED_ERROR = Prior(0.0, 0.02)
 DELAY_S = 0.3
 """Prior standard deviation of a latency [s]."""
 PLACE_M = 0.5
-"""Prior standard deviation of the antenna position relative to the map [m]."""
+"""Prior standard deviation of the antenna position relative to its position in the map [m]."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
-"""Steering centre [rad] and scale [-] after the fit of a straight line."""
+"""Steering centre [rad] and scale [-] relative to the regression without slip."""
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Return the priors of quantities that a log may not identify; `age` is that of `RoughSteering` [s]."""
+    """Return priors for quantities that a log may not identify; `age` is the latency in `RoughSteering` [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

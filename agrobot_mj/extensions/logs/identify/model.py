@@ -23,7 +23,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
 STEP_S = 0.01
-"""Maximum step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz."""
+"""Maximum time step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz."""
 GAMMA = 1.0 - 0.5 * 2.0**0.5
 """Coefficient of SDIRK2 that makes it L-stable [-]."""
 SHORTEST_RELAXATION_M = 1e-4
@@ -31,7 +31,7 @@ SHORTEST_RELAXATION_M = 1e-4
 
 
 class Chassis2(NamedTuple):
-    """Known vehicle parameters, SI."""
+    """Known vehicle parameters."""
 
     mass: float
     """Mass [kg]."""
@@ -42,11 +42,11 @@ class Chassis2(NamedTuple):
     l_r: float
     """Distance of the rear axle behind the CG [m]."""
     small_angles: bool
-    """Whether small steering angles are assumed, as in the paper's bicycle."""
+    """Whether small steering angles are assumed, as in the bicycle model of the paper."""
 
 
 class Lateral(NamedTuple):
-    """Fitted parameters of the lateral motion."""
+    """Tyre parameters of the lateral motion, which are fitted."""
 
     C_f: float
     """Cornering stiffness of the front axle [N/rad]."""
@@ -59,7 +59,7 @@ class Lateral(NamedTuple):
 
 
 class LateralMotion(NamedTuple):
-    """Motion of the model at every step; all arrays have shape (n,)."""
+    """Motion of the model at every step, as arrays of shape (n,)."""
 
     yaw_rate: Array
     """Yaw rate [rad/s]."""
@@ -74,7 +74,7 @@ class LateralMotion(NamedTuple):
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Return the wheel angle after play of width `backlash` [rad] and `lag` [s]; `steer` has steps `dt` [s]."""
+    """Return the wheel angle after play (total width `backlash`) and lag [s] for sensor angles in steps of `dt`."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -83,9 +83,9 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Write the angle after a play of half width `half` into `out`, both (n,) [rad]; it is constant within the play.
+    """Write the angle after a play of half width `half` to `out`, both (n,) [rad]. Play keeps the angle constant.
 
-    Outside +-`centred` [rad], the angle first returns towards zero, limited by the play.
+    If its absolute value exceeds `centred` [rad], the angle first returns towards zero, as far as the play allows.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):
@@ -94,7 +94,7 @@ def play(angle: Array, half: float, centred: float, out: Array) -> None:
 
 
 def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:
-    """Return the motion for speed `u` [m/s] and wheel angle `delta` [rad], both (n,), from steady rolling."""
+    """Simulate the motion for speed `u` [m/s] and wheel angle `delta` [rad], both (n,), from steady rolling."""
     out = np.zeros((5, len(u)))
     advance(chassis, tyres, u, delta, dt, out)
     return LateralMotion(*out)
@@ -102,7 +102,7 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """Compute all steps; write yaw rate, yaw, position and lateral speed of R into `out` (5, n)."""
+    """Compute all steps; write yaw rate, yaw, position and lateral velocity of R to the rows of `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
@@ -117,7 +117,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
         kv1, kr1, kf1, kb1 = 0.0, 0.0, 0.0, 0.0
         vs, rs, fs, bs = v, r, a_f, a_r
         for stage in range(2):
-            # state plus the part of the first stage, and inputs at the stage's time: gamma dt, then dt
+            # state plus the part of the first stage, and inputs at the time of the stage: gamma dt, then dt
             share = GAMMA if stage == 0 else 1.0
             U = u[k] + share * (u[k + 1] - u[k])
             d = delta[k] + share * (delta[k + 1] - delta[k])
@@ -126,7 +126,7 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
             if stage == 1:
                 w = (1.0 - GAMMA) * dt
                 vs, rs, fs, bs = v + w * kv1, r + w * kr1, a_f + w * kf1, a_r + w * kb1
-            # implicit: a_f = (s_f fs + h w_f) / (s_f + h V_f), linear in v and r; then 2 x 2 for v and r
+            # implicit: a_f = (s_f fs + h w_f) / (s_f + h V_f), linear in v and r; then a 2 x 2 system for v and r
             g_f, g_r = 1.0 / (s_f + h * V / c), 1.0 / (s_r + h * V)
             e_f, e_r = C_f * c * h * g_f, C_r * h * g_r
             # forces: Y_f = -C_f c a_f = -(p_f + e_f (c (v + l_f r) - U s)), Y_r likewise
@@ -154,6 +154,6 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
 
 
 def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
-    """Return the understeer gradient for compliances 1/C_f and 1/C_r [rad s2/m]."""
+    """Return the understeer gradient for the compliances 1/C_f and 1/C_r of the axles [rad s2/m]."""
     m, L = chassis.mass, chassis.l_f + chassis.l_r
     return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

@@ -1,14 +1,14 @@
-"""Steering identified from a run: dead band, gains, rate limit, time constant and delay of the valve, and backlash.
+"""Identification of the steering from a run: valve (dead band, gains, rate limit, time constant, delay) and backlash.
 
 The model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each tick, a
 rigid cylinder, and a play between cylinder and wheels. The angle, averaged over a tick as by the potentiometer, is
-compared with `steer_measured` in windows of 5 s. Each window has a separate offset, so that earlier events have no
-effect. Least squares fits all parameters at once. The delay starts from a grid and may be a fraction of a step.
+compared with `steer_measured` in windows of 5 s. Each window has its own offset, so that earlier events have no effect.
+Least squares fits all parameters at once, with an initial delay from a grid; the delay may be a fraction of a step.
 
-A run identifies only excited parameters: the rate limit is None unless the valve reached it, the backlash None unless
-it is visible. Friction holds the wheels within the play; in a bend the tyres push them towards straight ahead, against
-one side of the play, above a fitted angle. The lag of an oil spring (damping over stiffness of the cylinder, 8 ms)
-appears in the delay. Windows at the steering stops are omitted. Standard errors assume white residuals.
+A run identifies only excited parameters: the rate limit is None unless the valve reached it, and the backlash is None
+unless it is visible. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push the
+wheels towards straight ahead, against one side of the play. The lag of an oil spring (damping per stiffness of the
+cylinder, 8 ms) appears in the delay. Windows at the steering stops are omitted. Standard errors assume white residuals.
 """
 
 from collections.abc import Sequence
@@ -36,41 +36,41 @@ from agrobot_mj.machine.hydraulics import (
 )
 
 STEPS_PER_TICK = 25
-"""Steps of the model per tick: 2 ms of a 50 ms tick."""
+"""Number of model steps per tick: 2 ms steps in a 50 ms tick."""
 WINDOW_S = 5.0
-"""Length of a window [s]: long relative to delay and lag, short relative to unmodelled effects."""
+"""Length of a window [s]: long compared with delay and lag, short compared with unmodelled effects."""
 LEAST_WINDOWS = 4
 """Minimum number of windows for a fit."""
 LEAST_MOTION_DEG = 0.5
-"""RMS motion in a window below which the signal is noise [deg]."""
+"""RMS motion in a window below which the signal counts as noise [deg]."""
 NEAR_STOP_DEG = 1.0
-"""Distance from the stops within which a window is omitted [deg]."""
+"""Distance from the stops below which a window is omitted [deg]."""
 UNLIMITED_L_MIN = 1e4
-"""Flow of a pump without a limit [l/min]."""
+"""Pump flow that acts as unlimited [l/min]."""
 SURE, PRECISE = 50.0, 0.1
-"""Minimum reduction of chi squared by an identified rate limit [-], and maximum relative error of the limit [-]."""
+"""Minimum reduction of chi squared, and maximum relative error, of an identified rate limit or backlash [-]."""
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the variance of the measured angle explained by a fit [-]. Assumed value: runs give 0.99."""
+"""Minimum fraction of the variance of the measured angle that a fit explains [-]. Assumed value: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
-"""Columns of `signals.parquet` used by the fit."""
+"""Columns of `signals.parquet` that the fit uses."""
 NAMES = (
     *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
     *("rate_limit_deg_s", "backlash_deg"),
 )
-"""Names of the parameters in the order of the fit."""
+"""Names of the reported parameters in the order of the fit."""
 VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
-"""Indices of the parameters in every fit and of the optional ones. CENTRED is the angle above which tyres press the
+"""Indices of the parameters in every fit, and of the optional ones. CENTRED is the angle above which tyres press the
 linkage to one side of its play [deg]."""
 LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
 HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
 SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
-"""Typical magnitudes of the parameters, with gains for the default cylinder."""
+"""Typical magnitudes of the parameters. Gains are for the default cylinder."""
 PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
-"""Initial guesses for the backlash and for the angle `CENTRED`, of which the best starts a fit [deg]."""
+"""Initial guesses for the backlash and for the angle `CENTRED` [deg]. A fit starts from the best pair."""
 
 
 class Identified(NamedTuple):
-    """Steering valve identified from a run."""
+    """Steering valve and backlash identified from a run."""
 
     dead_band_v: float
     """Half width of the dead band about neutral [V]."""
@@ -79,28 +79,28 @@ class Identified(NamedTuple):
     gain_right_l_min_v: float
     """Flow per volt outside the dead band, steering right [l/(min V)]."""
     rate_limit_deg_s: float | None
-    """Maximum steering rate by the pump flow, in both directions [deg/s]; None if the run does not reach it."""
+    """Maximum steering rate in both directions, limited by the pump flow [deg/s]; None if the run does not reach it."""
     time_constant_s: float
-    """Spool lag [s]."""
+    """Time constant of the spool [s]."""
     delay_s: float
-    """Transport delay [s]."""
+    """Transport delay of the valve [s]."""
     backlash_deg: float | None
-    """Total play between cylinder and wheels [deg]; None if not visible in the run."""
+    """Total play between cylinder and wheels [deg]; None if it is not visible in the run."""
     errors: dict[str, float]
-    """Standard error of each parameter by name, in the parameter's unit."""
+    """Standard errors of the parameters by name, in the units of the parameters."""
     rate_reached_deg_s: float
-    """Maximum steering rate of the fitted model in this run [deg/s]."""
+    """Maximum steering rate of the fitted model in the run [deg/s]."""
     residual_rms_deg: float
-    """RMS difference of measured and fitted angle, without the mean of each window [deg]."""
+    """RMS difference of measured and fitted angle, relative to the mean of each window [deg]."""
     explained: float
-    """Fraction of the variance of the measured angle within windows [-]."""
+    """Fraction of the variance of the measured angle within windows that the fit explains [-]."""
 
 
 class Fitted(NamedTuple):
     """Result of one fit."""
 
     p: Array
-    """All parameters, shape (8,). An unidentified rate limit is infinite, an unidentified backlash 0."""
+    """All parameters, shape (8,). A rate limit that is not identified is infinite; a backlash is 0."""
     free: tuple[int, ...]
     """Indices of the fitted parameters."""
     result: OptimizeResult
@@ -108,25 +108,25 @@ class Fitted(NamedTuple):
 
 
 class Data(NamedTuple):
-    """Data for the fit."""
+    """Measurements that the fit uses."""
 
     voltage: Array
-    """Voltage applied during each tick, shape (n,) [V]."""
+    """Valve voltage, constant in each tick, shape (n,) [V]."""
     measured: Array
-    """Measured angle by window, averaged over the preceding tick, shape (windows, ticks) [rad]."""
+    """Measured angle, averaged over the preceding tick, shape (windows, ticks) [rad]."""
     kept: Array
-    """Mask of the complete windows included in `measured`, shape (windows,)."""
+    """Mask of the windows that `measured` contains, shape (complete windows,)."""
     tick: float
     """Length of a tick [s]."""
     displacement: float
-    """Oil volume of the cylinder per radian [m3/rad]."""
+    """Oil volume of the cylinder per steering angle [m3/rad]."""
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
-    """Return the valve identified from the signals of a run: a table or a Parquet file with the columns `COLUMNS`.
+    """Identify the valve from the signals of a run: a table or a Parquet file with the columns `COLUMNS`.
 
-    `cylinder` (default: the standard one) converts steering rate to oil flow. Raises `ScenarioError` for signals
-    without sufficient excitation.
+    `cylinder` (default: standard cylinder) converts steering rate to oil flow. Raises `ScenarioError` if the signals
+    lack excitation.
     """
     data = _data(signals, cylinder or Cylinder(), steer_limit_deg)
     best = _fit(data, _start(data), VALVE)
@@ -148,7 +148,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
 
 
 def _with_play(data: Data, fit: Fitted) -> Fitted:
-    """Return the fit with a backlash and the angle `CENTRED` if the run identifies them."""
+    """Extend the fit by a backlash and the angle `CENTRED`, if the run identifies them."""
     held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
     if held is not fit:
         return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
@@ -156,7 +156,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return a fit with parameters `extra`, from the best of `starts`, if the first is identified; else `fit`."""
+    """Add the parameters `extra` to a fit, from the best of `starts`; return `fit` if the first is not identified."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -190,14 +190,14 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Write the oil volume at every step into `oil` (n * steps + 1,) [m3], for `voltage` (n,) constant in each tick."""
+    """Write the oil volume at each step to `oil` (n * steps + 1,) [m3] for a `voltage` per tick (n,) [V]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
 
 
 def _angles(p: Array, data: Data) -> Array:
-    """Return the model's angle without delay at every step, shape (n * steps + 1,) [rad]."""
+    """Return the angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
     dt = data.tick / STEPS_PER_TICK
     flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(
@@ -217,7 +217,7 @@ def _angles(p: Array, data: Data) -> Array:
 
 
 def _readings(p: Array, data: Data) -> Array:
-    """Return the potentiometer measurements of the model by window, shape as `data.measured` [rad]."""
+    """Return the model's potentiometer measurements by window, with the shape of `data.measured` [rad]."""
     angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
     ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
@@ -237,7 +237,7 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Return the initial parameters: best delay of a grid, equal gains on both sides, no rate limit and no play."""
+    """Return initial parameters: best delay of a grid, equal gains on both sides, no rate limit, and no play."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
         model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
@@ -248,7 +248,7 @@ def _start(data: Data) -> Array:
 
 
 def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
-    """Return the fit of the parameters `free`, with the others as in `start`."""
+    """Fit the parameters with the indices `free`. The other parameters keep their values in `start`."""
     chosen = list(free)
 
     def whole(p: Array) -> Array:
@@ -263,18 +263,18 @@ def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
 
 
 def _sizes(data: Data, chosen: list[int]) -> Array:
-    """Return factors on the typical magnitudes; gains scale with the displacement of the cylinder."""
+    """Return factors on the typical magnitudes, because gains scale with the displacement of the cylinder."""
     share = data.displacement / Cylinder().displacement
     return np.array([share if k in (1, 2) else 1.0 for k in chosen])
 
 
 def _variance(fit: Fitted, data: Data) -> float:
-    """Return the variance of a measurement [rad2]; the offset of each window costs one degree of freedom."""
+    """Return the variance of a measurement [rad2]. The offset of each window costs one degree of freedom."""
     return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 
 def _errors(fit: Fitted, data: Data) -> Array:
-    """Return standard errors of the fitted parameters; huge for parameters that the run does not determine."""
+    """Return the standard errors of the parameters; very large for parameters that the run does not determine."""
     information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
     errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
     return errors

@@ -1,4 +1,4 @@
-"""Identification of a vehicle from recordings: fit to a first part, evaluation on the rest."""
+"""Identification of a vehicle from recordings: fit to a first part of the logs, evaluation on the rest."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
@@ -31,52 +31,52 @@ CHOICES = {
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""Parameters of the fit by value of `--fit`."""
+"""Names of fitted parameters for each value of `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default for `--fit`. Slow steering cannot distinguish lag and delay."""
+"""Default of `--fit`. Slow steering cannot distinguish lag from delay."""
 LEAST_WINDOWS = 6
-"""Minimum number of windows for a fit: half a minute at speed."""
+"""Minimum number of windows for a fit: half a minute of driving at speed."""
 LEAST_STEER_DEG = 0.5
 """Minimum RMS steering angle for a fit [deg]."""
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the yaw-rate variance explained on the rest of the log [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that the fit explains on the rest of the log [-]. Assumed value."""
 SEPARABLE = 0.5
-"""Maximum half width of an interval divided by the value for an identified stiffness [-]. Assumed value."""
+"""Maximum half width of the interval of an identified stiffness, relative to its value [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Range of an axle's cornering stiffness divided by load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
+"""Plausible range of an axle's cornering stiffness per load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""Possible relative errors of yaw inertia and front load fraction scaled from the machine size [-]. Assumed values."""
+"""Typical relative errors of yaw inertia and front load fraction from the machine size [-]. Assumed values."""
 AGE = Prior(0.0, 0.1)
-"""Prior of latencies of speed, heading and position not given in the map [s]."""
+"""Prior of the latencies of speed, heading and position that the map does not give [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0
-"""Time over which a heading difference is converted to a yaw rate [s]."""
+"""Time over which a heading difference is converted to a mean yaw rate [s]."""
 
 
 class NothingExplainedError(ScenarioError):
-    """Raised if a fit explains too little variance."""
+    """Raised if a fit explains too little variance, or gives an impossible stiffness."""
 
 
 class IdentifiedVehicle(NamedTuple):
-    """Vehicle identified from a recording."""
+    """Vehicle identified from recordings."""
 
     found: dict[str, Quantity]
-    """Quantities by key; keys end with the unit."""
+    """Quantities by key; the end of the key is the unit."""
     windows: int
     explained: float
-    """Fraction of the yaw-rate variance explained on the rest of the log [-]."""
+    """Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]."""
     residual_deg_s: float
-    """RMS residual on the rest of the log [deg/s]."""
+    """RMS residual of the fit on the rest of the log [deg/s]."""
     kinematic_deg_s: float
     """RMS residual of a model without slip at the recorded angle, on the rest of the log [deg/s]."""
     moved: dict[str, tuple[float, float]]
-    """Ratios of front and rear stiffness to the result, for changes of quantities missing in the scenario [-]."""
+    """Front and rear stiffness relative to the result after changes of quantities unknown to the scenario [-]."""
     geometry: str
-    """Geometry of the steering: `small angles` or `tangent`."""
+    """Geometry of the steering model: `small angles` or `tangent`."""
     notes: tuple[str, ...]
-    """Notes about the used parts of the logs."""
+    """Notes about the parts of the logs that are used."""
     kept: tuple[FieldRecording, ...]
-    """Segments used."""
+    """Segments of the logs that are used."""
 
 
 def identify_vehicle(
@@ -88,9 +88,9 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit the parameters `names` of `CHOICES` to the first fraction `share` of a log, and evaluate on the rest.
+    """Fit parameters (`names` of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on the rest.
 
-    Mass, yaw inertia, wheelbase and load fraction are those of the scenario; a `bicycle` plant selects small angles.
+    Mass, yaw inertia, wheelbase and load fraction are those of the scenario. A `bicycle` plant selects small angles.
     Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too little variance.
     """
     chosen = _chosen(names)
@@ -123,18 +123,18 @@ def identify_vehicle(
 
 
 def told_apart(found: Found) -> bool:
-    """Return whether the stiffness of both axles is identified."""
+    """Return whether the stiffnesses of both axles are identified."""
     return all(found[f"{axle}_cornering_stiffness_n_rad"].identified for axle in ("front", "rear"))
 
 
 def chassis_of(scenario: Scenario) -> Chassis2:
-    """Return the vehicle parameters of a scenario."""
+    """Return the known vehicle parameters of a scenario."""
     t, small = scenario.tractor, isinstance(scenario.plant, Bicycle)
     return Chassis2(t.mass_kg, t.yaw_inertia_kg_m2, t.cg_to_front_axle, t.cg_to_rear_axle, small)
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield texts on typical errors of quantities not given in the scenario, with the changed vehicle parameters."""
+    """Yield vehicle parameters with typical errors of quantities unknown to the scenario, each with a text."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -145,18 +145,18 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Return the stiffness of an axle after a change divided by that before [-]."""
+    """Return the stiffness of an axle after a change per stiffness before the change [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the latencies of channels relative to the first channel, the reference of the steering delay."""
+    """Return the latencies to fit. They are relative to the first channel, to which the steering delay also refers."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def is_plausible(stiffness_per_load: float) -> bool:
-    """Return whether tyres can have this stiffness divided by load [1/rad]."""
+    """Return whether a cornering stiffness per load is possible for tyres [1/rad]."""
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
@@ -183,7 +183,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the windows for the fit. Raises `TooLittleError` or `FieldLogError` for insufficient data."""
+    """Return the windows for the fit. Raises `TooLittleError` or `FieldLogError` if the data are insufficient."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(f"{recordings[0].name}: the steering hardly moves ({moved:.2g} deg rms); add bends")
@@ -191,12 +191,12 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
 
 
 def judged_channel(data: VehicleData) -> str:
-    """Return the channel that evaluates a fit: the yaw rate, from a gyro or the heading, else the position."""
+    """Return the channel on which a fit is evaluated: the yaw rate (of gyro or heading), else the position."""
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Return explained variance fraction, and RMS residuals of the fit and of a model without slip [deg/s or m]."""
+    """Return the explained fraction of variance, and RMS residuals of the fit and without slip [deg/s or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
@@ -210,7 +210,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return the yaw rates of a gyro, or of the heading over `RATE_S`; positions without either."""
+    """Return yaw rates of the gyro, or of the heading over `RATE_S`; without either the positions."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]
@@ -220,7 +220,7 @@ def _rates(values: Channels, data: VehicleData) -> Array:
 
 
 def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Quantity]:
-    """Return the quantities in the units of their keys, with Student's t intervals."""
+    """Return the fitted quantities in the units of their keys, with intervals by Student's t distribution."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     one = np.eye(len(index))
     halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}

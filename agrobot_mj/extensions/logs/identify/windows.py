@@ -1,10 +1,10 @@
-"""Windows of recordings for a fit: measured channels and the predictions of a vehicle model in each window.
+"""Windows of recordings for a fit: measured channels and predictions of a vehicle model in each window.
 
 Heading and gyro yaw rate are compared with those of the model for the recorded steering. Positions are predicted by
-dead reckoning: along the recorded heading, if present, with the model's sideslip at the rear axle, so that a
-disturbance of the yaw is not attributed to the antenna position; otherwise along the model's heading. Each window is
-aligned with the recording by its unknown initial values: positions by a shift, without a heading also by a rotation; a
-heading by a rotation.
+dead reckoning along the recorded heading, if present, with the model's sideslip at the rear axle. A disturbance of the
+yaw is then not attributed to the antenna position. Without a recorded heading, positions follow the heading of the
+model. The unknown initial values of a window align it with the recording: positions by a shift, without a heading also
+by a rotation; a heading by a rotation.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,30 +25,30 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed
 
 WINDOW_S = 5.0
-"""Length of a window [s]: longer than the dynamics, with many windows per minute."""
+"""Length of a window [s]: longer than the dynamics, short enough for many windows per minute."""
 CUT_OFF_HZ = 3.0
-"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above it would resemble a lag of the tractor."""
+"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise at higher frequencies would resemble a lag."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
-"""Range of the cut-off frequency before the play [Hz]. High values keep the sharp reversals of a sensor that turns
-before the wheels."""
+"""Range of the cut-off frequency of the filter before the play [Hz]. High values keep the sharp reversals of a sensor
+that turns before the wheels."""
 PLAYING = radians(0.1)
-"""Noise of the angle after the filter before the play [rad]. Assumed value: larger noise moves the wheels through their
+"""Noise of the angle between this filter and the play [rad]. Assumed value: larger noise moves the wheels through their
 play and resembles soft tyres."""
 SETTLE_S = 2.0
-"""Omitted time at the start, in which the effects of initial state and play decay [s]."""
+"""Time omitted at the start of a segment, in which the effects of initial state and play decay [s]."""
 LEAST_SAMPLES = 11
-"""Minimum number of samples of a channel in a window: `FULL` of 2.5 Hz."""
+"""Minimum number of samples of a channel in a window: a rate of 2.5 Hz, with `FULL`."""
 LONGEST_PAUSE_S = 0.5
-"""Time between samples of a window above which there is a gap [s]; at least two and a half times the spacing."""
+"""Time between samples of a window above which the window has a gap [s]; at least 2.5 times the mean spacing."""
 FULL = 0.95
 """Minimum fraction of the nominal number of samples in a window [-]."""
 EVEN, FULL_UNEVEN = 0.9, 0.85
-"""Minimum fraction of time steps near their median for an evenly sampled channel, and `FULL` of another one [-].
-Assumed values: a sensor slower than the logger by a third repeats values at random rows."""
+"""Minimum fraction of time steps near their median in an evenly sampled channel, and `FULL` of other channels [-].
+Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
 
 
 class WindowedChannel(NamedTuple):
-    """Measured channel by window."""
+    """Measured channel, divided into windows."""
 
     t: Array
     """Times, shape (windows, n) [s]."""
@@ -62,40 +62,40 @@ class WindowedChannel(NamedTuple):
 
 
 class FitPiece(NamedTuple):
-    """Inputs of one log segment, sampled at the time steps of the model."""
+    """Inputs of one segment of a log, sampled at the time steps of the model."""
 
     recording: FieldRecording
     t: Array
     """Times [s]."""
     steer: Array
-    """Recorded wheel angle, low-pass filtered at `VehicleData.play_cut_off_hz` [rad]."""
+    """Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]."""
     u: Array
-    """Recorded speed, of the rear axle or of the antenna, low-pass filtered at `CUT_OFF_HZ` [m/s]."""
+    """Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]."""
     yaw_rate: Array | None
-    """Yaw rate of gyro or heading if the speed is that of the antenna [rad/s]; None for another speed or without."""
+    """Yaw rate of gyro or heading, if the speed is that of the antenna [rad/s]; otherwise None."""
     heading: Callable[[Array], Array] | None
-    """Function that returns the recorded heading at given times [rad]."""
+    """Function that interpolates the recorded heading [rad]; None without a heading."""
     windows: slice
-    """Windows of the channels in this segment."""
+    """Windows of the channels that belong to this segment."""
 
 
 class VehicleData(NamedTuple):
-    """Recordings prepared for the fit."""
+    """Recordings prepared for a fit."""
 
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
     channels: dict[str, WindowedChannel]
-    """Available channels: `yaw_rate` of a gyro, `heading` and `position`."""
+    """Measured channels: `yaw_rate` of a gyro, `heading` and `position`, if available."""
     steer_noise: float
-    """Standard deviation of white noise on the recorded angle [rad]."""
+    """Standard deviation of white noise in the recorded wheel angle [rad]."""
     speed_noise: float
-    """Standard deviation of white noise on the recorded speed [m/s]."""
+    """Standard deviation of white noise in the recorded speed [m/s]."""
     play_cut_off_hz: float
-    """Cut-off frequency of the low-pass filter of the recorded angle [Hz]."""
+    """Cut-off frequency of the filter for the recorded wheel angle before the play [Hz]."""
 
     @property
     def dynamics(self) -> set[str]:
-        """Names of the parameters that affect the motion."""
+        """Names of the parameters on which the motion of the model depends."""
         of_antenna = any(piece.recording.antenna_speed for piece in self.pieces)
         return {*DYNAMICS, *(("ahead_m", "left_m", "heading_delay_s") if of_antenna else ())}
 
@@ -110,7 +110,7 @@ class TooLittleError(FieldLogError):
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """Return the result of `prepare`. Raises `TooLittleError` if it has fewer than `windows` windows."""
+    """Prepare recordings for a fit. Raises `TooLittleError` if they have fewer than `windows` windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         raise TooLittleError(
@@ -122,7 +122,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the windows of segments with a wheel angle and at least one of gyro yaw rate, heading and positions."""
+    """Prepare segments that have a wheel angle and at least one of gyro yaw rate, heading and position."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}
@@ -147,21 +147,21 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
-    """Return the independent channels of a recording: a yaw rate only from a gyro, heading, and position."""
+    """Return the independent channels of a recording: heading, position, and the yaw rate only of a gyro."""
     gyro = recording.yaw_rate if recording.yaw_rate_source == "gyro" else None
     parts = {"yaw_rate": gyro, "heading": recording.heading, "position": recording.position}
     return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Return values at the steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
+    """Filter values at the time steps of the model with a zero-phase low-pass filter at `cut_off` [Hz]."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 
 
 @cache
 def _low_pass(cut_off: float) -> Array:
-    """Return the second-order sections of the filter at the steps of the model."""
+    """Return the second-order sections of the low-pass filter for the time steps of the model."""
     sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
     return sections
 
@@ -174,37 +174,37 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
         rate, (ahead, left, _) = np.interp(t, *recording.yaw_rate), recording.arm
         u = np.sign(u) * np.hypot(u - left * rate, ahead * rate)
         if recording.yaw_rate_source == "course":
-            rate = None  # the course turns otherwise than a machine with its antenna ahead
-        elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative from cubics
+            rate = None  # the course rate differs from the yaw rate of a machine with its antenna ahead
+        elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative of local cubics
             rate = np.gradient(smoothed(heading(t), CUT_OFF_HZ), STEP_S)
     return FitPiece(recording, t, steer, smoothed(u, CUT_OFF_HZ), rate, heading, windows)
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the noise of a recorded input from the median of third differences, insensitive to motion and outliers."""
+    """Return the noise of an input from the median of third differences, robust to motion and outliers."""
     parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
     off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
     if not off:
         return 0.0
-    # standard deviation of a normal distribution; 1 + 9 + 9 + 1 variances
+    # standard deviation of a normal distribution; a third difference has 1 + 9 + 9 + 1 variances
     return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0)
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
-    """Return the cut-off frequency that leaves noise `PLAYING` of the recorded angle [Hz]."""
+    """Return the cut-off frequency that leaves the noise `PLAYING` in the recorded angle [Hz]."""
     steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
     share = (PLAYING / max(noise, 1e-9)) ** 2  # fraction of the band below half the sample rate
     return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Return the mean time between samples without gaps [s]."""
+    """Return the mean time between samples, ignoring gaps [s]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
 
 def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
-    """Return the mean time between samples without gaps [s], and the minimum fraction of samples in a window [-]."""
+    """Return the mean time between samples, ignoring gaps [s], and the minimum fraction of samples in a window [-]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     usual = float(np.median(steps))
     steps = steps[steps < max(LONGEST_PAUSE_S, 2.5 * usual)]
@@ -214,7 +214,7 @@ def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
 
 
 def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full: float) -> dict[int, TimeSeries]:
-    """Return the complete windows by number, with equally many samples, in which the tractor always moves."""
+    """Return the complete windows by number, with equal numbers of samples, in which the tractor moves throughout."""
     start, end = recording.start + SETTLE_S, recording.end
     n, longest = int(full * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}
@@ -226,19 +226,19 @@ def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full
 
 
 MASS_KG = 750.0
-"""Mass of the tractor for the compliances in `DYNAMICS` [kg]."""
+"""Mass of the tractor to which the compliances in `DYNAMICS` refer [kg]."""
 Channels = dict[str, Array]
-"""Values by channel, shape (windows, n), for positions (windows, n, 2)."""
+"""Values by channel, shape (windows, n); for positions (windows, n, 2)."""
 
 
 class Parameter(NamedTuple):
-    """Initial value, bounds and scale of a fitted parameter."""
+    """Initial value, bounds and scale of a parameter to be fitted."""
 
     start: float
     low: float
     high: float
     scale: float
-    """Typical magnitude."""
+    """Typical magnitude of the parameter."""
 
 
 SENSORS = {
@@ -249,7 +249,7 @@ SENSORS = {
     "ahead_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
 }
-"""Parameters without effect on the motion. The antenna position, relative to the map, has one if its speed is used."""
+"""Parameters that do not affect the motion. The antenna position (relative to the map) does if its speed is used."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -264,13 +264,13 @@ DYNAMICS = {
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
     "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
-"""Parameters that affect the motion."""
+"""Parameters that affect the motion of the model."""
 PARAMETERS = SENSORS | DYNAMICS
-"""All fitted parameters [SI, rad]; compliances for a tractor of `MASS_KG`, scaled by mass."""
+"""All parameters [SI, rad]. Compliances are for a tractor of `MASS_KG` and scale with the mass."""
 
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
-    """Return the motion of the model with parameters `p` for the inputs of a segment."""
+    """Simulate the model with the parameters `p` for the inputs of a segment."""
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
@@ -288,13 +288,13 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def sensed(p: Mapping[str, float], recorded: Array) -> Array:
-    """Return the angle at the sensor for recorded angles [rad]."""
+    """Return the true angle at the sensor for recorded angles [rad]."""
     angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 
 
 def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
-    """Return the speed at the steps of the model [m/s]."""
+    """Return the speed of the rear axle at the time steps of the model [m/s]."""
     found: Array = (1.0 + p.get("speed_error", 0.0)) * np.interp(
         piece.t + p.get("speed_delay_s", 0.0), piece.t, piece.u
     )
@@ -305,15 +305,15 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 
 
 def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
-    """Return the position of the antenna ahead and left of the middle of the rear axle [m]."""
+    """Return the distances of the antenna ahead and to the left of the centre of the rear axle [m]."""
     ahead, left, _ = piece.recording.arm
     return ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0)
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
-    """Return the predicted channels; positions and headings are aligned with the recording in each window.
+    """Return the predicted channels. Positions and headings are aligned with the recording in each window.
 
-    `m` is the motion of each segment if already computed.
+    `m` is the motion of each segment, if already computed.
     """
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
@@ -336,7 +336,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 
 
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
-    """Return east and north of the antenna by dead reckoning along the recorded heading, each of shape (n,) [m]."""
+    """Return east and north of the antenna by dead reckoning along the recorded heading, shape (n,) each [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
@@ -345,13 +345,13 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 
 def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return the antenna position for a rear axle at x, y with heading `yaw` [m]."""
+    """Return east and north of the antenna for positions x, y of the rear axle with headings `yaw` [rad] [m]."""
     (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
     return x + ahead * c - left * s, y + ahead * s + left * c
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Return points (windows, n, 2), shifted (and rotated if `turned`) in each window to fit the points `onto`."""
+    """Shift points (windows, n, 2) in each window to fit the points `onto`; also rotate them if `turned`."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

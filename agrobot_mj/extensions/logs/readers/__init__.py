@@ -1,7 +1,7 @@
-"""Readers of logs of other programs and machines, one per format, selected by content. `READERS` is the registry.
+"""Readers for logs of other programs and machines, one per format. `READERS` is the registry.
 
-`open_log` selects the reader and returns its result. A user-defined reader is a class derived from `LogReader`,
-registered like any other kind, and takes precedence over the readers of the package.
+`open_log` selects a reader by the content of the file, and returns its result. A user-defined reader is a class derived
+from `LogReader`, registered like any other kind. It takes precedence over the readers of the package.
 """
 
 from pathlib import Path
@@ -24,30 +24,30 @@ from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunF
 from agrobot_mj.extensions.logs.readers.timed import TimedLines
 
 READERS = LogReader.registry
-"""All readers in the order of their evaluation, the most specific first."""
+"""All readers in the order in which they are tried, the most specific first."""
 READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), TimedLines(), NmeaText(), CanText()]
 READERS += [FreeColumns()]
 
 
 class OpenedLog(NamedTuple):
-    """Opened log with its properties."""
+    """Log that has been read, with its properties."""
 
     name: str
     reader: str
     """Kind of the reader that read the log."""
     source: Source
-    """Input of `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
+    """Input for `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
     notes: tuple[str, ...]
-    """Notes about selected or omitted data."""
+    """Notes about data that were selected or omitted."""
     log_map: LogMap | None
-    """Meaning of the columns if known without a map and sufficient for a replay; otherwise None."""
+    """Map of the columns, if known and sufficient for a replay; otherwise None."""
     missing: str
-    """Quantities missing for a replay, identification or calibration; empty if complete."""
+    """Quantities that are missing for a replay, identification or calibration; empty if none is missing."""
     tables: dict[str, dict[str, Any]]
-    """Map tables for the columns, as a template for a user's map; empty for free columns."""
+    """Map tables of the columns, as a template for a user's map; empty for free columns."""
 
     def checked_map(self) -> LogMap:
-        """Return `log_map`. Raises `FieldLogError` with the missing quantities if there is none."""
+        """Return `log_map`. Raises `FieldLogError` that names the missing quantities if there is no map."""
         if self.log_map is None:
             more = "; twin --describe lists its content" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")
@@ -55,7 +55,7 @@ class OpenedLog(NamedTuple):
 
 
 def open_log(path: Path) -> OpenedLog:
-    """Read a file or folder with the first suitable reader. Raises `FieldLogError` or `ScenarioError`."""
+    """Read a file or folder with the first reader that recognises it. Raises `FieldLogError` or `ScenarioError`."""
     head = _head(path)
     for reader in READERS:
         if reader.recognises(head):
@@ -93,7 +93,7 @@ def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
 
 
 def _checked(reader: LogReader, found: ReadLog) -> ReadLog:
-    """Return the result of a reader. Raises `ScenarioError` for a result of the wrong type."""
+    """Return the result of a reader. Raises `ScenarioError` if the result has a wrong type."""
     whole = isinstance(found, ReadLog) and isinstance(found.source, pa.Table | Path)
     if not whole or (isinstance(found.source, pa.Table) and "t" not in found.source.column_names):
         wanted = "a ReadLog of a file, or of a table with a column t"

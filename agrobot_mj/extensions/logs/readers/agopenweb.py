@@ -1,8 +1,8 @@
 """Reader for the recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, one minute at 10 Hz.
 
-The position is that of the rear axle, corrected for roll and drift by the program. The heading is in degrees from
-north, fused from antennas, inertial unit and course; the speed in m/s; the roll in degrees, right side down positive,
-as sent by boards. Times of day are UTC times of the program's thread, not of the fix. The steering angle, right
+The position is that of the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
+fused from antennas, inertial unit and course. The speed is in m/s. The roll in degrees is positive with the right side
+down, as boards send it. Times of day are UTC times of the program's thread, not of the fix. The steering angle, right
 positive, is the command of the guidance: the recorder has no measured angle.
 """
 
@@ -14,20 +14,20 @@ from agrobot_mj.core.agopengps.layouts import from_compass
 from agrobot_mj.extensions.logs.readers.base import DayClock, Head, LogReader, ReadLog, Samples, text_lines
 
 NEEDED = {"timestamp", "easting", "northing", "heading", "speed", "fix", "steer_angle"}
-"""Columns that identify the format; newer versions append further columns."""
+"""Columns that identify the format. Newer versions append further columns."""
 
 
 class AgOpenWebRecorder(LogReader):
-    """CSV of AgOpenWeb's GPS data recorder: position, heading, speed, commanded wheel angle."""
+    """CSV file of AgOpenWeb's GPS data recorder: position, heading, speed, commanded wheel angle."""
 
     kind: Literal["agopenweb"] = "agopenweb"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the first line contains the recorder's columns."""
+        """Return whether the first line contains the columns of the recorder."""
         return bool(head.lines) and set(head.lines[0].split(",")) >= NEEDED
 
     def read(self, path: Path) -> ReadLog:
-        """Return the rows of the file; rows without a fix only have a quality."""
+        """Return the rows of the file. Rows without a fix have only a quality."""
         samples, lines, clock = Samples(path), text_lines(path), DayClock()
         names = next(lines).strip().split(",")
         for number, line in enumerate(lines, 2):

@@ -1,8 +1,8 @@
-"""Base class of log readers: from a file of some program to a table in SI units.
+"""Base class of log readers, which convert a file of some program to a table in SI units.
 
-A reader recognises files by their content, independent of their names. It returns a column for each of `QUANTITIES` in
-the file, with a common time and null for missing values. `Samples` collects the values; unreadable text lines are
-counted, and too many are an error.
+A reader recognises files by their content, independent of their names. It returns a column for each of the `QUANTITIES`
+in the file, with a common time and null for missing values. `Samples` collects the values. Unreadable lines of text are
+counted; too many are an error.
 """
 
 from array import array
@@ -42,22 +42,22 @@ QUANTITIES = (
 )
 """Quantities that a reader may return. Further numeric columns are kept."""
 HEAD_BYTES = 65536
-"""Number of bytes at the start of a file used for recognising its format [bytes]."""
+"""Number of bytes at the start of a file from which its format is recognised [bytes]."""
 LONGEST_LINE = 65536
 """Maximum length of a line of text [bytes]."""
 LARGEST = 1e300
-"""Upper bound of the magnitude of a valid value, in its unit."""
+"""Upper bound of the absolute value of valid values, in any unit."""
 MOST_VALUES = 20_000_000
-"""Maximum number of values stored from one file, at 16 bytes each."""
+"""Maximum number of values from one file; a value needs 16 bytes."""
 MOST_DAMAGED = 0.2
-"""Maximum fraction of unreadable lines; above it the file is rejected as damaged [-]. Assumed value."""
+"""Maximum fraction of unreadable lines, above which a file is rejected as damaged [-]. Assumed value."""
 LATE_S = 0.1
-"""Maximum delay of a value logged after a newer one [s]: two buses or sockets on one computer. Assumed value."""
+"""Maximum delay of a value behind a newer one in the file [s]: two buses or sockets on one computer. Assumed value."""
 DAY_S = 86400.0
 
 
 class Head(NamedTuple):
-    """Start of a file, or a folder, for recognising its format."""
+    """Start of a file, or a folder, from which a reader recognises the format."""
 
     path: Path
     data: bytes
@@ -65,20 +65,20 @@ class Head(NamedTuple):
 
     @property
     def lines(self) -> list[str]:
-        """Complete lines of text, without line endings."""
+        """Complete lines of text in the data, without line ends."""
         text = self.data.decode("utf-8-sig", errors="replace").splitlines()
         return text[:-1] if len(self.data) == HEAD_BYTES else text
 
 
 class ReadLog(NamedTuple):
-    """Result of reading a file."""
+    """Result of a reader."""
 
     source: Source
-    """Table of `QUANTITIES`, or the file itself if its free columns need a map."""
+    """Table with columns of `QUANTITIES`, or the file itself if a map must define its columns."""
     notes: tuple[str, ...] = ()
-    """Notes about selected or omitted data, one line each."""
+    """Notes about data that were selected or omitted, one line each."""
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Map keys that differ from their defaults, by table."""
+    """Map keys whose values differ from the defaults, by table."""
 
 
 class LogReader(Spec):
@@ -86,30 +86,30 @@ class LogReader(Spec):
 
     kind: str
     registry: ClassVar[list["LogReader"]] = []
-    """All readers in the order of their evaluation."""
+    """All readers in the order in which they are tried."""
 
     def recognises(self, head: Head) -> bool:
         """Return whether a file with this start has the format of the reader."""
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
-        """Return the content of the file. Raises `FieldLogError` for a damaged, too large or empty file."""
+        """Return the content of a file. Raises `FieldLogError` for a damaged, too large or empty file."""
         raise NotImplementedError
 
 
 class Samples:
-    """Collected values of a log with their times."""
+    """Collection of the values in a log, with their times."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection; `ordered` makes times that run backwards an error, otherwise they are sorted."""
+        """Create an empty collection. Decreasing times are an error if `ordered`, and are sorted otherwise."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
     def add(self, t: float, source: str = "", **values: float) -> None:
-        """Add values by quantity at a time [s]; values above `LARGEST` count as missing.
+        """Add values by quantity at a time [s]. Values above `LARGEST` count as missing.
 
-        If several sources have a quantity, the source with most values is used. Raises `FieldLogError` for too many
+        If several sources provide a quantity, the source with most values is used. Raises `FieldLogError` for too many
         values.
         """
         for name, value in values.items():
@@ -128,10 +128,9 @@ class Samples:
         self._damaged += 1
 
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
-        """Return the table, with notes about omitted data. Raises `FieldLogError` for too many damaged lines or no
-        data.
+        """Return the table with notes about omitted data. Raises `FieldLogError` for too many damaged lines or no data.
 
-        `what` is a name of the expected content for messages.
+        `what` names the expected content in messages.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
@@ -153,7 +152,7 @@ class Samples:
         return ReadLog(self._table(columns), tuple(found), meaning)
 
     def _in_order(self, name: str, times: "array[float]", kept: "array[float]") -> tuple[Array, Array]:
-        """Return the times and values of one quantity in chronological order."""
+        """Return times and values of one quantity in chronological order."""
         t, values = np.frombuffer(times, dtype=np.float64), np.frombuffer(kept, dtype=np.float64)
         back = np.diff(t)
         if self._ordered and len(back) and (worst := float(back.min())) < -LATE_S:
@@ -187,7 +186,7 @@ def _field(quantity: Column) -> pa.Field:
 
 
 def text_lines(path: Path) -> Iterator[str]:
-    """Yield the lines of a text file with line endings. Raises `FieldLogError` for an oversized file or line."""
+    """Yield the lines of a text file with their line ends. Raises `FieldLogError` for a too large file or line."""
     check_size(path)
     with path.open("rb") as stream:
         number = 0
@@ -199,13 +198,13 @@ def text_lines(path: Path) -> Iterator[str]:
 
 
 class DayClock:
-    """Clock for logs with times of day; the time continues after midnight."""
+    """Clock for logs that contain times of day. The time continues after midnight."""
 
     def __init__(self) -> None:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Return the seconds since the first midnight of `hh:mm:ss.s` or `hhmmss.s`. Raises ValueError."""
+        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. Raises ValueError."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

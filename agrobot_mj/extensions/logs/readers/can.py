@@ -1,10 +1,10 @@
 """Reader for text logs of a CAN bus: candump, CSV of python-can, and serial output of an Arduino with an MCP2515.
 
-`SIGNALS` lists the quantities by parameter group, among them the steering-wheel angle, the curvature reported by the
-steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
+`SIGNALS` lists the quantities by parameter group number (PGN), among them the steering-wheel angle, the curvature
+reported by the steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
 
-Signals are from ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 are right
-positive, steering-wheel angles and yaw rates of J1939 left positive, courses and headings clockwise.
+Signals are defined in ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 are
+right positive, steering-wheel angles and yaw rates of J1939 left positive, courses and headings clockwise.
 """
 
 import re
@@ -23,7 +23,7 @@ REVERSE_BITS = 56
 
 
 class BusSignal(NamedTuple):
-    """Quantity in a CAN message."""
+    """Quantity contained in a CAN message."""
 
     quantity: str
     start: int
@@ -31,21 +31,21 @@ class BusSignal(NamedTuple):
     bits: int
     signed: bool
     scale: float
-    """SI units per count, with the sign for left positive."""
+    """SI units per count. The sign makes values left positive."""
     offset: float = 0.0
-    """Value at count 0 [SI], in the direction of `scale`."""
+    """Value at count 0 [SI], with the sign of `scale`."""
     compass: bool = False
-    """Whether the value increases clockwise from north."""
+    """Whether the value is an angle clockwise from north."""
     directed: bool = False
     """Whether the message also contains the direction of travel."""
 
     def of_counts(self, counts: float) -> float:
-        """Return the value of counts without offset, as stored by ISO 11783-10."""
+        """Convert counts to a value without the offset, as ISO 11783-10 stores them."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Return the value in the bytes of a message; None if unavailable or if the message is too short."""
+        """Return the value in the bytes of a message; None if it is unavailable or the message is too short."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")
@@ -88,7 +88,7 @@ OWN_SIGNALS: dict[int, tuple[BusSignal, ...]] = {0x301: (BusSignal("steering_whe
 
 
 def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
-    """Return the name of a message by CAN identifier, and its signals; empty for unknown messages."""
+    """Return the name of a message and its signals, by CAN identifier; no signals for unknown messages."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
     group = (identifier >> 8) & 0x3FFFF
@@ -98,20 +98,20 @@ def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
 
 
 ERROR_FRAME = 0x20000000
-"""Identifier bit in candump logs that marks an error frame, reported by the CAN controller."""
+"""Identifier bit in candump logs that marks an error frame, which the CAN controller generates."""
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
-"""First bytes and names of log formats that python-can converts."""
+"""First bytes and names of log formats that python-can can convert."""
 
 
 class Dialect(NamedTuple):
-    """Text format of a CAN frame in one line."""
+    """Format of a line of text that contains one CAN frame."""
 
     line: re.Pattern[str]
-    """Pattern with groups for time, hexadecimal identifier and data."""
+    """Pattern of a line, with groups for time, hexadecimal identifier and data."""
     data: Callable[[str], bytes]
     per_second: float
-    """Time units per second."""
+    """Number of time units per second."""
 
 
 def _decimals(text: str) -> bytes:
@@ -125,20 +125,20 @@ DIALECTS = (
     Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
     Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
 )
-"""Formats: candump -L, candump -t on a screen, CSV of python-can, and `ms; ID;hex Data;bytes;` from a terminal."""
+"""Formats: candump -L, candump -t on a screen, CSV of python-can, `ms; ID;hex Data;bytes;` from a terminal."""
 
 
 class CanText(LogReader):
-    """CAN frames in text of candump, python-can or a serial sniffer: curvature, steering wheel, speeds, position."""
+    """CAN frames as text of candump, python-can or a serial sniffer: curvature, steering wheel, speeds, position."""
 
     kind: Literal["can"] = "can"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the first lines contain CAN frames, or the format is one that python-can converts."""
+        """Return whether the first lines contain CAN frames, or python-can can convert the file."""
         return head.data.startswith(tuple(BINARY)) or _dialect(head.lines) is not None
 
     def read(self, path: Path) -> ReadLog:
-        """Return the known signals of the frames."""
+        """Return the known signals in the frames."""
         with path.open("rb") as stream:
             start = stream.read(65536)
         if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
@@ -170,7 +170,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """Return the text format of most of these lines; None without one."""
+    """Return the text format of most of the lines; None if no line has a known format."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

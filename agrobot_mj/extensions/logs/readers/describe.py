@@ -1,4 +1,4 @@
-"""Description of a log as text: its reader, columns with rates and gaps, and possible uses."""
+"""Description of a log as text: reader, columns with rates and gaps, and possible uses."""
 
 from typing import NamedTuple
 
@@ -19,21 +19,21 @@ from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
 
 MOST_COLUMNS = 60
-"""Maximum number of described columns."""
+"""Maximum number of columns that are described."""
 
 
 class Coverage(NamedTuple):
-    """Coverage of the recorded time by a column."""
+    """Coverage of the recorded time by the values of a column."""
 
     values: int
     rate: float
-    """Rate of values from the median step, independent of gaps [Hz]."""
+    """Rate of the values, from the median time step, so that gaps have no effect [Hz]."""
     gap: float
     """Longest time without a value [s]."""
 
 
 def coverage(t: Array, values: Array) -> Coverage:
-    """Return the coverage of a column; `t` and `values` have shape (n,), missing values are NaN."""
+    """Return the coverage of a column with `values` at times `t`, shape (n,) each. Missing values are NaN."""
     known = t[np.isfinite(values)]
     if len(known) < 2:
         return Coverage(len(known), 0.0, 0.0)
@@ -42,7 +42,7 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
-    """Return the description of a log as plain text and valid Markdown; `log_map` is the user's map, if any."""
+    """Return the description of a log as plain text and valid Markdown. `log_map` is the user's map, if given."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
@@ -70,7 +70,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text about the possible uses of a log with all columns of its map, and why others are impossible."""
+    """Return a text about possible uses of a log with the columns of its map, and the reasons against other uses."""
     enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -86,7 +86,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """Return one row of the table; empty cells for a column without numbers."""
+    """Return one row of the table of columns; empty cells for a column without numbers."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:
@@ -97,6 +97,6 @@ def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
 
 
 def _unit(source: Source, name: str) -> str:
-    """Return the unit of a column from its metadata; empty without one."""
+    """Return the unit in the metadata of a column; empty without metadata."""
     schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
     return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")

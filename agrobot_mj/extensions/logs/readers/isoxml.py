@@ -1,10 +1,10 @@
-"""Reader for ISO 11783-10 task data: time logs in a folder, a zip, or a single TLGnnnnn.XML.
+"""Reader for ISO 11783-10 task data: time logs in a folder, in a zip archive, or a single TLGnnnnn.XML.
 
-A time log is a pair of files. The XML describes the records: an empty attribute is stored in every record of the .BIN
-file, an attribute with a value is constant. A record contains the time [ms of the day, days since 1980], the position
-[1e-7 deg], its status, numbered as the quality of GGA, and the changed process values. The data dictionary has a speed,
-but no wheel angle or heading of a tractor. Signals of the bus in the log are those of `can.SIGNALS`, among them the
-curvature reported by the steering. They are stored as counts without offset whenever they change.
+A time log is a pair of files. The XML file describes the records: an empty attribute is stored in every record of the
+.BIN file, an attribute with a value is constant. A record contains the time [ms of the day, days since 1980], the
+position [1e-7 deg], its status, numbered as the quality of GGA, and the process values that have changed. The data
+dictionary has a speed, but no wheel angle or heading of a tractor. Bus signals in the log are those of `can.SIGNALS`,
+among them the curvature reported by the steering. They are stored as counts without offset whenever they change.
 """
 
 import re
@@ -26,26 +26,26 @@ TIME_LOG = re.compile(r"(TLG\d{5})\.XML")
 FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", "H": "I", "I": "H"}
 """Position attributes and their binary formats: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
 SPEED, ON_BUS = 397, 0xDFFE
-"""Numbers in the data dictionary: actual speed [mm/s], and a bus signal specified by further attributes."""
+"""Data dictionary identifiers: actual speed [mm/s], and a bus signal that further attributes specify."""
 DEGREES = 1e-7
 """Latitude and longitude per count [deg]."""
 FAILED, NOT_AVAILABLE = 14, 15
-"""Position states without a GGA quality; the others are numbered as the GGA quality."""
+"""Values of the position status that have no GGA quality. Other values equal the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
-"""Maximum size of a zip, of one XML file and of all unpacked binary files together [bytes]."""
+"""Maximum sizes: of a zip archive, of one XML file, and of all binary files together [bytes]."""
 MOST_FILES = 10_000
-"""Maximum number of files in a zip."""
+"""Maximum number of files in a zip archive."""
 Open = Callable[[int], bytes]
-"""Function that reads a file of at most this number of bytes."""
+"""Function that returns the content of a file, which may have at most the given number of bytes."""
 
 
 class TaskData(LogReader):
-    """Time logs of ISO 11783-10 task data: position, its status, speed."""
+    """Time logs in ISO 11783-10 task data: position, its status, speed."""
 
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the path is a folder or zip with TASKDATA.XML, that file, or the XML of a time log."""
+        """Return whether the path is task data: a folder or archive with TASKDATA.XML, this file, or a time log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
@@ -53,7 +53,7 @@ class TaskData(LogReader):
         return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
 
     def read(self, path: Path) -> ReadLog:
-        """Return the records of all time logs in chronological order; damaged logs are read up to the damage."""
+        """Return the records of all time logs in chronological order. Damaged logs are read up to the damage."""
         files = _files(path)
         samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
         for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
@@ -79,32 +79,32 @@ class TaskData(LogReader):
 
 
 class Record(NamedTuple):
-    """Record of a time log."""
+    """Record of a time log, decoded."""
 
     t: float
     """Local time since 1980 [s]."""
     position: dict[str, float]
     signals: dict[str, dict[str, float]]
-    """Current quantities and values of the bus signals by source."""
+    """Latest quantities and values of the bus signals, by source."""
     end: int
-    """Offset of the next record [bytes]."""
+    """Offset of the next record in the file [bytes]."""
 
 
 class Layout(NamedTuple):
-    """Layout of the records of a time log."""
+    """Layout of the records in a time log."""
 
     head: Struct
     keys: tuple[str, ...]
-    """Position attributes in each record."""
+    """Position attributes that each record contains."""
     fixed: dict[str, int]
-    """Position attributes with a constant value, by key."""
+    """Values of the position attributes that are constant, by key."""
     known: dict[int, tuple[str, BusSignal]]
-    """Known process values by number: source, and signal that converts their counts."""
+    """Known process values by number: source, and the signal that converts their counts."""
     values: int
     """Number of process values."""
 
     def records(self, data: bytes) -> Iterator[Record]:
-        """Yield the records up to the first incomplete or invalid one. A signal keeps its value until it changes."""
+        """Yield all records before the first incomplete or invalid one. A signal keeps its value until it changes."""
         at, last, held = 0, 0.0, dict[str, dict[str, float]]()
         while at < len(data):
             try:
@@ -140,11 +140,11 @@ class Layout(NamedTuple):
 
 
 ENTRY = Struct("<Bi")
-"""Binary format of a process value: number and value."""
+"""Binary format of a process value in a record: number and value."""
 
 
 def _layout(name: str, data: bytes) -> Layout:
-    """Return the layout from the XML of a time log. Raises `FieldLogError` for invalid XML."""
+    """Return the record layout that the XML of a time log defines. Raises `FieldLogError` for invalid XML."""
     where = f"{name}.XML"
     if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
         raise FieldLogError(f"{where}: the file declares a document type or entities; remove the declaration")
@@ -166,7 +166,7 @@ def _layout(name: str, data: bytes) -> Layout:
 
 
 def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
-    """Return source and signal of a process value; None if unknown."""
+    """Return source and signal of a process value; None if the value is unknown."""
     if ddi == SPEED:
         return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:
@@ -181,7 +181,7 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Return the files of task data by upper-case name. Raises `FieldLogError` for a zip with several sets."""
+    """Return the files of task data by upper-case name. Raises `FieldLogError` for an archive with several sets."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

@@ -1,9 +1,9 @@
 """Reader for ROS 2 bags in MCAP: fixes, inertial units, odometry, joints and steering reports, by message type.
 
-Times are the stamps of message headers, if present. `Odometry` gives position, heading and speed along the heading;
-`Imu` only the yaw rate, because the origin of its heading is arbitrary; `JointState` the mean of the joints with
-"steer" in their names. Topics with "truth" in their names are ignored, since they come from a simulator. A truncated
-bag is read up to its end. Requires the extra `mcap`.
+Times are the stamps in message headers, if present. `Odometry` gives position, heading and speed along the heading.
+`Imu` gives only the yaw rate, because the origin of its heading is arbitrary. `JointState` gives the mean of the joints
+with "steer" in their names. Topics with "truth" in their names are ignored, because they come from a simulator. A
+truncated bag is read up to its end. Requires the extra `mcap`.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,9 +18,9 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 
 MAGIC, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 MOST_RECORD_BYTES = 256_000_000
-"""Maximum size of a record and of an unpacked chunk [bytes]."""
+"""Maximum size of a record, and of a chunk after unpacking [bytes]."""
 FIX_QUALITY = {-1: 0, 0: 1, 1: 2, 2: 4}
-"""GGA quality for a NavSatFix status: none, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
+"""GGA quality for each NavSatFix status: none, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
 
 
 def _fix(m: Any) -> dict[str, float]:
@@ -53,7 +53,7 @@ CONTENT: dict[str, Callable[[Any], dict[str, float]]] = {
     "autoware_vehicle_msgs/msg/SteeringReport": lambda m: {"steer": m.steering_tire_angle},
     "autoware_vehicle_msgs/msg/VelocityReport": lambda m: {"speed": m.longitudinal_velocity},
 }
-"""Functions that return the quantities of a message, by message type."""
+"""Functions that convert a message to quantities, by message type."""
 
 
 class Ros2Bag(LogReader):
@@ -62,11 +62,11 @@ class Ros2Bag(LogReader):
     kind: Literal["mcap"] = "mcap"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the path is an MCAP file, the folder of a bag with one MCAP file, or a SQLite bag."""
+        """Return whether the path is an MCAP file, a bag folder with one MCAP file, or a bag in SQLite format."""
         return head.data.startswith((MAGIC, SQLITE)) or len(list(head.path.glob("*.mcap"))) == 1
 
     def read(self, path: Path) -> ReadLog:
-        """Return the messages of the types in `CONTENT`, for any topic names."""
+        """Return the quantities in all messages whose type is in `CONTENT`, whatever their topics."""
         file = next(path.glob("*.mcap")) if path.is_dir() else path
         samples, notes, count = Samples(path, ordered=False), list[str](), 0
         try:
@@ -75,14 +75,14 @@ class Ros2Bag(LogReader):
                 count += 1
         except ScenarioError:
             raise
-        except Exception as error:  # the library's exceptions for damaged files are not specified
+        except Exception as error:  # the library does not specify its exceptions for damaged files
             reason = (str(error).splitlines() or [""])[0][:100]
             notes.append(f"{file.name} is damaged after {count} messages ({type(error).__name__} {reason})")
         return samples.log(f"messages of a known type ({', '.join(CONTENT)})", *notes)
 
 
 def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
-    """Yield topic, time [s] and quantities of each message with a known type."""
+    """Yield topic, time [s] and quantities of each message of a known type."""
     stream_reader: Any = required("mcap.stream_reader", "mcap", "reading a ROS 2 bag")
     decoders: Any = required("mcap_ros2.decoder", "mcap", "reading a ROS 2 bag").DecoderFactory()
     records: Any = required("mcap.records", "mcap", "reading a ROS 2 bag")
@@ -108,7 +108,7 @@ def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
 
 
 def _records(library: Any, records: Any, stream: Any, name: str) -> Iterator[Any]:
-    """Yield the records of a file, including those in chunks of at most `MOST_RECORD_BYTES` unpacked."""
+    """Yield the records of a file, and those in its chunks of at most `MOST_RECORD_BYTES` after unpacking."""
     reader = library.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES)
     for record in reader.records:
         if isinstance(record, records.Chunk):
@@ -132,6 +132,6 @@ def _unpacked(chunk: Any, name: str) -> bytes:
 
 
 def _stamp(message: Any) -> float:
-    """Return the time in a message's header [s]; 0 without a header."""
+    """Return the time stamp in the header of a message [s]; 0 without a header."""
     stamp = getattr(getattr(message, "header", message), "stamp", None)
     return stamp.sec + stamp.nanosec * 1e-9 if stamp is not None else 0.0

@@ -1,9 +1,8 @@
 """Reader for NMEA 0183 sentences of a receiver or board, in text or between any other bytes.
 
-Sentences are found wherever they are: behind the time stamp of a logger, in JSON, or between binary messages of the
-receiver. The time used is that of the receiver; sentences without a time get that of the preceding one. Sentences
-before the first fix are omitted, because the clock of the receiver is not set yet. The speed is over ground, also
-positive in reverse.
+Sentences may follow the time stamp of a logger, or be inside JSON or between binary messages of the receiver. The time
+is that of the receiver; sentences without a time get the time of the preceding sentence. Sentences before the first fix
+are omitted, because the receiver has not yet set its clock. The speed is over ground, and positive also in reverse.
 """
 
 import mmap
@@ -17,29 +16,29 @@ from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Hea
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, Quantities, Sentence, found_in
 
 RESET_S = 60.0
-"""Difference to the time of the preceding sentence above which a sentence without a fix has a clock not set [s]."""
+"""Time difference to the preceding sentence above which the clock of a sentence without a fix counts as not set [s]."""
 SETTLED_S = 10.0
 """Time after the first fix in which a receiver may still correct its clock [s]. Assumed value."""
 
 
 class NmeaText(LogReader):
-    """NMEA sentences: position with quality, speed and course; heading if a sentence contains it."""
+    """NMEA sentences: position with quality, speed and course; also the heading if available."""
 
     kind: Literal["nmea"] = "nmea"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the start of the file contains a supported sentence with a valid checksum."""
+        """Return whether the start of a file contains a supported sentence with a valid checksum."""
         return any(found.fields for found in found_in(head.data))
 
     def read(self, path: Path) -> ReadLog:
-        """Return the values of all supported sentences; those with an invalid checksum are omitted and counted."""
+        """Return the values of all supported sentences. Sentences with an invalid checksum are omitted and counted."""
         check_size(path)
         with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             return _Sentences(path, data).read()
 
 
 class _Sentences:
-    """Sentences of a file with the clock of the receiver."""
+    """Sentences of one file, with the clock of the receiver."""
 
     def __init__(self, path: Path, data: mmap.mmap) -> None:
         self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
@@ -48,7 +47,7 @@ class _Sentences:
         self._counted, self._line = 0, 1
 
     def read(self) -> ReadLog:
-        """Return the values. Raises `FieldLogError`."""
+        """Return the values of all sentences. Raises `FieldLogError`."""
         for found in found_in(self.data):
             if not found.fields:
                 why = "wrong checksum" if "*" in found.text else "no checksum"
@@ -72,7 +71,7 @@ class _Sentences:
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
-        """Return the quantities of a sentence and set its time; None for a sentence without meaning, or too early."""
+        """Set the time to that of a sentence and return its quantities; None if it is invalid or too early."""
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)
@@ -80,7 +79,7 @@ class _Sentences:
                 self.early += 1
                 return None
             if kind.time and (text := found.fields[kind.time]):
-                text = text[8:] if found.kind == "KSXT" else text  # its time includes the date
+                text = text[8:] if found.kind == "KSXT" else text  # the time of KSXT includes the date
                 if "latitude" not in values and self._is_reset(text):
                     return None
                 self.t = self.clock.at(text)
@@ -93,7 +92,7 @@ class _Sentences:
         return values
 
     def _begin_again(self, found: Sentence) -> None:
-        """Omit the sentences up to a time that runs backwards. Raises `FieldLogError` later than `SETTLED_S`."""
+        """Omit all sentences before a decrease of the time. Raises `FieldLogError` if it occurs after `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(
@@ -104,12 +103,12 @@ class _Sentences:
         self.early, self.kept = self.early + self.kept, 0
 
     def _is_reset(self, text: str) -> bool:
-        """Return whether the time of day is far from that of the preceding sentence."""
+        """Return whether a time of day is far from that of the preceding sentence."""
         apart = (DayClock().at(text) - self.clock.last + DAY_S / 2) % DAY_S - DAY_S / 2
         return abs(apart) > RESET_S
 
     def _line_of(self, found: Sentence) -> int:
-        """Return the line number of a sentence, searching from the line found by the previous call."""
+        """Return the line number of a sentence. The search starts at the line found by the previous call."""
         self._line += self.data[self._counted : found.at].count(b"\n")
         self._counted = found.at
         return self._line

@@ -1,4 +1,4 @@
-"""Readers of this program's files and of tables with free columns: run folder, `link.parquet`, CSV and Parquet."""
+"""Readers for files of this program (run folder, `link.parquet`) and for tables with free columns (CSV, Parquet)."""
 
 from math import isnan
 from pathlib import Path
@@ -17,24 +17,24 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 
 
 class RunFolder(LogReader):
-    """Folder of a run: measurements of its sensors."""
+    """Folder of a run: measurements of the simulated sensors."""
 
     kind: Literal["run"] = "run"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the folder contains the signals of a run."""
+        """Return whether a folder contains the signals of a run."""
         return (head.path / "signals.parquet").is_file()
 
     def read(self, path: Path) -> ReadLog:
-        """Return the signals file, for which a built-in map exists."""
+        """Return the path of the signals file, for which a built-in map exists."""
         return ReadLog(path / "signals.parquet")
 
 
 class LinkRecord(LogReader):
-    """`link.parquet`: decoded messages from the boards to the guidance program.
+    """Record of a link (`link.parquet`): messages from the boards to the guidance program.
 
-    The motor output in message 253 has no sign, so that no valve can be replayed. The yaw rate of PANDA has a
-    resolution of one degree per second, worse than the derivative of its heading, and is omitted.
+    The motor output in message 253 has no sign, so that no valve voltage can be derived. The yaw rate in PANDA is
+    omitted: its resolution of one degree per second is worse than the derivative of the heading.
     """
 
     kind: Literal["link"] = "link"
@@ -47,7 +47,7 @@ class LinkRecord(LogReader):
             return False
 
     def read(self, path: Path) -> ReadLog:
-        """Return the position sentences and messages 253 sent to the host."""
+        """Return the content of position sentences and of messages 253 that the boards sent."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
             raise FieldLogError(f"{path.name}: the file has {rows:.3g} rows, but a link records at most {MOST:.3g}")
         samples = Samples(path)
@@ -66,18 +66,18 @@ class LinkRecord(LogReader):
 
 
 class FreeColumns(LogReader):
-    """CSV or Parquet with any column names: signals of a run, or a user's table with a map."""
+    """CSV or Parquet file with any column names: signals of a run, or a user's table with a map."""
 
     kind: Literal["columns"] = "columns"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the file is a Parquet file, or text with several names in the first line."""
+        """Return whether the file is a Parquet file, or a text file whose first line has several names."""
         if is_parquet(head.data):
             return True
         first = head.lines[0] if head.lines else ""
         return b"\0" not in head.data and any(delimiter in first for delimiter in ",;\t")
 
     def read(self, path: Path) -> ReadLog:
-        """Return the file itself; its columns are read with a map later."""
+        """Return the path of the file. Its columns are read later with a map."""
         column_names(path)
         return ReadLog(path)

@@ -1,7 +1,8 @@
 """Quantities in NMEA 0183 sentences of receivers: position, motion, and headings of two antennas.
 
-An empty field is a missing value. A position of a sentence that reports no fix is missing, too. A float solution of two
-antennas may point anywhere, so that sentences with a quality of the heading give it only for a fixed one.
+An empty field is a missing value. The position in a sentence that reports no fix also counts as missing. A float
+solution of two antennas may have any heading. Therefore sentences with a heading quality provide a heading only with a
+fixed solution.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,34 +17,34 @@ from agrobot_mj.core.nmea import DGPS_FIX, GPS_FIX, KNOTS, NO_FIX, RTK_FIX, RTK_
 
 Quantities = dict[str, float]
 SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500})(\*[0-9A-Fa-f]{2})?")
-"""Pattern of a sentence between any other bytes; the group of the checksum is None without one."""
+"""Pattern of a sentence between any other bytes. The checksum group is None for a sentence without a checksum."""
 BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
-"""Qualities of GGA by mode letter of GNS, the best first."""
+"""GGA quality for each mode letter of GNS, the best first."""
 KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)
-"""Quality of GGA by quality number of KSXT."""
+"""GGA quality for each quality number of KSXT."""
 
 
 class Sentence(NamedTuple):
-    """Sentence in a file."""
+    """NMEA sentence found in a file."""
 
     at: int
-    """Position in the file [bytes]."""
+    """Offset in the file [bytes]."""
     kind: str
-    """Key of `KINDS`."""
+    """Type of the sentence, a key of `KINDS`."""
     fields: list[str]
-    """Fields, name first; empty without a valid checksum."""
+    """Fields of the sentence, name first; empty if the checksum is missing or invalid."""
     text: str
 
 
 def found_in(data: bytes | mmap) -> Iterator[Sentence]:
-    """Yield the sentences of `KINDS` in any bytes, also those without a valid checksum."""
+    """Yield all sentences whose type is in `KINDS`, including those without a valid checksum."""
     for match in SENTENCE.finditer(data):
         if (kind := kind_of(match[1].decode().split(",", 2))) in KINDS:
             yield Sentence(match.start(), kind, fields_of(match[0]) or [], match[0].decode())
 
 
 def kind_of(fields: list[str]) -> str:
-    """Return the name of a sentence without its talker; of a manufacturer's with its type, as `PTNL,AVR`."""
+    """Return the type of a sentence: its name without the talker; for manufacturers with the subtype, as `PTNL,AVR`."""
     name = fields[0]
     if name in ("PTNL", "PSTI", "PSAT") or (name == "PASHR" and fields[1][:1].isalpha()):
         return ",".join(fields[:2])
@@ -71,7 +72,7 @@ def _gll(fields: list[str]) -> Quantities:
 def _vtg(fields: list[str]) -> Quantities:
     if fields[2:3] == ["T"]:
         return _motion(fields[5], fields[1])
-    return _motion(fields[3], fields[1])  # before NMEA 2.3, the units were not in the sentence
+    return _motion(fields[3], fields[1])  # before NMEA 2.3 the sentence contained no units
 
 
 def _hdt(fields: list[str]) -> Quantities:
@@ -120,7 +121,7 @@ def _board(fields: list[str]) -> Quantities:
 
 
 def _place(fields: list[str]) -> Quantities:
-    """Return latitude and longitude; empty for empty fields."""
+    """Return latitude and longitude; empty if the fields are empty."""
     if not (fields[0] and fields[2]):
         return {}
     return {"latitude": degrees_of(*fields[:2]), "longitude": degrees_of(*fields[2:])}
@@ -139,12 +140,12 @@ def _number(text: str) -> float:
 
 
 class Kind(NamedTuple):
-    """Supported sentence."""
+    """Supported type of sentence."""
 
     quantities: Callable[[list[str]], Quantities]
-    """Function of the fields that returns the quantities, NaN if missing. Raises ValueError or IndexError."""
+    """Function that converts the fields to quantities, NaN if missing. Raises ValueError or IndexError."""
     time: int = 1
-    """Index of the field with the time of day; 0 for a sentence without one."""
+    """Index of the field that contains the time of day; 0 if there is none."""
 
 
 KINDS = {
@@ -164,4 +165,4 @@ KINDS = {
     "PSAT,HPR": Kind(_psat_hpr, 2),
     "PSTI,036": Kind(_psti, 2),
 }
-"""Supported sentences by name without the two letters of the talker."""
+"""Supported types of sentences, by name without the talker (two letters)."""

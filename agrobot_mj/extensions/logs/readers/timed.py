@@ -1,8 +1,8 @@
-"""Reader for lines of a logging program, each with its ISO time: `time: sentence` or `time: {json}`.
+"""Reader for lines of a logging program that start with an ISO time: `time: sentence` or `time: {json}`.
 
-The program's time applies to all values, since JSON has no other. Sentences are those of the `nmea` reader. Of the JSON
-objects, `yaw` is the heading of an inertial unit in degrees from north; further numbers become columns, such as `was`,
-the counts of the steering sensor.
+The time of the program applies to all values, because JSON objects have no other time. Sentences are those of the
+`nmea` reader. In a JSON object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become
+columns, such as `was`, the counts of the steering sensor.
 """
 
 import json
@@ -16,24 +16,24 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, found_in
 
 LINE = pattern(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)?): ?([${].*)")
-"""Pattern of a line: time and content."""
+"""Pattern of a line, with groups for time and content."""
 FIRST = 20
-"""Number of lines at the start, of which most have the pattern, and one or more a JSON object."""
+"""Number of lines at the start of a file from which the format is recognised."""
 
 
 class TimedLines(LogReader):
-    """Lines of sentences and JSON objects with ISO times: position, speed, heading, counts of the steering sensor."""
+    """Lines with an ISO time and a sentence or JSON object: position, speed, heading, steering sensor counts."""
 
     kind: Literal["lines"] = "lines"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether most of the first lines have the pattern, and one or more of them a JSON object."""
+        """Return whether most of the first lines have the pattern, and at least one of them a JSON object."""
         first = [LINE.fullmatch(line.strip()) for line in head.lines[:FIRST]]
         found = [match[2] for match in first if match]
         return 2 * len(found) > len(first) and any(text.startswith("{") for text in found)
 
     def read(self, path: Path) -> ReadLog:
-        """Return the values of all lines; unreadable lines are omitted and counted."""
+        """Return the values in all lines. Unreadable lines are omitted and counted."""
         samples = Samples(path)
         for number, line in enumerate(text_lines(path), 1):
             try:
@@ -50,7 +50,7 @@ class TimedLines(LogReader):
 
 
 def _numbers(content: dict[str, object]) -> dict[str, float]:
-    """Return the numbers of a JSON object by column."""
+    """Return the numbers in a JSON object by column."""
     found = {name: float(value) for name, value in content.items() if type(value) in (int, float)}  # type: ignore[arg-type]
     if "yaw" in found:
         found["heading"] = from_compass(found.pop("yaw"))

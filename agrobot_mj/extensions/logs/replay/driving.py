@@ -1,9 +1,9 @@
-"""Replay on a plant: the wheel angle or the valve voltage, and the speed, follow a recording.
+"""Replay on a plant: wheel angle or valve voltage, and the speed, follow a recording.
 
-Replay by angle replaces the scenario's valve by an ideal one without lag, dead band and limit, which follows the
-recorded angle every 10 ms. Replay by voltage keeps the valve. A pedal without lag imposes the speed; with wheel slip,
-an integral controller corrects the speed over ground. A lead-in before the recording brings the tractor to the initial
-speed and angle.
+In a replay by angle, an ideal valve without lag, dead band and limit replaces the valve of the scenario and follows the
+recorded angle every 10 ms. A replay by voltage keeps the valve. A pedal without lag imposes the speed. An integral
+controller corrects the speed over ground for wheel slip. A lead-in before the recording brings the tractor to the
+initial speed and angle.
 """
 
 from math import cos, sin
@@ -21,54 +21,54 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.loop import build_plant
 
 By = Literal["steer", "valve"]
-"""Recorded input that steers the plant."""
+"""Recorded input that steers the plant: wheel angle or valve voltage."""
 TICK_S = 0.01
-"""Tick of the replay [s]: short relative to the yaw dynamics of a tractor, at least 0.1 s."""
+"""Tick of the replay [s]: short compared with the yaw dynamics of tractors, which take at least 0.1 s."""
 STEER_RATE = 4.0
-"""Steering rate at full voltage of the valve that imposes an angle [rad/s]."""
+"""Steering rate of the ideal valve at full voltage [rad/s]."""
 PEDAL_PER_V_S = 100.0
-"""Gain of the pedal that imposes the recorded speed [1/(V s)]."""
+"""Gain of the ideal pedal, which imposes the recorded speed [1/(V s)]."""
 FAST_S = 1e-3
-"""Time constant of the imposed valve and pump [s]: half a physics step."""
+"""Time constant of the ideal valve and pump [s]: half a physics step."""
 CORRECTION = 0.5
-"""Fraction of an angle error corrected per tick [-]; the oil spring of the cylinder would oscillate at 1."""
+"""Fraction of an angle error that is corrected per tick [-]. With 1, the oil spring of the cylinder would oscillate."""
 INTEGRAL_S = 2.0
-"""Time constant of the integral speed controller [s]: long relative to the oil spring of the drive, 3 Hz."""
+"""Time constant of the integral speed controller [s]: long compared with the oil spring of the drive (3 Hz)."""
 DRIVE_DAMPING = 10.0
-"""Damping of the imposed drive divided by the nominal one [-]: half of critical for the mass on its oil spring."""
+"""Damping of the drive in a replay per nominal damping [-]: half of critical for the mass on its oil spring."""
 LEAD_ACCELERATION = 1.0
 """Acceleration in the lead-in [m/s2]."""
 LEAD_STEADY_S = 2.0
-"""Time at initial speed and angle at the end of the lead-in [s]."""
+"""Time at the initial speed and angle at the end of the lead-in [s]."""
 MOVING = 0.05
-"""Minimum initial speed for a lead-in [m/s]."""
+"""Minimum initial speed that needs a lead-in [m/s]."""
 HOMING_V_RAD = 60.0
-"""Gain from steering error to voltage that brings the scenario's own valve to the initial angle [V/rad]."""
+"""Gain from steering error to voltage with which the scenario's valve reaches the initial angle [V/rad]."""
 Pose = tuple[float, float, float]
-"""East and north of R [m] and heading [rad]."""
+"""Pose of R: east and north [m], heading [rad]."""
 
 
 class Driven(NamedTuple):
-    """Motion of the plant in a replay; arrays have shape (n,)."""
+    """Motion of the plant in a replay, as arrays of shape (n,)."""
 
     t: Array
-    """Time in the recording [s]."""
+    """Time of the recording [s]."""
     steer: Array
     """Wheel angle [rad]."""
     speed: Array
-    """Speed along the heading, or of the driven wheels if recorded [m/s]."""
+    """Speed along the heading, or of the driven wheels if the recording has their speed [m/s]."""
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     yaw: Array
     """Heading, unwrapped [rad]."""
     point: Array
-    """East and north of the recorded point, shape (n, 2) [m]."""
+    """East and north coordinates of the recorded point, shape (n, 2) [m]."""
     outcome: str
-    """`completed`, or the reason why the plant stopped early."""
+    """`completed`, or the reason why the plant stopped before the end."""
 
 
 class _Inputs(NamedTuple):
-    """Recorded inputs at every tick."""
+    """Recorded inputs, interpolated at every tick of the replay."""
 
     t: Array
     steer: Array
@@ -77,7 +77,7 @@ class _Inputs(NamedTuple):
 
 
 def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "steer") -> Driven:
-    """Replay a recording on the scenario's plant from pose `start`. Raises `FieldLogError` or `ScenarioError`."""
+    """Replay a recording on the plant of a scenario, starting at a pose. Raises `FieldLogError`, `ScenarioError`."""
     if (recording.steer if by == "steer" else recording.voltage) is None:
         has = "valve" if by == "steer" else "steer"
         raise FieldLogError(f"{recording.name}: the map has no [{by}]; add it, or use --by {has}")
@@ -85,7 +85,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """Return east and north of a point fixed to the tilted body [m]."""
+    """Return east and north of a point that is fixed to the tilted body [m]."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -94,7 +94,7 @@ def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, floa
 
 
 class _Replayer:
-    """Replay of one segment on a plant with imposed actuators."""
+    """Replay of one segment on a plant with ideal actuators."""
 
     def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
         self.recording, self.by, self.tractor = recording, by, scenario.tractor
@@ -107,7 +107,7 @@ class _Replayer:
         self.missing = 0.0
 
     def _imposed(self, scenario: Scenario) -> dict[str, float]:
-        """Return overrides for an ideal pedal and, in a replay by angle, an ideal valve."""
+        """Return overrides for the ideal pedal and, in a replay by angle, for the ideal valve."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,
             "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
@@ -130,7 +130,7 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """Return the replay. The lead-in is simulated twice, since its length and rotation are initially unknown."""
+        """Return the replay. The lead-in is simulated twice, because its displacement is unknown at first."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)
@@ -144,14 +144,14 @@ class _Replayer:
         return self._follow()
 
     def _place(self, pose: Pose) -> Truth:
-        """Place R at a pose, at rest."""
+        """Place R at a pose at standstill."""
         east, north = from_heading(pose[2], self.tractor.cg_to_rear_axle, 0.0)
         reference = Reference(pose[0] + east, pose[1] + north, 0.0, 0.0, pose[2], 0.0)
         self.missing, self.truth = 0.0, self.plant.reset(reference)
         return self.truth
 
     def _lead_in(self, pose: Pose) -> Pose:
-        """Simulate from rest to the initial speed and angle; return the pose of R at the end."""
+        """Simulate from standstill to the initial speed and angle. Return the pose of R at the end."""
         self._place(pose)
         i = self.inputs
         u, angle = float(i.speed[0]), float(i.steer[0])
@@ -180,7 +180,7 @@ class _Replayer:
         return truth.steer, speed, truth.yaw_rate, truth.yaw, *point_of(truth, recording.arm)
 
     def _steer_voltage(self, now: float, following: float, recorded: float | None) -> float:
-        """Return the voltage of the steering valve in this tick [V]; `recorded` is None in the lead-in."""
+        """Return the voltage of the steering valve for this tick [V]. `recorded` is None in the lead-in."""
         limit = self.tractor.steer_limit
         now, following = (min(max(angle, -limit), limit) for angle in (now, following))
         if self.by == "steer":
@@ -196,7 +196,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance one tick with a valve voltage, to `speed` at its end [m/s]."""
+        """Advance one tick with a valve voltage [V], so that the speed is `speed` at its end [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed
@@ -205,11 +205,11 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Return the recorded inputs at every tick; zero angle and neutral voltage if not recorded."""
+    """Return the recorded inputs at every tick. Angle or voltage is neutral if not recorded."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)
-    # a valve keeps its voltage until the next row, so the last row at or before a time applies
+    # A valve keeps its voltage until the next row: the last row at or before a time applies.
     volts = np.full(n, NEUTRAL_V)
     if v := recording.voltage:
         volts = v.value[np.clip(np.searchsorted(v.t, t + 1e-9, side="right") - 1, 0, len(v.t) - 1)]

@@ -1,8 +1,8 @@
-"""Residuals of yaw rate and position between a replay and its recording, and those of a kinematic model.
+"""Residuals of yaw rate and position between a replay and its recording, and residuals of a kinematic model.
 
-The initial pose is fitted to the first metres of recorded positions, because a single antenna gives no heading. After
-that, the open loop integrates every small error of the yaw rate. Windows of a few seconds, each aligned with the
-recorded track by a rigid motion, separate errors of the plant from errors of the initial pose.
+The initial pose is fitted to the first metres of recorded positions, because a single antenna gives no heading.
+Afterwards, the open loop integrates every small error of the yaw rate. Windows of a few seconds are therefore aligned
+with the recorded track by rigid motions. They separate errors of the plant from errors of the initial pose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,17 +19,17 @@ from agrobot_mj.extensions.logs.replay.driving import Driven, Pose
 from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 
 START_M = 10.0
-"""Length of the recorded track for fitting the initial pose [m]."""
+"""Length of the recorded track to which the initial pose is fitted [m]."""
 WINDOW_S = 10.0
-"""Length of a window [s]: about one bend."""
+"""Length of a window [s], about one bend."""
 STRETCH_S = 1.0
-"""Time between positions for comparing track lengths [s]: long relative to noise, short relative to bends."""
+"""Time between positions when track lengths are compared [s]: long compared with noise, short compared with bends."""
 LARGEST_LAG_S = 0.5
-"""Maximum lag between yaw rates in the search [s]."""
+"""Maximum lag between two yaw rates in the search [s]."""
 
 
 class Rigid(NamedTuple):
-    """Rotation and translation of the plane."""
+    """Rigid motion of the plane: rotation and translation."""
 
     turn: float
     """Rotation, counter-clockwise [rad]."""
@@ -37,14 +37,14 @@ class Rigid(NamedTuple):
     """Translation after the rotation, shape (2,) [m]."""
 
     def of(self, points: Array) -> Array:
-        """Return the points (n, 2) rotated and translated."""
+        """Rotate and translate points (n, 2)."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
         return moved
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """Return the least-squares rigid motion that maps points (n, 2) onto other points."""
+    """Return the rigid motion that maps points (n, 2) onto other points with least squares."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -52,7 +52,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Return the initial pose, corrected so that the plant's first metres fit the recorded ones in spite of slip."""
+    """Correct the initial pose, so that the first metres of the plant fit the recorded ones in spite of slip."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -63,13 +63,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time at the end of the first metres [s]."""
+    """Return the time at which the first metres of the track end [s]."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return the positions on the first `START_M` of the track, by the recorded speed; None without positions."""
+    """Return positions on the first `START_M` of the track by recorded speed; None without positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -81,7 +81,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the initial pose of R from the first metres; without positions the origin with the recorded heading."""
+    """Return the initial pose of R from the first metres. Without positions: the origin with the recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -94,7 +94,7 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Return time, yaw and point (n, 2) of a model without slip, from the origin; without an angle by the yaw rate."""
+    """Return times, yaw and points (n, 2) of a model without slip for the wheel angle, or else the yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:
@@ -109,11 +109,11 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
 
 
 Replayed = tuple[FieldRecording, Driven]
-"""Segment of a recording and its replay."""
+"""Segment of a recording together with its replay."""
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
-    """Return the metrics of a replay over all segments [SI, rad]; None if not identifiable."""
+    """Return metrics of a replay over all segments [SI, rad]; None for values that cannot be computed."""
     speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
@@ -169,13 +169,13 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
 
 
 def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
-    """Return the part of a series in which the tractor is faster than `LEAST_SPEED`."""
+    """Return the part of a series in which the tractor moves faster than `LEAST_SPEED`."""
     fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
     return TimeSeries(series.t[fast], series.value[fast])
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Return the lag of the recorded yaw rate after that of the plant, by least squares [s]."""
+    """Return the lag of the recorded yaw rate behind the yaw rate of the plant, by least squares [s]."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
     spread = np.array([np.var(np.concatenate(each)) for each in off])
@@ -188,7 +188,7 @@ def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
 def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
     """Return times (n,), plant minus recording ahead and left along the plant's heading (n, 2), and window errors (n,).
 
-    Window errors are distances after the best rigid motion of each window [m], NaN in windows with too few positions.
+    Window errors are distances after the best rigid motion of each window [m]; NaN if a window has too few positions.
     """
     fixes, model = _beside(recording, driven)
     east, north = (model - fixes.value).T
@@ -201,7 +201,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return the recorded positions and those of the plant at the same times (n, 2) [m]; empty without positions."""
+    """Return recorded positions, and positions of the plant at the same times (n, 2) [m]; empty without positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -209,7 +209,7 @@ def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Arra
 
 
 def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Array, Array]]:
-    """Yield the mask (n,) of the positions in each window, and the aligned positions of the model."""
+    """Yield for each window the mask (n,) of its positions, and the aligned positions of the model."""
     window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k
@@ -218,7 +218,7 @@ def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Ar
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded track divided by that of the plant [-]; NaN without a track."""
+    """Return the length of the recorded track per length of the plant's track [-]; NaN without a track."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = _beside(recording, driven)

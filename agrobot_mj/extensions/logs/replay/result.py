@@ -1,4 +1,4 @@
-"""Replay of logs (read, simulate, compare), and its files `replay.json`, `.parquet`, `.png` and the scenario."""
+"""Replay of logs (read, simulate, compare), with its files `replay.json`, `.parquet`, `.png` and the scenario."""
 
 import shutil
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ COLUMNS = (
     Column("e_left", "m", "plant minus recording, to the left of the heading of the plant"),
     Column("e_window", "m", "distance after the best rigid alignment of each window of 10 s"),
 )
-"""Columns of `replay.parquet`, one row per tick of the plant; null without a recorded value within half a tick."""
+"""Columns of `replay.parquet`, with one row per tick. Recorded values are null without a sample within half a tick."""
 
 
 class ReplayResult(NamedTuple):
@@ -58,7 +58,7 @@ class ReplayResult(NamedTuple):
     pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
     notes: tuple[str, ...]
-    """Notes about the used parts of the logs."""
+    """Notes about the parts of the logs that are used."""
 
 
 def replay(
@@ -69,7 +69,7 @@ def replay(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> ReplayResult:
-    """Replay one or more logs on the scenario's plant without writing files. Raises `FieldLogError`, `ScenarioError`.
+    """Replay logs on the plant of a scenario without writing files. Raises `FieldLogError`, `ScenarioError`.
 
     Default of `by`: the recorded angle if available, otherwise the voltage.
     """
@@ -80,7 +80,7 @@ def replay(
 def replay_pieces(
     recordings: Sequence[FieldRecording], scenario: Scenario, by: By | None = None, notes: tuple[str, ...] = ()
 ) -> ReplayResult:
-    """Return the result of `replay` for existing segments."""
+    """Replay existing segments, and return the result as `replay` does."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
     scenario = on_wide_ground(scenario, max(map(_reach, recordings)))
     driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
@@ -97,21 +97,21 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with level ground to at least `reach` from the origin [m]; other ground is unchanged."""
+    """Return the scenario with level ground up to at least `reach` [m] from the origin; other ground is unchanged."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
 
 
 def _reach(recording: FieldRecording) -> float:
-    """Return the maximum coordinate of a segment [m]; without positions its maximum track length."""
+    """Return the maximum absolute coordinate of a segment [m]; without positions its maximum track length."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Return the replay of a segment, from the pose that aligns its first metres with the recorded ones."""
+    """Replay a segment from the initial pose that aligns its first metres with the recorded positions."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -120,12 +120,12 @@ def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
 
 
 def files_of_replay(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the files written by `write_replay`."""
+    """Return the names of the files that `write_replay` writes."""
     return ("replay.parquet", "replay.png", "replay.toml", *scenario.portable()[1])
 
 
 def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
-    """Write signals, figure, and the scenario with its data files into `folder`."""
+    """Write signals, figure, and the scenario with its data files to `folder`."""
     text, data_files = scenario.portable()
     text = f"# identity {found.metrics.get('identity', '')}\n{text}"
     with atomic(folder / "replay.parquet") as part:
@@ -139,17 +139,17 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
 
 
 def signals(pieces: Sequence[Replayed]) -> pa.Table:
-    """Return the table of `COLUMNS`, with their units and descriptions."""
+    """Return the table with the `COLUMNS`, including units and descriptions."""
     return pa.concat_tables([_signals(k, *each) for k, each in enumerate(pieces)])
 
 
 def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table:
-    """Return the rows of one segment."""
+    """Return the rows of one segment in the table."""
     t, n = driven.t, len(driven.t)
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
     def at_rows(times: pa.Array, values: Any) -> Any:
-        """Return the values in the rows nearest to their times, NaN in the other rows."""
+        """Return a column with each value in the row nearest to its time, and NaN in the other rows."""
         column = np.full(n, np.nan)
         rows = np.rint((times - t[0]) / tick).astype(int)
         inside = (rows >= 0) & (rows < n)
@@ -178,7 +178,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
 
 
 def write_figure(pieces: Sequence[Replayed], file: Path) -> Path:
-    """Write the figure with four panels."""
+    """Write a figure with four panels: track, yaw rates and both residuals."""
     with rc_context(STYLE):
         figure = Figure(figsize=(2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
         (way, rate), (place, rest) = figure.subplots(2, 2)
@@ -223,7 +223,7 @@ def _titles(way: Any, rate: Any, rest: Any, place: Any) -> None:
 
 
 def _legend(axes: Any) -> None:
-    """Show one legend entry per name, for any number of segments."""
+    """Add a legend with one entry per name, for any number of segments."""
     found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     if found:
         axes.legend(found.values(), found.keys())

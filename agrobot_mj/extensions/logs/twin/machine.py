@@ -1,4 +1,4 @@
-"""Machine file of a twin: keys identified from a log, with intervals, and the other keys of a similar machine."""
+"""Machine file of a twin: keys identified from a log, with intervals; other keys are those of a similar machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite
@@ -17,24 +17,24 @@ from agrobot_mj.scenario.overrides import explicit_values, override
 from agrobot_mj.scenario.schema import Scenario
 
 MARGIN_DEG = 1.0
-"""Margin of the steering limit above the maximum recorded angle [deg]."""
+"""Margin between the steering limit and the maximum recorded angle [deg]."""
 MOST_STEER_DEG = 60.0
-"""Maximum possible steering limit [deg]."""
+"""Maximum plausible steering limit [deg]."""
 BACKLASH = "steering.linkage.backlash_deg"
 CARCASS = (0.05, 2.0)
-"""Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]."""
+"""Range of a tyre carcass's lateral stiffness per vertical stiffness [-]."""
 
 
 class TwinKey(NamedTuple):
-    """Machine key identified from the log."""
+    """Key of a machine file whose value is identified from a log."""
 
     value: float | bool
     note: str
-    """Interval or source of the value."""
+    """Interval or source of the value, for a comment."""
 
 
 def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return the scenario keys identified from the log, by dotted key."""
+    """Return the scenario keys that a log identifies, by dotted key."""
     keys = {**_tyres(found, scenario), **_sensors(c)}
     if (play := found.get("backlash_deg")) and play.identified:
         keys[BACKLASH] = TwinKey(round(play.value, 2), f"{play.low:.2g} to {play.high:.2g}")
@@ -46,7 +46,7 @@ def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, Twi
 
 
 def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return tyre stiffness and relaxation for the scenario's plant and tyre, for both axles or for none."""
+    """Return keys of tyre stiffness and relaxation for the plant and tyre of a scenario, for both axles or none."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
     if not told_apart(found):
@@ -68,7 +68,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return a single key for both axles, set to the mean of their relaxation lengths; empty if none is identified."""
+    """Return one key for both axles with the mean of their relaxation lengths; empty if none is identified."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -85,7 +85,7 @@ def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, Twin
 
 
 def _sensors(c: Calibration) -> dict[str, TwinKey]:
-    """Return the keys of the steering sensor, the latency of positions and the second antenna."""
+    """Return keys of the steering sensor, of the position latency, and of the second antenna."""
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
@@ -105,7 +105,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _step(c: Calibration) -> float:
-    """Return the smallest step between steering readings [unit of the reading]; 0 for continuous readings."""
+    """Return the smallest step between sensor readings [unit of the reading]; 0 for continuous readings."""
     steer = c.pieces.kept[0].steer
     steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
     return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0
@@ -132,7 +132,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the nested tables merged; values of `above` take precedence."""
+    """Merge nested tables. Values of `above` take precedence over values of `below`."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)
@@ -141,7 +141,7 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
 
 
 def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
-    """Return the tractor keys that the log does not identify, with values and sources."""
+    """Return the tractor keys that a log does not identify, each with its value and source."""
     file = machine_file(scenario.machine)
     of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
     given = explicit_values(scenario).get("tractor", {})

@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin) -> Document:
-    """Return the complete report page."""
+    """Return the report page of a twin."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",
@@ -91,18 +91,18 @@ def _position_residuals(t: Twin) -> Chart:
 
 
 def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:
-    """Return one curve of several parts separated by gaps."""
+    """Return one curve from several parts, with gaps between the parts."""
     x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
     return line(x, y, name, colour)
 
 
 REPORT = "report.html"
 FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")
-"""Files of a twin in addition to `twin.json`."""
+"""Files of a twin, in addition to `twin.json`."""
 
 
 def write_twin(t: Twin, folder: Path) -> None:
-    """Write all files into `folder`. Raises `ScenarioError` without plotly, before writing."""
+    """Write all files to `folder`. Raises `ScenarioError` before writing if plotly is not installed."""
     page(t).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         with atomic(folder / name) as part:

@@ -1,7 +1,7 @@
-"""Twin of a machine from its logs: calibrate and identify on one part, replay the rest, write the results.
+"""Twin of a machine from its logs: calibrate and identify with one part, replay the rest, write the results.
 
-One fit estimates sensors and vehicle, so that stiffness intervals include the uncertainty of the steering scale. The
-evaluated part is not used in the fit.
+One fit estimates sensors and vehicle, so that intervals of stiffnesses include the uncertainty of the steering scale.
+The fit does not use the part on which it is evaluated.
 """
 
 import tempfile
@@ -36,20 +36,20 @@ from agrobot_mj.scenario.schema import Scenario
 SPACING_M = 0.5
 """Distance between waypoints [m]."""
 SMOOTHED_S = 2.0
-"""Length of the cubic that smooths positions [s]."""
+"""Length of the local cubics that smooth positions [s]."""
 SLOWEST_M_S = 0.1
-"""Minimum speed of a waypoint [m/s]."""
+"""Minimum speed of waypoints [m/s]."""
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """Return east, north [m] and speed [m/s] of the CG on the longest forward leg, (n, 3); None if too short."""
+    """Return east, north [m] and speed [m/s] of the CG on the longest forward leg, (n, 3); None if it is too short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Return the forward legs of R at regular distances, each (n, 4): east, north [m], speed [m/s], heading [rad]."""
+    """Return the forward legs of R at equal distances, (n, 4) each: east, north [m], speed [m/s], heading [rad]."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -77,26 +77,26 @@ def _at_cg(leg: Array, cg_to_rear_axle: float) -> Array:
 
 
 def waypoint_text(points: Array) -> str:
-    """Return the waypoints as CSV."""
+    """Return waypoints as CSV text."""
     rows = [f"{x:.3f},{y:.3f},{max(u, SLOWEST_M_S):.3f}" for x, y, u in points]
     kept = [rows[0], *(b for a, b in pairwise(rows) if a.split(",")[:2] != b.split(",")[:2])]
     return "\n".join(["x,y,speed", *kept]) + "\n"
 
 
 SHARE = 0.6
-"""Fraction of the time used in the fit; the rest is for evaluation."""
+"""Fraction of the time that the fit uses; the rest is for evaluation."""
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Candidate smoothing distances between path and recorded track [m]; the first that the machine can follow is used."""
+"""Smoothing distances between path and recorded track [m]. The first that the machine can follow is used."""
 LEVEL_M = 450.0
-"""Extent of a track above which the level ground of the scenario is enlarged [m]."""
+"""Extent of a track above which the scenario needs larger level ground [m]."""
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
-"""Quantities of the fit contained in the map as `steer.offset`, `steer.scale` and `steer.delay_s`."""
+"""Quantities of the fit that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
-"""Names of the result files."""
+"""Names of the result files: machine, scenario and waypoints."""
 
 
 class Twin(NamedTuple):
-    """Twin of a machine with its evaluation."""
+    """Twin of a machine, with its evaluation."""
 
     name: str
     """Names of the logs."""
@@ -106,22 +106,22 @@ class Twin(NamedTuple):
     keys: dict[str, TwinKey]
     """Machine keys identified from the logs."""
     scenario: Scenario
-    """Replayed scenario with the twin's machine on level ground."""
+    """Scenario of the replay: the twin's machine on level ground."""
     fitted: tuple[FieldRecording, ...]
     """Segments used in the fit, converted with the calibrated map."""
     held_out: ReplayResult
     texts: dict[str, str]
-    """Texts of the result files by name: machine, and scenario and path if available."""
+    """Texts of the result files by name: the machine, and scenario with waypoints if available."""
     identity: str
 
     @property
     def recorded(self) -> list[FieldRecording]:
-        """Segments held out from the fit."""
+        """Segments that the fit did not use."""
         return [recording for recording, _ in self.held_out.pieces]
 
     @property
     def driven(self) -> list[Driven]:
-        """Replays of the twin on the held-out segments."""
+        """Replays of the twin on the segments that the fit did not use."""
         return [driven for _, driven in self.held_out.pieces]
 
     @property
@@ -131,7 +131,7 @@ class Twin(NamedTuple):
 
     @property
     def beyond_map(self) -> dict[str, Quantity]:
-        """Vehicle quantities other than those in the map."""
+        """Vehicle quantities that the map does not contain."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
@@ -143,7 +143,7 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """Return the twin of logs with a common map, with the sizes and masses of the scenario.
+    """Identify the twin of a machine from logs with a common map, and sizes and masses of a scenario.
 
     Raises `FieldLogError` or `ScenarioError`.
     """
@@ -168,14 +168,14 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the wheel angle after the play instead of the sensor angle."""
+    """Return the recording with the wheel angle after the play in place of the sensor angle."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
 
 
 def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """Return texts of the machine file and, if the machine can follow it, a scenario that repeats the longest drive."""
+    """Return the texts of the machine file and of a scenario with the longest drive, if the machine can follow it."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
@@ -211,7 +211,7 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Return whether the scenario loads; the path may be too sharp for the machine."""
+    """Return whether the scenario loads; its path may be too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
