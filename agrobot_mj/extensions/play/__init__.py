@@ -1,1 +1,1 @@
-"""Interactive driving in a browser: a driver at the keyboard, or a guidance law that takes over."""
+"""Interactive driving in a browser, by a driver at the keyboard or by a guidance law."""

@@ -1,4 +1,4 @@
-"""Adjustments of a drive: faults that begin and end during the drive, and keys that require a restart."""
+"""Adjustments during a drive: faults that begin and end while driving, and keys that require a restart."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,25 +10,25 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class Adjustment(NamedTuple):
-    """Quantity that is adjusted during a drive by faults that begin at the next tick."""
+    """Quantity that the driver adjusts during a drive. A new value acts as a fault from the next tick."""
 
     label: str
-    """Label with the unit."""
+    """Text of the slider, with the unit."""
     low: float
     high: float
     neutral: float
     """Value without a fault."""
     kind: str
-    """Kind of the faults."""
+    """Kind of the faults that implement the adjustment."""
     key: str
     """Key of the fault that contains the value."""
     others: tuple[Mapping[str, Any], ...] = ({},)
-    """Further keys of each fault."""
+    """Further keys of each fault; one fault per item."""
     step: float = 0.001
-    """Step of the value."""
+    """Resolution of the value."""
 
     def faults(self, value: float) -> list[dict[str, Any]]:
-        """Return the faults for a value within the limits, without times; empty for the neutral value."""
+        """Return the faults for a value, limited to the range, without times; empty for the neutral value."""
         value = round(round(min(max(value, self.low), self.high) / self.step) * self.step, 6)
         if abs(value - self.neutral) < 1e-9:
             return []
@@ -48,17 +48,17 @@ ADJUSTMENTS = {
 FAULT_S = 5.0
 """Default duration of an injected fault [s]."""
 STEEPEST_DEG = 40.0
-"""Maximum grade of the panel [deg]."""
+"""Maximum slope grade that the panel can set [deg]."""
 
 
 def fault_kinds() -> list[str]:
-    """Return the kinds of faults that can be injected, without the kinds used by adjustments."""
+    """Return the kinds of faults that a driver can inject. Kinds used by adjustments are excluded."""
     used = {each.kind for each in ADJUSTMENTS.values()}
     return [kind for kind in families()["fault"] if kind not in used]
 
 
 def tyre_kinds() -> list[str]:
-    """Return the kinds of tyres and soil."""
+    """Return the kinds of tyre models, with and without soil."""
     return list(families()["plant.tyre"])
 
 

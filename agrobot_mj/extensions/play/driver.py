@@ -1,4 +1,4 @@
-"""Conversion of keys, sliders and buttons to the inputs of a session."""
+"""Conversion of keys, sliders and buttons of a driver to the inputs of a session."""
 
 from math import isnan, nan, radians
 from typing import NamedTuple
@@ -7,17 +7,17 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.session import PlaySession
 
 STEER_RATE = radians(30.0)
-"""Rate at which the wheels turn while a key is pressed and return without a key [rad/s]. Assumed value (20-60)."""
+"""Rate at which the wheels turn with a key pressed, and return without one [rad/s]. Assumed value (20-60 deg/s)."""
 ACCELERATION_M_S2 = 1.0
 """Acceleration while a key is pressed [m/s2]. Assumed value (0.5-2)."""
 FASTEST_M_S, REVERSE_M_S = 6.0, -2.0
-"""Limits of the speed [m/s]."""
+"""Maximum speeds forward and in reverse [m/s]."""
 STALE_S = 0.4
-"""Time without a message after which keys count as released, since the browser is closed or hidden [s]."""
+"""Time without a message after which all keys count as released, because the page is closed or hidden [s]."""
 
 
 class Keys(NamedTuple):
-    """Pressed keys, and the time at which they were received [s]."""
+    """Pressed keys, and the time `seen` of their message [s]."""
 
     left: bool = False
     right: bool = False
@@ -26,41 +26,41 @@ class Keys(NamedTuple):
     seen: float = -1e9
 
     def at(self, now: float) -> "Keys":
-        """Return the pressed keys at a time [s]; none if they are older than STALE_S."""
+        """Return the keys pressed at a time [s]; none if the last message is older than STALE_S."""
         return self if now - self.seen < STALE_S else Keys()
 
     @property
     def steering(self) -> int:
-        """Direction in which the keys turn the wheels, positive left."""
+        """Direction in which the keys turn the wheels: 1 left, -1 right, 0 none."""
         return int(self.left) - int(self.right)
 
     @property
     def driving(self) -> int:
-        """Direction in which the keys change the speed."""
+        """Direction in which the keys change the speed: 1 faster, -1 slower, 0 none."""
         return int(self.faster) - int(self.slower)
 
 
 class PlayDriver:
-    """Driver with a steering angle, a speed, and a law that can take over."""
+    """Driver with a steering angle and a speed, who can hand over to a guidance law."""
 
     def __init__(self, session: PlaySession) -> None:
         self.session = session
         self.angle, self.speed, self.law = 0.0, 0.0, 0
         self.law_speed = nan
-        """Speed of a law; NaN for the speed of the path [m/s]."""
+        """Speed set for guidance laws [m/s]; NaN for the speed of the path."""
         self.chosen = 1
-        """Number of the law that takes over."""
+        """Number of the law selected for a takeover."""
         self.centring = True
-        """Whether the wheels return to straight ahead without a key."""
+        """Whether the wheels return to straight ahead while no key is pressed."""
 
     def take_over(self) -> None:
-        """Let the driver steer, starting from the present angle and speed."""
+        """Return control to the driver, starting from the present angle and speed."""
         if self.law:
             truth = self.session.sim.truth
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
 
     def hand_over(self, law: int) -> None:
-        """Let a law steer."""
+        """Give control to a law, by its number."""
         self.law = self.chosen = law
 
     def stop(self) -> None:
@@ -74,7 +74,7 @@ class PlayDriver:
         self.angle, self.centring = angle, False
 
     def set_speed(self, speed: float) -> None:
-        """Set the speed of the driver or of the law that steers [m/s]."""
+        """Set the speed of the driver, or of the law if a law steers [m/s]."""
         if self.law:
             self.law_speed = abs(_within(speed))
         else:
@@ -82,13 +82,13 @@ class PlayDriver:
 
     @property
     def wanted_speed(self) -> float:
-        """Speed of the driver or of the law [m/s]."""
+        """Speed setpoint of the driver or of the law that steers [m/s]."""
         if not self.law:
             return self.speed
         return self.session.base.path.speed_m_s if isnan(self.law_speed) else self.law_speed
 
     def tick(self, keys: Keys) -> None:
-        """Advance one tick: apply the keys and give the input to the session."""
+        """Advance one tick: apply the keys and pass the input to the session."""
         if keys.steering or keys.driving:
             self.take_over()
         if keys.steering:
@@ -106,11 +106,11 @@ class PlayDriver:
         else:
             session.steer(self.angle, self.speed)
         session.tick()
-        if law and not session.given.law:  # the law has failed
+        if law and not session.given.law:  # the law failed
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Continue with the inputs of a restored state."""
+        """Continue with the inputs of a restored session state."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

@@ -1,8 +1,8 @@
-"""Inputs of a driver, stored in a CSV file with one row for each change.
+"""Inputs of a drive, stored in a CSV file with one row for each change.
 
-The columns are the number of the tick from which a row applies, the number of the law that steers (0 for the driver),
-the steering angle [rad] and the speed [m/s]; an empty speed means the speed of the path. Numbers are written with all
-digits, so that the table repeats a drive exactly.
+Columns: the tick from which the row applies, the number of the law that steers (0 for the driver), the steering angle
+[rad] and the speed [m/s]. An empty speed means the speed of the path. Numbers are written with all digits, so that the
+table repeats a drive exactly.
 """
 
 import csv
@@ -16,21 +16,21 @@ from typing import NamedTuple
 from agrobot_mj.core.resources import checked, refuse, stamp
 
 INPUTS = "inputs.csv"
-"""Name of the table in the folder of a drive."""
+"""Name of the CSV file in the results folder of a drive."""
 HEADER = ("tick", "law", "steer_rad", "speed_m_s")
 MOST_BYTES = 20_000_000
-"""Maximum size of a table [bytes]: several hours with a change in each tick."""
+"""Maximum size of a CSV file [bytes]: several hours with a change in each tick."""
 
 
 class PlayInput(NamedTuple):
-    """Input of one tick; initially a driver who stands still."""
+    """Input of one tick. Default: the driver is in control at standstill."""
 
     law: int = 0
     """Number of the law that steers, from 1; 0 for the driver."""
     steer: float = 0.0
     """Steering angle of the driver, left positive [rad]."""
     speed: float = 0.0
-    """Speed, negative in reverse; NaN with a law for the speed of the path [m/s]."""
+    """Speed, negative in reverse [m/s]; NaN for a law that uses the speed of the path."""
 
 
 class PlayTable(NamedTuple):
@@ -40,13 +40,13 @@ class PlayTable(NamedTuple):
     given: Sequence[PlayInput]
 
     def at(self, tick: int) -> PlayInput:
-        """Return the input of a tick; before the first row, the driver stands still."""
+        """Return the input of a tick. Before the first row, the driver is in control at standstill."""
         k = bisect_right(self.ticks, tick) - 1
         return self.given[k] if k >= 0 else PlayInput()
 
 
 def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
-    """Write changes as a table."""
+    """Write changes of the input as a CSV file."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
@@ -55,7 +55,7 @@ def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
 
 
 def read_inputs(name: str) -> PlayTable:
-    """Return the table of a file, read again after changes. Raises ValueError naming the line and the fix."""
+    """Read a CSV file of inputs again whenever it has changed. Raises ValueError that names the line and the fix."""
     return _read(name, stamp(name))
 
 

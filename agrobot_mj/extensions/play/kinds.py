@@ -1,4 +1,4 @@
-"""Kinds of this extension."""
+"""Kinds of guidance laws added by this extension."""
 
 from agrobot_mj.extensions.play.played import Played
 

@@ -1,4 +1,4 @@
-"""Panel, keys and curves in the viewer, which send messages to the simulation and show its status.
+"""Panel, keys and curves in the viewer. They send messages to the simulation and show its status.
 
 MuJoCo Studio runs this module in a separate thread.
 """
@@ -23,7 +23,7 @@ HELD = {
     "faster": (KEY.UpArrow, KEY.W),
     "slower": (KEY.DownArrow, KEY.S),
 }
-"""Keys with an effect as long as they are pressed."""
+"""Keys that act as long as they are pressed."""
 PRESSED = {
     "stop": KEY.Space,
     "law": KEY.L,
@@ -34,7 +34,7 @@ PRESSED = {
     "pause": KEY.P,
     "restart": KEY.Backspace,
 }
-"""Keys with a single effect per press."""
+"""Keys that act once per press."""
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
@@ -42,22 +42,22 @@ HELP = (
     "Backspace: start again"
 )
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
-"""Width and maximum height of the panel, and the distance from the border [pixels]."""
+"""Width and maximum height of the panel, and its distance from the border of the page [pixels]."""
 CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
-"""Height of the curves divided by that of the page [-], and their minimum height [pixels]."""
+"""Height of the curves divided by the height of the page [-], and minimum height of the curves [pixels]."""
 LABEL = 125.0
 """Width of the sliders in the panel [pixels]."""
 SHOWN_S = 20.0
 """Duration shown by the curves [s]."""
 FLAG = imgui.WindowFlags
 FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
-"""Flags of windows that cannot be closed or moved, and whose widgets do not react to keys."""
+"""Flags of windows that cannot be closed or moved, and whose widgets do not respond to keys."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
 
 
 @dataclass(frozen=True)
 class Press(messages.Event):  # type: ignore[misc, unused-ignore]
-    """A key, button or slider."""
+    """Message about a pressed key or button, or a moved slider."""
 
     name: str
     value: float = 0.0
@@ -66,14 +66,14 @@ class Press(messages.Event):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True)
 class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Keys that are pressed now."""
+    """Message with the keys that are pressed now."""
 
     keys: Keys
 
 
 @dataclass(frozen=True, eq=False)
 class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Quantities that the panel shows."""
+    """Message with the quantities that the panel shows."""
 
     title: str = ""
     laws: Sequence[str] = ()
@@ -103,20 +103,20 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     """Panel of a drive, with its keys and curves."""
 
     def __init__(self, aim: Any) -> None:
-        """Create a panel; `aim` turns the camera of a new model towards the tractor."""
+        """Create the panel. `aim` turns a camera towards the tractor."""
         self.aim, self.status, self.fault = aim, PlayStatus(), 0
         self.edited: dict[str, float] = {}
-        """Values of sliders that are being dragged, and of sliders that require a restart."""
+        """Values of sliders during a drag, and of sliders that take effect at a restart."""
         self.tyre: int | None = None
 
     @messages.handler
     def on_status(self, status: PlayStatus) -> None:
-        """Store the status to show."""
+        """Store the status, which is drawn in the next frame."""
         self.status = status
 
     @messages.handler
     def on_model(self, _: messages.PostModelEvent) -> None:
-        """Aim the camera at a new model."""
+        """Aim the camera at the tractor of a new model."""
         self.aim(self.viewer.camera)
         self.edited.clear()
         self.tyre = None

@@ -1,4 +1,4 @@
-"""Drives in a browser: real time, messages of the panel, and a folder of results for each drive."""
+"""Drives in a browser: pacing in real time, messages of the panel, and a results folder for each drive."""
 
 import tempfile
 import time
@@ -27,11 +27,11 @@ from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 SHOW_S = 0.04
 """Maximum time between two exchanges of messages with the viewer [s]."""
 BEHIND_S = 0.25
-"""Delay above which the drive runs slower than real time instead of catching up [s]."""
+"""Delay above which a drive continues slower than real time instead of catching up [s]."""
 CLOSE_S = 1.0
-"""Maximum time for which the command waits for the viewer to end, after writing the files [s]."""
+"""Maximum time for which the command waits until the viewer has ended, after the files are written [s]."""
 RATE_S = 1.0
-"""Time over which the rate is measured [s]."""
+"""Time over which the ratio of simulated to wall time is measured [s]."""
 
 
 class PlayOptions(NamedTuple):
@@ -41,13 +41,13 @@ class PlayOptions(NamedTuple):
     network: bool = False
     """Whether other computers can reach the page."""
     seconds: float | None = None
-    """Wall time after which the drive ends [s]; None for no limit."""
+    """Wall time after which the drive ends [s]; None for an unlimited drive."""
     recorded: bool = True
     """Whether each drive is recorded for Rerun."""
 
 
 class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
-    """Messages of the panel."""
+    """Inbox of the simulation for messages of the panel."""
 
     def __init__(self) -> None:
         self.presses: list[Press] = []
@@ -65,10 +65,10 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
 
 class Play:
-    """Session with its view, which executes the requests of the panel."""
+    """Session with its driver and view. Executes the requests of the panel."""
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
-        """Prepare the first drive; `keep` writes the files of a completed drive."""
+        """Prepare the first drive. `keep` writes the files of a completed drive."""
         self.keep, self.paused = keep, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
@@ -83,7 +83,7 @@ class Play:
         self.rolls: list[float] = []
 
     def restart(self, grade_deg: float, tyre: str) -> None:
-        """Save the drive, and start another one with this grade [deg] and tyre kind, if not empty."""
+        """Save the drive and start another one with this slope grade [deg] and tyre kind, where "" keeps the tyre."""
         before = self.session
         try:
             self.start(restarted(before.base, grade_deg, tyre))
@@ -124,7 +124,7 @@ class Play:
             del values[kept:]
 
     def tick(self, keys: Keys) -> None:
-        """Advance one tick."""
+        """Advance one tick and update the view and the curves."""
         self.driver.tick(keys)
         self.view.pose(self.session.sim)
         truth = self.session.sim.truth
@@ -137,7 +137,7 @@ class Play:
             del values[:-most]
 
     def measure(self, now: float, ticks: int) -> None:
-        """Measure the speed of the simulation from the number of ticks so far."""
+        """Measure the ratio of simulated to wall time; `ticks` is the number of ticks so far."""
         since, before = self._measured
         if now - since >= RATE_S:
             self.rate, self._measured = (ticks - before) * TICK_S / (now - since), (now, ticks)
@@ -178,10 +178,10 @@ def play(
     should_stop: Callable[[], bool],
     ready: Callable[[str], None] = lambda url: None,
 ) -> list[tuple[Path, Log]]:
-    """Drive in a browser until `should_stop` is True; return the folders and logs of all drives.
+    """Drive in a browser until `should_stop` returns True. Return the folders and logs of all drives.
 
     Each drive is written to a new folder: `folder`, then the same name with -2, -3 and so on. `ready` is called with
-    the address of the page. Raises `ScenarioError` for a scenario that cannot be driven and for a port in use.
+    the address of the page. Raises `ScenarioError` for a scenario that cannot be driven, and for a port in use.
     """
     kept: list[tuple[Path, Log]] = []
 
@@ -212,7 +212,7 @@ def _loop(
     options: PlayOptions,
     should_stop: Callable[[], bool],
 ) -> None:
-    """Tick in real time, or slower, and exchange messages with the viewer; wait while no page shows the tractor."""
+    """Advance in real time or slower, and exchange messages with the viewer. Wait while no page shows the tractor."""
     began = due = time.monotonic()
     ticks = 0
     while not should_stop() and handle.is_running():
@@ -236,7 +236,7 @@ def _loop(
 
 
 def save(session: PlaySession, folder: Path, recorded: bool) -> Log:
-    """Write the files of a drive, with a scenario that repeats it."""
+    """Write the files of a drive, with a scenario that repeats the drive."""
     from agrobot_mj.recording import Recording
 
     with tempfile.TemporaryDirectory() as place:

@@ -1,8 +1,8 @@
 """Guidance by a driver, and by laws to which the driver hands over.
 
-`agrobot-mj play` sets the input of each tick; with `inputs.file` they come from a table, which repeats a drive. A law
-that takes over begins at the point of the path nearest to the tractor. The law's time on the path starts at this point
-and advances in proportion to the commanded fraction of the path's speed.
+`agrobot-mj play` sets the input of each tick. With `inputs.file` the inputs come from a table, which repeats a drive. A
+law that takes over starts at the point of the path nearest to the tractor. The time of the law on the path starts at
+this point, and advances in proportion to the commanded speed divided by the speed of the path.
 """
 
 from collections.abc import Sequence
@@ -22,27 +22,27 @@ from agrobot_mj.extensions.play.inputs import PlayInput, read_inputs
 COARSE_S, FINE_S = 1.0, 0.05
 """Steps of the search for the nearest point of the path [s]."""
 LEAST_SPEED_M_S = 0.05
-"""Speed of the path below which the time on the path equals real time [m/s]."""
+"""Speed of the path below which the time on the path advances in real time [m/s]."""
 
 
 class PlayState(NamedTuple):
     """State of the law `Played`."""
 
     given: PlayInput = PlayInput()
-    """Input of the tick."""
+    """Input of the present tick."""
     law: int = 0
     """Number of the law to which `inner` belongs; 0 for the driver."""
     inner: Any = None
     """State of the law given by `law`."""
     time: float = 0.0
-    """Time of the law on the path [s]."""
+    """Time on the path of the law that steers [s]."""
 
 
 class PlayRecord(Spec):
-    """Table of the inputs of a drive."""
+    """Recorded inputs of a drive."""
 
     file: str | None = None
-    """Table of inputs that repeats a drive (`inputs.csv`). Default: no table; `agrobot-mj play` provides the inputs."""
+    """CSV file of inputs that repeats a drive (`inputs.csv`). Default: none; `agrobot-mj play` provides the inputs."""
 
 
 class Played(GuidanceLaw):
@@ -51,12 +51,12 @@ class Played(GuidanceLaw):
     kind: Literal["played"] = "played"
     timed: ClassVar = False
     inputs: PlayRecord = PlayRecord()
-    """Table of the inputs."""
+    """Recorded inputs of a drive to repeat."""
     laws: tuple[dict[str, Any], ...] = ()
     """Guidance laws that can take over, as tables with their `kind`; numbered from 1 in the table of inputs."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
-    """Maximum time on the path in the search for the nearest point [s]. Default: one turn of the paper's path;
-    `agrobot-mj play` gives the duration of the first lap."""
+    """Maximum time on the path in the search for the nearest point [s]. Default: one lap of the paper's path;
+    `agrobot-mj play` sets the duration of the first lap."""
     _members: tuple[GuidanceLaw, ...] = PrivateAttr(())
 
     @field_validator("laws")
@@ -68,12 +68,12 @@ class Played(GuidanceLaw):
 
     @property
     def members(self) -> tuple[GuidanceLaw, ...]:
-        """Laws that can take over."""
+        """Guidance laws that can take over."""
         return self._members or tuple(law_of(table, f"laws[{k}]") for k, table in enumerate(self.laws))
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors of all laws."""
+        """Sensors that the laws need, each with the reason."""
         return {sensor: f"laws: {text}" for law in self.members for sensor, text in law.needs.items()}
 
     @property
@@ -83,11 +83,11 @@ class Played(GuidanceLaw):
 
     @property
     def outside(self) -> str:
-        """Command that runs this guidance without a table of inputs."""
+        """Command that must run this guidance if no inputs are recorded; empty otherwise."""
         return "play" if self.inputs.file is None else ""
 
     def check(self) -> None:
-        """Read the table of inputs. Raise ValueError if it is invalid or refers to a missing law."""
+        """Read the recorded inputs. Raises ValueError if they are invalid or refer to a missing law."""
         for law in self.members:
             law.check()
         if (file := self.inputs.file) is not None:
@@ -99,19 +99,19 @@ class Played(GuidanceLaw):
                 raise ValueError(f"laws: the inputs use law {highest}, but {len(self.laws)} are listed; add it")
 
     def using(self, controller: YawController) -> "Played":
-        """Return the law with the yaw controller passed to all laws."""
+        """Return this guidance with a yaw controller that all laws use."""
         found = self.model_copy()
         found._members = tuple(law.using(controller) for law in self.members)
         return found
 
     def init(self) -> PlayState:
-        """Return the initial state: the driver stands still."""
+        """Return the initial state: the driver is in control at standstill."""
         return PlayState()
 
     def update(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
         """Return the command of the driver, or of the law that steers.
 
-        At standstill the pedal is in neutral, because the speed loop would roll back by its overshoot.
+        At standstill the pedal is in neutral, because the speed loop would roll the tractor back by its overshoot.
         """
         given = state.given
         if self.inputs.file is not None:
@@ -123,7 +123,7 @@ class Played(GuidanceLaw):
         return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
 
     def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the command of the law that steers, at the law's time on the path."""
+        """Return the command of the law that steers, computed at its time on the path."""
         given, law, route = state.given, self.members[state.given.law - 1], situation.route
         if given.law != state.law:
             e = situation.estimate
@@ -139,7 +139,7 @@ class Played(GuidanceLaw):
         return state._replace(inner=inner, time=state.time + rate * dt), command
 
     def feedback(self, state: PlayState, command: Command) -> float:
-        """Return the feedback part of the law that steers; the whole angle of a driver [rad]."""
+        """Return the feedback part of the steering angle of a law, or the complete angle of a driver [rad]."""
         return self.members[state.law - 1].feedback(state.inner, command) if state.law else command.steer
 
     @property
@@ -157,7 +157,7 @@ class Played(GuidanceLaw):
 
 
 def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
-    """Return the guidance law of a table. Raises ValueError naming the `key`."""
+    """Return the guidance law defined by a table. Raises ValueError that names the `key`."""
     from agrobot_mj.scenario.reference import families  # the schema contains this law
 
     kinds = families()["guidance"]
@@ -175,7 +175,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
 
 
 def nearest_time(route: Route, x: float, y: float, last: float) -> float:
-    """Return the time, up to `last` [s], at which the reference is nearest to a position [m]."""
+    """Return the time, at most `last` [s], at which the reference is nearest to a position [m]."""
     best = _nearest(route, x, y, 0.0, last, COARSE_S)
     return _nearest(route, x, y, max(best - COARSE_S, 0.0), min(best + COARSE_S, last), FINE_S)
 

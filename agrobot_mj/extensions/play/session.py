@@ -1,7 +1,7 @@
-"""One drive without viewer: a simulation with the inputs of a driver, adjustments, faults, and result files.
+"""Drive without a viewer: a simulation with inputs of a driver, adjustments, faults, and result files.
 
-Every change of the machine or the ground becomes a fault of the drive's scenario, starting at the next tick, so that
-the saved scenario repeats the drive.
+Every change of the machine or the ground becomes a fault in the scenario of the drive, starting at the next tick, so
+that the saved scenario repeats the drive.
 """
 
 from collections.abc import Mapping
@@ -35,7 +35,7 @@ class Mark(NamedTuple):
 
 
 class PlaySession:
-    """Drive from the start of a scenario."""
+    """Drive of a tractor from the start of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         """Place the tractor at the start. Raises `ScenarioError` for a scenario that cannot be driven."""
@@ -60,18 +60,18 @@ class PlaySession:
 
     @property
     def ticks(self) -> int:
-        """Number of ticks driven."""
+        """Number of ticks simulated."""
         return self.sim.rows.filled
 
     @property
     def driven(self) -> bool:
-        """Whether the tractor has been driven."""
+        """Whether the tractor has moved or a law has steered."""
         return any(given.law or given.speed for _, given in self._changes)
 
     def tick(self) -> None:
         """Advance one tick with the present input; no effect after the end of the run.
 
-        A law that fails hands over to the driver at standstill, and sets `message` to the reason.
+        A law that raises an exception returns control to the driver at standstill; `message` then states the reason.
         """
         if self.sim.done:
             return
@@ -92,18 +92,18 @@ class PlaySession:
             self.message = f"{self.sim.outcome}: {self.sim.reason}" if self.sim.reason else self.sim.outcome
 
     def steer(self, angle: float, speed: float) -> None:
-        """Let the driver steer by an angle [rad] at a speed [m/s]."""
+        """Set the steering angle [rad] and speed [m/s] of the driver."""
         limit = self.base.tractor.steer_limit
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 
     def hand_over(self, law: int, speed: float = nan) -> None:
-        """Let a law steer, by its number from 1, at a speed [m/s] or at the speed of the path."""
+        """Give control to a law, by its number from 1, at a speed [m/s]; NaN for the speed of the path."""
         if not 1 <= law <= len(self.law_names):
             raise CommandError(f"law: must be from 1 to {len(self.law_names)}, got {law}")
         self.given = PlayInput(law, 0.0, speed)
 
     def adjust(self, name: str, value: float) -> None:
-        """Set an adjustment, effective from the next tick."""
+        """Set the value of an adjustment, effective from the next tick."""
         faults = ADJUSTMENTS[name].faults(value)
         if self._script([name], [(f"{name}.{k}", fault, None) for k, fault in enumerate(faults)]):
             self.values[name] = value
@@ -114,7 +114,7 @@ class PlaySession:
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """End and begin faults at the next tick; return whether the scenario allows this, otherwise set `message`."""
+        """End and begin faults at the next tick. If the scenario becomes invalid, set `message` and return False."""
         if self.sim.done:
             return False
         now = (self.ticks + 1) * TICK_S
@@ -143,7 +143,7 @@ class PlaySession:
         self.message = f"state at {self.sim.truth.t:.1f} s kept"
 
     def recall(self) -> None:
-        """Return to the saved state, and discard the drive since then."""
+        """Return to the saved state and discard the drive since then."""
         if self._mark is None:
             self.message = "no state has been kept"
             return
@@ -162,9 +162,9 @@ class PlaySession:
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
     def finished(self, folder: Path) -> Log:
-        """Write the table of inputs into a folder, and return the log of the drive with the scenario that repeats it.
+        """Write the inputs into a folder, and return the log of the drive with a scenario that repeats the drive.
 
-        The last tick is simulated again from the table, so that the drive ends exactly like its repetition.
+        The last tick is simulated again from the written inputs, so that the drive ends exactly like its repetition.
         """
         write_inputs(folder / INPUTS, self._changes)
         before = self._before if self._before is not None else self.sim.save()
@@ -176,7 +176,7 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return the scenario with a human driver as guidance, from whom any law can take over. Raises `ScenarioError`."""
+    """Return the scenario with a human driver as guidance, who can hand over to any law. Raises `ScenarioError`."""
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):
@@ -187,7 +187,7 @@ def drivable(scenario: Scenario) -> Scenario:
 
 
 def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the tables of the laws that can drive a scenario, beginning with the scenario's law."""
+    """Return the tables of all guidance laws that can drive a scenario. The scenario's own law is first."""
     own = scenario.guidance
     if isinstance(own, Played):
         return list(own.laws)
@@ -207,13 +207,13 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
 def _without_empty(
     faults: list[dict[str, Any]], still: Mapping[str, int]
 ) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """Return the faults, without those that end before they begin, and the numbers of the open faults."""
+    """Return the faults without those that end before they begin, and the renumbered open faults."""
     kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
     return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
 
 
 def _repeating(scenario: Scenario, inputs: Path, ticks: int) -> Scenario:
-    """Return the scenario that repeats the given number of ticks from a table of inputs."""
+    """Return the scenario that repeats a number of ticks from a file of inputs."""
     end = ticks * TICK_S
     faults = [
         fault.model_dump(mode="json", exclude_none=True) for fault in scenario.fault if fault.start_s < end - TICK_S / 2

@@ -1,4 +1,4 @@
-"""View of the tractor and its ground in MuJoCo Studio: a model with all drawn parts, which takes the simulated pose."""
+"""View of the tractor and its ground in MuJoCo Studio: a model with all drawn parts, in the simulated pose."""
 
 from itertools import pairwise
 from typing import Any
@@ -13,20 +13,20 @@ from agrobot_mj.plants.mujoco.plant import MujocoPlant
 from agrobot_mj.simulation.stepping import Simulation
 
 PATH_PIECES, PATH_RADIUS_M, ABOVE_M = 150, 0.03, 0.03
-"""Number of segments of the drawn path, their radius and their height above the ground [m]."""
+"""Number of segments of the drawn path, radius of the line and its height above the ground [m]."""
 PATH_RGBA = (0.95, 0.75, 0.1, 1.0)
 SKY = ((0.60, 0.80, 1.0), (0.75, 0.88, 1.0))
 FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))
 SUN, HEADLIGHT = (0.6, 0.6, 0.6), (0.15, 0.15, 0.15)
-"""Colours of the lights; Studio adds light of the sky."""
+"""Colours of the lights. Studio adds light from the sky."""
 SQUARE_M = 4.0
-"""Period of the pattern of the ground [m]."""
+"""Period of the ground pattern [m]."""
 CAMERA = (9.0, -18.0, 35.0)
-"""Distance [m], elevation and azimuth [deg] of the camera, relative to the initial heading."""
+"""Distance [m], elevation [deg] and azimuth relative to the initial heading [deg] of the camera."""
 
 
 class PlayView:
-    """Model and data that show a drive."""
+    """MuJoCo model and data that show a drive."""
 
     def __init__(self, session: PlaySession) -> None:
         self.model = drawn_model(session.sim)
@@ -34,14 +34,14 @@ class PlayView:
         self.pose(session.sim)
 
     def pose(self, sim: Simulation) -> None:
-        """Copy the pose of the simulated tractor."""
+        """Copy pose and velocity of the simulated tractor to the view."""
         data = plant_of(sim).data
         self.data.qpos[:] = data.qpos
         self.data.qvel[:] = data.qvel
         self.data.time = data.time
 
     def aim(self, camera: Any) -> None:
-        """Let a camera follow the tractor from behind."""
+        """Make a camera follow the tractor from behind."""
         w, x, y, z = self.data.qpos[3:7]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         camera.type = int(mujoco.mjtCamera.mjCAMERA_TRACKING)
@@ -58,7 +58,7 @@ def plant_of(sim: Simulation) -> MujocoPlant:
 
 
 def drawn_model(sim: Simulation) -> mujoco.MjModel:
-    """Return a model without contacts for drawing: the tractor with all parts, its ground and the path."""
+    """Return a model without contacts for drawing: the tractor with all parts, its ground and its path."""
     plant, tyre = plant_of(sim), plant_of(sim).spec.tyre
     spec = tractor_spec(plant.machine)
     hitched = plant.machine.implement.hitched(plant.machine.tractor)
@@ -73,7 +73,7 @@ def drawn_model(sim: Simulation) -> mujoco.MjModel:
 
 
 def _dress(spec: mujoco.MjSpec) -> None:
-    """Add sky, light and the pattern of the ground."""
+    """Add sky, light and the ground pattern to a model specification."""
     builtin, kind = mujoco.mjtBuiltin, mujoco.mjtTexture
     spec.add_texture(
         name="sky",

@@ -1,7 +1,7 @@
-"""Browser viewer of MuJoCo Studio, reachable only from this machine by default.
+"""Browser viewer of MuJoCo Studio, by default reachable only from this machine.
 
-MuJoCo Studio binds every interface without authentication, and accepts connections from pages of other sites. Here the
-viewer binds loopback unless network access is allowed, and rejects pages of other sites.
+MuJoCo Studio listens on every network interface without authentication, and accepts connections from pages of other
+sites. This viewer listens on the loopback interface unless network access is allowed, and rejects pages of other sites.
 """
 
 import io
@@ -20,19 +20,19 @@ from agrobot_mj.core.errors import ScenarioError
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
 START_S = 20.0
-"""Maximum time for the start of the viewer [s]. Assumed value, for a loaded machine."""
+"""Maximum start-up time of the viewer [s]. Assumed value, for a loaded machine."""
 SERVE = web_server.serve
-"""Server of the library, which accepts pages of any site."""
+"""Function of MuJoCo Studio that starts its server. The server accepts pages of any site."""
 STATE = "/state"
-"""Address of the stream of poses, to which each page that shows the tractor is connected."""
+"""URL path of the stream of poses. Each page that shows the tractor is connected to this stream."""
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Viewer with a selectable address; the library uses a fixed address."""
+    """Viewer with a selectable network address. In MuJoCo Studio the address is fixed."""
 
     address = LOOPBACK
     clients = 0
-    """Number of pages that show the tractor."""
+    """Number of pages that now show the tractor."""
 
     @property
     def _host(self) -> str:
@@ -40,11 +40,11 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @_host.setter
     def _host(self, _fixed: str) -> None:
-        """Ignore the address that the library sets."""
+        """Ignore the fixed address that MuJoCo Studio sets."""
 
     @property
     def port(self) -> int:
-        """Port of the page."""
+        """TCP port of the page."""
         return int(self._http_sock.getsockname()[1])
 
     def _start_server(self) -> None:
@@ -52,7 +52,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
         super()._start_server()
 
     def _serve(self, handler: Callable[[ServerConnection], Awaitable[None]], **options: Any) -> Any:
-        """Start the server of the library, which here counts the pages."""
+        """Start the server of MuJoCo Studio, and count the connected pages."""
 
         async def counted(connection: ServerConnection) -> None:
             shows = connection.request is not None and connection.request.path.startswith(STATE)
@@ -66,12 +66,12 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @property
     def origins(self) -> list[str] | None:
-        """Sites whose pages may connect; None for all."""
+        """Sites whose pages may connect to the server; None for all sites."""
         return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
 
 
 class NetworkViewer(PlayViewer):
-    """Viewer that other computers can reach."""
+    """Viewer that accepts connections from other computers."""
 
     address = EVERYWHERE
     origins = None
@@ -80,7 +80,7 @@ class NetworkViewer(PlayViewer):
 def launch(
     port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]
 ) -> tuple[Any, PlayViewer]:
-    """Start the viewer in a thread; return its handle and the viewer. Raises `ScenarioError` for a port in use."""
+    """Start the viewer in a thread. Return its handle and the viewer. Raises `ScenarioError` for a port in use."""
     started, found = threading.Event(), list[PlayViewer]()
     kind: Callable[..., PlayViewer] = NetworkViewer if network else PlayViewer
 
@@ -93,7 +93,7 @@ def launch(
         viewer_protocol.run_viewer_loop(found[0])
 
     logging.getLogger("WebServer").setLevel(logging.WARNING)
-    with redirect_stdout(io.StringIO()):  # the banner lists other addresses
+    with redirect_stdout(io.StringIO()):  # the banner of the server lists other addresses
         handle: viewer_handle.ViewerHandle = launch_thread.launch_thread(serve, sim_plugins=list(sim_plugins))
         started.wait(START_S)
     if not found:
@@ -106,7 +106,7 @@ def launch(
 
 
 def closing(handle: Any) -> threading.Thread:
-    """Stop the viewer and its server in a thread, and return the thread; an error of the viewer is printed."""
+    """Stop the viewer and its server in a thread, and return the thread. Errors of the viewer are printed."""
 
     def close() -> None:
         try:
