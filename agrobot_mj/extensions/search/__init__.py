@@ -1,1 +1,1 @@
-"""Searches over many runs: limits, rare failures, smallest failing changes, importance of parameters, gains."""
+"""Searches over many runs: limits of laws, rare failures, smallest failing changes, important parameters, gains."""

@@ -1,10 +1,10 @@
-"""Margin of a run to a failure condition, tick by tick, for searches that maximise it.
+"""Margin of a run to a failure condition at each tick, for searches that maximise the margin.
 
-Each compared metric has a value at each tick: its value at the end of the run if all later errors were 0. A maximum is
-the present magnitude; a root mean square or a percentile covers the complete planned duration. The margin of a
-comparison with c is (value - c) / |c|, negative before the condition is met; `and` takes the minimum, `or` the maximum,
-`not` the negative [Fainekos2009]. The condition begins to be met at about 0; `Condition.fails` decides. The margin
-never uses later ticks, since splitting would then be biased.
+Each metric in the condition gets a value at each tick: its value at the end of the run if all later errors were 0. A
+maximum is the present magnitude. A root mean square or a percentile covers the complete planned duration. The margin of
+a comparison with a number c is (value - c) / |c|, which is negative until the condition is met; `and` takes the
+minimum, `or` the maximum, `not` the negative [Fainekos2009]. The condition is first met at a margin of about 0;
+`Condition.fails` decides. The margin never uses later ticks, because splitting would then be biased.
 """
 
 import ast
@@ -39,20 +39,20 @@ SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "yaw_rate_error_": lambda view: view.column("e_yaw_rate"),
     "hitch_angle_": lambda view: view.column("hitch_angle"),
 }
-"""Signal from which a metric is computed, by the prefix of the metric's name."""
+"""Signal from which a metric is computed, by the first part of the metric's name."""
 
 
 @dataclass(frozen=True)
 class Closeness:
-    """Callable that returns the margin of a run to a failure condition."""
+    """Function that returns the margin of a run to a failure condition."""
 
     until: str
-    """Failure condition, as text for `Condition`."""
+    """Failure condition, as text that `Condition` parses."""
     signal: str | None = None
-    """Column whose magnitude is used as the margin; None for the metrics of the condition."""
+    """Column whose magnitude is the margin. Default: the margin follows from the metrics in the condition."""
 
     def __call__(self, log: Log) -> Array:
-        """Return the finite margin after each tick, shape (ticks,) [-]. Raises `ScenarioError`."""
+        """Return the finite margin at each tick, shape (ticks,) [-]. Raises `ScenarioError`."""
         view = RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
@@ -64,14 +64,14 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Rises:
-    """Callable that returns the ticks at which the margin of a run reaches a new maximum, for splitting."""
+    """Function that returns the ticks at which the margin of a run reaches a new maximum, for splitting."""
 
     closeness: Closeness
     ahead_s: float = 0.0
-    """Time by which increases of the margin are extrapolated [s]."""
+    """Time by which an increase of the margin is extrapolated [s]."""
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """Return `rises`, the tick number and margin of each new maximum, and `ticks`, the number of ticks."""
+        """Return `rises`, number and margin of each tick with a new maximum, and `ticks`, the number of all ticks."""
         close = self.closeness(log)
         before = np.concatenate([np.repeat(close[:1], SLOPE_TICKS), close])[: len(close)]
         close = close + np.maximum(close - before, 0.0) * self.ahead_s / (SLOPE_TICKS * TICK_S)
@@ -81,19 +81,19 @@ class Rises:
 
 
 def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
-    """Raise `ScenarioError` unless a short run of the scenario has the signals of the margin."""
+    """Raise `ScenarioError` if a short run of the scenario lacks the signals of the margin."""
     closeness(run(scenario.changed({"duration_s": TRIAL_S})))
 
 
 class _Ticks:
-    """Ticks of one run, for which margins are computed."""
+    """Computes the margins of one run at all its ticks."""
 
     def __init__(self, view: RunView, log: Log) -> None:
         self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the margin by which a node of the condition is true at each tick, negative if false [-]."""
+        """Return the margin of a node of the condition at each tick, positive where the node is true [-]."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
@@ -119,7 +119,7 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Return the values of one side of a comparison, shape (ticks,), and their scale, 0 for a metric."""
+        """Return one side of a comparison at each tick, shape (ticks,), and its scale, 0 for a metric."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -135,12 +135,12 @@ class _Ticks:
             )
         size = _magnitude(source(self.view))
         values = _over(size, name, self.planned)
-        if self.completed:  # maybe early: the end is final
+        if self.completed:  # the run may have ended early, and its end is final
             values[-1] = _over(size, name, len(size))[-1]
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome: load transfer and roll for a rollover, distance for leaving the path."""
+        """Return the margin to an outcome, from load transfer and roll, hitch angle, or distance from the path."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -149,7 +149,7 @@ class _Ticks:
         return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
 
     def _tipped(self) -> Array:
-        """Return the mean of load transfer ratio and roll angle; about 1 when the tractor has overturned [-]."""
+        """Return the mean of load transfer ratio and roll angle, which is about 1 for an overturned tractor [-]."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:
             return lean
@@ -163,7 +163,7 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """Return a metric at each tick over all planned ticks, with 0 for later ticks."""
+    """Return a metric over all planned ticks at each tick, with 0 for later ticks."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):
@@ -173,7 +173,7 @@ def _over(size: Array, name: str, planned: int) -> Array:
 
 
 def _percentile(size: Array, planned: int) -> Array:
-    """Return the 95th percentile at each tick over all planned ticks, with 0 for later ticks."""
+    """Return the 95th percentile over all planned ticks at each tick, with 0 for later ticks."""
     largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
     for k, value in enumerate(size.tolist()):
         if len(largest) < most:

@@ -1,4 +1,4 @@
-"""Trajectories of an ordinary and a failed run for a figure; the failed run is also recorded."""
+"""Trajectories of an ordinary and a failed run for a figure, and the recording of the failed run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,26 +17,26 @@ from agrobot_mj.studies.engine.resume import RowFiles, Study
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
 MOST_STRETCHED = 20.0
-"""Length divided by width of a plotted path above which the width is stretched [-]."""
+"""Ratio of length to width of a plotted path above which the width is stretched [-]."""
 
 COLUMNS = ("t", "x", "y", "x_ref", "y_ref")
-"""Signals of a trajectory."""
+"""Signals that describe a trajectory."""
 
 
 @dataclass(frozen=True)
 class MeasuredCourse:
-    """Callable that returns the trajectory of a run for figures."""
+    """Function that returns the trajectory of a run for figures."""
 
     closeness: Closeness
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """Return `course`: time [s], position [m] and margin [-] of each tick."""
+        """Return columns `course.*` with the time [s], position [m] and margin [-] at each tick."""
         columns = {f"course.{name}": log.column(name).tolist() for name in COLUMNS}
         return {**columns, "course.close": self.closeness(log).tolist()}
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Return the trajectories of an ordinary run and of a failed run, if any, with the times of their branches [s]."""
+    """Simulate an ordinary run and, if any, a failed run; return their trajectories with the times of branches [s]."""
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
     rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
@@ -55,17 +55,17 @@ class _Renamed(NamedTuple):
     kept: Mapping[str, str]
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all these files exist."""
+        """Return whether all renamed files exist."""
         return all((self.rows.folder / name).is_file() for name in self.kept.values())
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write these files."""
+        """Write the files under their new names."""
         for name in self.kept.keys() & contents.keys():
             self.rows.write_bytes(Path(self.kept[name]), contents[name])
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return the figure of an ordinary and a failed run, its empty panel and its panel of the margin."""
+    """Return a figure of an ordinary and a failed run, with its empty panel and its panel of the margin."""
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
     close, above = panels["close"], panels["above"]

@@ -1,4 +1,4 @@
-"""Pages of searches, and the section on importance in the page of a sweep."""
+"""Report pages of searches, and the section on importance in the page of a sweep."""
 
 import json
 import tomllib
@@ -15,7 +15,7 @@ from agrobot_mj.studies.results_io import code_of
 
 
 def limit_page(folder: Path) -> Document:
-    """Return the page of a limit search."""
+    """Return the report page of a limit search."""
     found = json.loads((folder / "limit.json").read_text("utf-8"))
     facts = [f"scenario {found['scenario']}", f"a run fails when {found['until']}", f"agrobot_mj {found['version']}"]
     facts.append(code_of([found], folder))
@@ -55,10 +55,10 @@ def _success(law: dict[str, Any], found: dict[str, Any]) -> Chart:
 
 
 def importance_section(page: Document, folder: Path, metric: str | None) -> list[Path]:
-    """Add the section on the importance of parameters to the page of a sweep; return its files.
+    """Add the section on the importance of parameters to the page of a sweep; return the written files.
 
-    Without `metric`, unsuitable designs get no section, and missing results a section with the reason. Raises
-    `ScenarioError` if the named `metric` has no importance.
+    Without a `metric`, unsuitable designs get no section, and missing results a section with the reason. Raises
+    `ScenarioError` if no importance can be computed for a given `metric`.
     """
     file = tomllib.loads((folder / "sweep.toml").read_text("utf-8"))
     if metric is None and file.get("method") not in DESIGNS:

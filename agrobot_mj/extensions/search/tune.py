@@ -1,14 +1,14 @@
 """Search for the gains of a guidance law, with the same objective, cases and budget for every law.
 
-The objective is the mean cost of the runs over cases (`tuning_cases`) and seeds. Tracking cost: xte_rms / XTE_M +
-steering travel / TRAVEL_DEG_S. Acquisition cost (`metrics.acquisition`): acquired_s / ACQUIRED_S + overshoot /
-OVERSHOOT_M + steering travel / TRAVEL_DEG_S; if the line is not acquired, acquired_s is replaced by the duration, and
-the final distance / XTE_M is added. A run that fails (`metrics.success`) or loses its line costs more than any
-successful run, and more the less of its task it completed.
+The objective is the mean cost of runs over cases (`tuning_cases`) and seeds. The tracking cost is xte_rms / XTE_M +
+steering travel / TRAVEL_DEG_S. The acquisition cost (`metrics.acquisition`) is acquired_s / ACQUIRED_S + overshoot /
+OVERSHOOT_M + steering travel / TRAVEL_DEG_S. If the line is not acquired, the duration replaces acquired_s, and the
+final distance / XTE_M is added. A run that fails (`metrics.success`) or loses its line costs more than any successful
+run, and more the less of its task it completed.
 
-Differential evolution searches the ranges declared by the law (`tunable`), starting from the scenario's gains, so that
-the result is never worse on the training cases. The search never uses the test cases and their seeds, which evaluate
-the result.
+Differential evolution searches the ranges that the law declares (`tunable`), starting from the scenario's gains, so
+that the result is never worse on the training cases. Test cases have other seeds; only the evaluation of the result
+uses them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -36,18 +36,18 @@ OVERSHOOT_M = 0.1
 ACQUIRED_S = 20.0
 """Acquisition time with cost 1 [s]. Assumed value: a distance of 25 m."""
 LOST_M = 0.2
-"""Distance from the line at the end of a run above which the line was not acquired [m]. Assumed value."""
+"""Distance from the line at the end of a run above which the line counts as not acquired [m]. Assumed value."""
 TRAVEL_DEG_S = 5.0
 """Mean steering rate with cost 1 [deg/s]. Assumed value: a fifth of the rate at full pump flow."""
 MOST = 20.0
 """Maximum cost of a successful run [-]."""
 FAILED = 25.0
-"""Minimum cost of a failed run [-]; MOST more if it made no progress."""
+"""Minimum cost of a failed run [-]; MOST is added if it made no progress."""
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Factor of the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
+"""Factors on the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
 MOST_RUNS = 100_000
-"""Maximum number of runs of a search including its evaluation."""
+"""Maximum number of runs of a search, including the evaluation of its result."""
 Overrides = dict[str, Any]
 Limits = tuple[float, float]
 """Minimum and maximum of a gain [unit of the gain]."""
@@ -59,7 +59,7 @@ class Judgement(NamedTuple):
     cost: float
     """Cost of the run in the objective [-]."""
     row: dict[str, Any]
-    """Metrics, and whether the run ended as expected; see `metrics.success`."""
+    """Metrics of the run, including whether it ended as expected (`metrics.success`)."""
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
@@ -86,12 +86,12 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
 
 
 def task_of(case: TuningCase, gains: Overrides) -> Task:
-    """Return the task of one run with these gains."""
+    """Return the task of one run of a case with the given gains."""
     return Task.of(case.scenario, gains, measure=steering)
 
 
 def steering(log: Log) -> dict[str, float]:
-    """Return the duration of a run [s] and its total steering travel [deg]."""
+    """Return the duration of a run [s] and the sum of its steering angle changes [deg]."""
     travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
     return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
 
@@ -127,7 +127,7 @@ def _travel(row: dict[str, Any]) -> float:
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """Return the objective of each candidate, or a lower bound above the candidate's limit in `bounds` [-]."""
+    """Return the cost of each candidate [-], or only a lower bound if it exceeds the candidate's limit in `bounds`."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -147,7 +147,7 @@ def tune(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Tune the gains of the scenario's law; return the content of tuning.json in `folder`."""
+    """Tune the gains of the scenario's law; write tuning.json to `folder` and return its content."""
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
     check_tractors(case.scenario for case in (*training, *test))
@@ -203,7 +203,7 @@ def search(
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
     """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
 
-    A trial is accepted only if it is better than the point it would replace, which limits its evaluation.
+    A trial is accepted only if it is better than the point that it would replace, which limits its evaluation.
     """
     rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
     for _ in range(generations - 1):
@@ -223,7 +223,7 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Return the gains at a point of the search, to two digits; positive ranges are searched logarithmically."""
+    """Return the gains at a point of the search with two digits; positive ranges have a logarithmic scale."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
         value = low * (high / low) ** share if low > 0 else low + share * (high - low)

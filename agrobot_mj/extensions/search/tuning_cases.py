@@ -1,7 +1,7 @@
 """Tuning file: training cases for a gain search, and test cases that evaluate its result.
 
-A case is a set of overrides of the tuned scenario, as for `--set`. Its `measure` selects the cost: `tracking` for the
-cross-track error, `acquisition` for the acquisition of a line from a lateral offset.
+A case is a set of overrides of the tuned scenario, as for `--set`. Its key `measure` selects the cost: `tracking` for
+the cross-track error, `acquisition` for the acquisition of a line from a lateral offset.
 """
 
 from collections.abc import Iterator
@@ -21,11 +21,11 @@ from agrobot_mj.studies.pieces import at_speed
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FIRST_TEST_SEED = 1000
-"""First seed of the test cases; seeds of the training cases count up from the scenario's seed."""
+"""First seed of the test cases. Seeds of the training cases count up from the scenario's seed."""
 
 
 class CaseSpec(Spec):
-    """Case of a tuning: one run, or one run per speed."""
+    """Case of a tuning file: one run, or one run per speed."""
 
     name: Name
     """Name of the case in the table of scores."""
@@ -38,19 +38,19 @@ class CaseSpec(Spec):
 
 
 class LawSpec(Spec):
-    """Law whose gains are searched."""
+    """Law whose gains are tuned."""
 
     set: dict[str, Any]
     """Overrides that select the law and its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
-    """Known good gains, included in the initial generation."""
+    """Known good gains, which the first generation includes."""
 
 
 class TuningFile(Spec):
     """Content of a tuning file."""
 
     title: str = ""
-    """Title in one line for lists and reports."""
+    """Title for lists and reports, in one line."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; for information."""
     budget: Annotated[int, Field(ge=8)] = 64
@@ -76,7 +76,7 @@ class TuningFile(Spec):
 
 
 class TuningCase(NamedTuple):
-    """One run of the objective."""
+    """Run of the objective."""
 
     name: str
     measure: str
@@ -91,7 +91,7 @@ class TuningCase(NamedTuple):
 
 
 def read_tuning(source: str | Path) -> TuningFile:
-    """Read a tuning file by name or path. Raises `ScenarioError` with all errors of the file."""
+    """Read a tuning file by its name or path. Raises `ScenarioError` with all errors of the file."""
     shipped = tuning_files()
     path = find_file(source, "tuning", shipped, "", f"known: {', '.join(shipped)}")
     data = read_toml(path)
@@ -100,7 +100,7 @@ def read_tuning(source: str | Path) -> TuningFile:
 
 
 def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:
-    """Return the cases of "training" or "test", without those impossible for the scenario's plant."""
+    """Return the cases of "training" or "test" that the scenario's plant supports."""
     first = scenario.seed if part == "training" else FIRST_TEST_SEED
     return [
         TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))
@@ -117,6 +117,6 @@ def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iter
     except ScenarioError as error:
         if scenario.plant.kind == "mujoco":
             raise ScenarioError("\n".join(f"case {case.name!r}: {line}" for line in str(error).splitlines())) from None
-        scenario.changed({"plant.kind": "mujoco"} | changes)  # raises if the plant is not the cause
+        scenario.changed({"plant.kind": "mujoco"} | changes)  # raises an error if the plant is not the cause
         return
     yield from [at_speed(changed, speed) for speed in case.speeds_m_s] if case.speeds_m_s else [changed]

@@ -1,4 +1,4 @@
-"""Smallest failing change: varied keys, search, and the neighbourhood of the result."""
+"""Smallest failing change of a scenario: varied keys, search, and evaluation near the result."""
 
 from agrobot_mj.extensions.search.falsify.command import content, falsify
 from agrobot_mj.extensions.search.falsify.search import Combination, Falsified, FalsifyQuestion, Varied

@@ -1,7 +1,7 @@
 """Search for the smallest failing combination of changes: differential evolution, then bisection towards nominal.
 
-Failing combinations rank first, by increasing distance from the nominal values. The others rank by increasing margin to
-failure. The distance of each key is in units of the width of its range or of its standard deviation.
+Failing combinations rank first, ordered by their distance from the nominal values. The others are ordered by their
+margin to failure. The distance of each key is in units of the width of its range or of its standard deviation.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,45 +21,45 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
-"""Maximum distance of a randomly drawn key from its mean [standard deviations]; one value in 16,000 is outside."""
+"""Maximum distance of a sampled value from the mean [standard deviations]; one in 16,000 is farther away."""
 FEWEST = 20
-"""Minimum number of combinations of a search [-]."""
+"""Minimum number of combinations in a search [-]."""
 NOT_FOUND = "not_found"
-"""Verdict if no combination fails."""
+"""Verdict of a search in which no combination fails."""
 
 
 class Varied(NamedTuple):
-    """Varied key and its unit of distance: the width of its range from mild to hard, or its standard deviation."""
+    """Key that is varied, with its unit of distance: the width of its range, or its standard deviation."""
 
     key: str
     start: float
-    """Value at distance 0: the mild end or the mean."""
+    """Value at distance 0: the mild end of the range, or the mean."""
     unit: float
-    """Change of the value for distance 1: the width of the range or the standard deviation."""
+    """Change of the value per unit of distance: the width of the range, or the standard deviation."""
     low: float = 0.0
     """Minimum distance from `start` [-]."""
     high: float = 1.0
     """Maximum distance from `start` [-]."""
 
     def at(self, distance: float) -> float:
-        """Return the value at a `distance` [-]."""
+        """Return the value at a distance from `start` [-]."""
         return self.start + self.unit * distance
 
     @property
     def hardest(self) -> float:
-        """Distance of the value farthest from `start` [-]."""
+        """Distance of the value that is farthest from `start` [-]."""
         return max(self.low, self.high, key=abs)
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key with a range. Raises `ScenarioError` for invalid ends."""
+        """Return a key that varies in a range. Raises `ScenarioError` for invalid ends."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: specify two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """Return a key with mean and standard deviation. Raises `ScenarioError` for invalid numbers."""
+        """Return a key with a mean and a standard deviation. Raises `ScenarioError` for invalid numbers."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: write normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
@@ -73,12 +73,12 @@ class FalsifyQuestion(NamedTuple):
     budget: int = 150
     """Number of combinations to evaluate [-]."""
     seeds: int = 3
-    """Number of runs of each combination, which fails if more than half of them fail [-]."""
+    """Number of runs of each combination. A combination fails if more than half of its runs fail [-]."""
     score: str | None = None
-    """Signal whose magnitude is the margin of a run; None for the metrics of the condition."""
+    """Signal whose magnitude is the margin of a run. Default: the margin follows from the metrics in `until`."""
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `ScenarioError` if the question is invalid for a scenario."""
+        """Raise `ScenarioError` if the settings are invalid for a scenario."""
         keys = [each.key for each in self.varied]
         if not keys or len(set(keys)) < len(keys):
             raise ScenarioError("--vary: specify each key once, as in --vary KEY=MILD:HARD")
@@ -89,21 +89,21 @@ class FalsifyQuestion(NamedTuple):
                 scenario.changed({each.key: as_value(scenario, each.key, each.at(end))})
 
     def overrides(self, scenario: Scenario, distances: tuple[float, ...]) -> dict[str, Any]:
-        """Return the overrides for these distances, one per key."""
+        """Return the overrides at the given distances, one per key."""
         pairs = zip(self.varied, distances, strict=True)
         return {each.key: as_value(scenario, each.key, each.at(distance)) for each, distance in pairs}
 
 
 class Combination(NamedTuple):
-    """Evaluated combination with the results of its runs."""
+    """Evaluated combination of values, with the results of its runs."""
 
     distances: tuple[float, ...]
-    """Distance of each key from its mild value, in the unit of the key [-]."""
+    """Distance of each key from its mild value, in units of the key [-]."""
     values: dict[str, Any]
     runs: int
     failed: int
     close: float
-    """Median of the largest margins of the runs to the condition [-]."""
+    """Median over the runs of the largest margin to the condition [-]."""
 
     @property
     def fails(self) -> bool:
@@ -112,17 +112,17 @@ class Combination(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """Distance from the combination with all keys at their mild values [-]."""
+        """Distance from the combination in which all keys have their mild values [-]."""
         return hypot(*self.distances)
 
     @property
     def shown(self) -> str:
-        """Values as text of overrides."""
+        """Values as a text of overrides."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
     def share(self) -> str:
-        """Number of failed runs and of all runs, as text."""
+        """Number of failed runs and number of all runs, as text."""
         return f"{self.failed} of {self.runs}"
 
 
@@ -131,28 +131,28 @@ class Falsified(NamedTuple):
 
     verdict: str
     mildest: Combination
-    """Smallest failing combination, with additional seeds; without a failure the closest one."""
+    """Smallest failing combination, run with additional seeds; if none fails, the combination closest to failure."""
     alone: dict[str, Combination]
-    """For each key, the combination with this key at its hard end and the others at their mild values."""
+    """Combinations with one key at its hard end and the others at their mild values, by that key."""
     around: tuple[Combination, ...]
-    """Combinations near the result: on the line from nominal and beyond, and with each key slightly changed."""
+    """Combinations near the result: on the line from nominal through the result, and with each key changed slightly."""
     tried: tuple[Combination, ...]
     statement: str
 
 
 HALVINGS = 6
-"""Number of bisection steps: the final resolution is 1/64 of the distance [-]."""
+"""Number of bisection steps [-]; the final resolution is 1/64 of the distance."""
 CONFIRMED = 10
-"""Number of runs of the result, of the line to it and of its neighbourhood [-]."""
+"""Number of runs of the result, of combinations on the line to it, and of its neighbours [-]."""
 MOST_CONFIRMED = 10
-"""Maximum number of failing combinations, from mild to hard, repeated with more seeds to confirm a failure [-]."""
+"""Maximum number of failing combinations, from mild to hard, that are repeated with more seeds [-]."""
 NEAR = 0.1
-"""Step to neighbouring combinations, as a fraction of the result's distance or of the unit of a key [-]."""
+"""Step to a neighbour of the result, as a fraction of its distance or of the unit of a key [-]."""
 Place = tuple[float, ...]
 
 
 class FalsifySearch:
-    """One search: evaluates combinations and stores their results."""
+    """Search that evaluates combinations and stores their results."""
 
     def __init__(
         self,
@@ -166,7 +166,7 @@ class FalsifySearch:
         self.tried: list[Combination] = []
 
     def run(self) -> Falsified:
-        """Search for the result, then evaluate its neighbourhood."""
+        """Search for the result, then evaluate its neighbours."""
         mild = (0.0,) * len(self.q.varied)
         start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
         by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
@@ -184,7 +184,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Run combinations and report each; store them if `noted`."""
+        """Run combinations and report each of them; store them if `noted` is true."""
         rises = Rises(Closeness(self.q.until, self.q.score))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -238,7 +238,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the smallest combination that also fails with more seeds; otherwise the last one evaluated."""
+        """Return the smallest combination that also fails with more seeds; without one, the last that was repeated."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -246,7 +246,7 @@ class FalsifySearch:
         return sure
 
     def _bisected(self, best: Combination) -> Combination:
-        """Return the smallest failing combination on the line from nominal to `best`."""
+        """Return the smallest failing combination on the line from the nominal values to `best`."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
@@ -256,7 +256,7 @@ class FalsifySearch:
         return mildest
 
     def _around(self, best: Combination) -> list[Place]:
-        """Return neighbours of the result within the ranges: on the line to it, beyond, and with each key changed."""
+        """Return neighbours of the result within the ranges: on the line through it, and with each key changed."""
         at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
         places = [tuple(way * d for d in at) for way in ways]
         for k in range(len(at)):
@@ -274,7 +274,7 @@ class FalsifySearch:
 
 
 def statement(q: FalsifyQuestion, name: str, found: Falsified) -> str:
-    """Return the result as sentences."""
+    """Return the result of a falsification as sentences."""
     best = found.mildest
     if found.verdict == "fails_at_start":
         return f"{name} fails at the mild ends of all ranges ({best.shown}: {best.share} runs fail); use milder values"

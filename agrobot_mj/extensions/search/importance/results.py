@@ -24,17 +24,17 @@ from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
 
 NEGLIGIBLE = 0.05
-"""Fraction of the variance below which a parameter is negligible [-]."""
+"""Fraction of the variance below which a parameter counts as negligible [-]."""
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Return the Markdown table with rank, fraction of the variance and effect of each draw in each group."""
+    """Return a Markdown table with the rank, the fraction of the variance and the effect of each draw in each group."""
     head, rows = importance_rows(found)
     return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows of the table in `importance_table`."""
+    """Return the head and the rows of the table that `importance_table` writes."""
     screening = found[0].unexplained is not None
     columns = ["rank", "fraction of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -53,12 +53,12 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the conclusions supported by the samples of each group."""
+    """Return sentences about the conclusions that the samples of each group allow."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return sentences about one group; the first begins with the text `group`."""
+    """Return sentences about one group. The first one begins with the text `group`."""
     noise = (
         "one seed does not identify the noise"
         if each.noise is None
@@ -81,7 +81,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return the figure of the fractions with intervals, one panel per group; Sobol indices also of first order."""
+    """Return a figure of the fractions with their intervals, one panel per group; for Sobol also first-order ones."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -108,17 +108,17 @@ def _rank(first: Influence, key: str) -> str:
 
 
 DESIGNS = ("screening", "saltelli")
-"""Sampling methods supported by `importance`."""
+"""Sampling methods that `importance` supports."""
 OF_EVERY_RUN = ("expected", "progress")
-"""Columns that are also valid for failed runs."""
+"""Columns that failed runs have, too."""
 Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """Return the fractions by group for the sweep in `folder`; write `importance.json` and `importance.png` there.
+    """Compute the fractions for the sweep in `folder` by group; write `importance.json` and `importance.png` there.
 
-    Raises `ScenarioError` if the folder has no finished sweep of one of `DESIGNS`, or if some runs, such as failed
-    runs, have no value of the metric.
+    Raises `ScenarioError` if the folder has no finished sweep of one of `DESIGNS`, or if some runs (such as failed
+    runs) have no value of the metric.
     """
     with reporting_damage(folder / "sweep.parquet", "read"):
         return _found(folder, metric)
@@ -159,7 +159,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of the point means caused by the seeds; None with one seed."""
+    """Return the fraction of the variance of the point means that is due to seeds; None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -182,7 +182,7 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
         raise ScenarioError(f"--metric {metric}: it has no value in {lacking:,} of {total:,} runs; narrow the draws")
     table = np.array(values, dtype=float).reshape(-1, points, seeds)
     firsts = [rows[k * points * seeds : (k + 1) * points * seeds : seeds] for k in range(len(table))]
-    numeric = file["method"] == "screening"  # the plan of a screening has numbers only
+    numeric = file["method"] == "screening"  # a screening has numeric draws only
     draws = [
         np.array([[row[key] if numeric else 0.0 for key in file["draws"]] for row in some], dtype=float)
         for some in firsts

@@ -1,14 +1,14 @@
 """Fractions of a metric's variance with intervals and ranks, by regression or as Sobol indices.
 
 Screening is a standardised linear regression of the metric on the ranks of all draws; ranks make logarithmic ranges
-linear. The squared slope of a draw is the fraction of the variance explained linearly: a lower estimate of its
+linear. The squared slope of a draw is the fraction of the variance that it explains linearly, which underestimates its
 importance. Variance that is neither linear nor noise of the seeds may belong to any draw through curvature or
-interactions, and is added to the upper end of every interval. Standard errors are HC3 [MacKinnonWhite1985], valid for
+interactions. It is added to the upper end of every interval. Standard errors are HC3 [MacKinnonWhite1985], valid for
 residuals of unequal variance.
 
 Sobol indices [Saltelli2010] of a sweep with `method = "saltelli"` are computed by SALib. The first-order index of a
 draw is the fraction of the variance removed when its value is known. The total index is the fraction that remains while
-only this draw is unknown, including interactions. First-order indices sum to at most 1.Intervals are by bootstrap.
+only this draw is unknown, including interactions. First-order indices sum to at most 1. Intervals are by bootstrap.
 """
 
 from collections.abc import Sequence
@@ -21,66 +21,66 @@ from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array
 
 CONFIDENCE = 0.95
-"""Simultaneous confidence of the intervals of all draws in a group [-]."""
+"""Confidence with which the intervals of all draws in a group hold simultaneously [-]."""
 
 
 class Share(NamedTuple):
-    """Fraction of a metric's variance caused by one draw, including interactions."""
+    """Fraction of a metric's variance that one draw causes, including interactions."""
 
     key: str
     share: float
-    """Estimate [-]: total index, or squared slope in a screening."""
+    """Estimated fraction [-]: the total index, or the squared slope in a screening."""
     low: float
-    """Lower end of the interval, valid for all draws simultaneously [-]."""
+    """Lower end of the interval of the fraction, valid for all draws simultaneously [-]."""
     high: float
-    """Upper end of the interval [-]; in a screening, it includes all unexplained variance."""
+    """Upper end of the interval [-]. In a screening it includes all unexplained variance."""
     effect: float
     """First-order index, or standardised slope of the regression [-]."""
     half: float
     """Half width of the interval of `effect` [-]."""
     correlation: float | None = None
-    """Rank correlation with the metric [-]; None for Sobol indices."""
+    """Rank correlation between draw and metric [-]; None for Sobol indices."""
     best: int = 1
-    """Smallest rank allowed by the intervals."""
+    """Smallest rank that the intervals allow."""
     worst: int = 1
-    """Largest rank allowed by the intervals."""
+    """Largest rank that the intervals allow."""
 
     @property
     def rank(self) -> str:
-        """Rank as text; a range if intervals overlap."""
+        """Rank as text; a range such as 2-4 if intervals overlap."""
         return str(self.best) if self.best == self.worst else f"{self.best}-{self.worst}"
 
 
 class Influence(NamedTuple):
-    """Fractions of all draws in one group, which is a variant and a value of each axis."""
+    """Fractions of all draws in one group. A group has one variant and one value of each axis."""
 
     group: str
     mean: float
     deviation: float
-    """Standard deviation over the points of the design, after averaging over seeds."""
+    """Standard deviation over the points of the design, after averaging over seeds [unit of the metric]."""
     noise: float | None
-    """Fraction of the variance caused by seeds after averaging [-]; None with one seed."""
+    """Fraction of the variance that is due to seeds after averaging [-]; None with one seed."""
     unexplained: float | None
-    """Upper limit of the variance fraction left by the regression, without noise [-]; None for Sobol indices."""
+    """Upper limit of the variance fraction that the regression does not explain, without noise [-]; None for Sobol."""
     flaws: tuple[str, ...]
-    """Reasons why the intervals are unreliable and no ranking exists; empty if reliable."""
+    """Reasons why the intervals are unreliable, in which case there is no ranking; empty if they are reliable."""
     shares: tuple[Share, ...]
 
     @property
     def ordered_pairs(self) -> int:
-        """Number of pairs of draws with a determined order."""
+        """Number of pairs of draws whose order is determined."""
         return sum(share.best - 1 for share in self.shares)
 
     @property
     def pairs(self) -> int:
-        """Number of pairs of draws."""
+        """Number of all pairs of draws."""
         return len(self.shares) * (len(self.shares) - 1) // 2
 
 
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
-    """Return the fractions sorted by rank; all are tied if the intervals are not `trusted`.
+    """Sort fractions by rank. All draws are tied if the intervals are not `trusted`.
 
-    A draw ranks above another only if its interval is above the interval of the other.
+    A draw ranks above another draw only if its interval is entirely above the interval of the other draw.
     """
     found = []
     for share in shares:
@@ -91,18 +91,18 @@ def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
 
 
 class Regression(NamedTuple):
-    """Linear regression on standardised columns."""
+    """Result of a linear regression on standardised columns."""
 
     slopes: Array
     """Standardised slopes, shape (d,) [-]."""
     errors: Array
     """Standard errors of the slopes, shape (d,) [-]."""
     left: float
-    """Upper limit of the unexplained fraction of the variance, at `CONFIDENCE` [-]."""
+    """Upper confidence limit of the unexplained fraction of the variance [-]."""
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return the fractions and the upper limit of the part that is neither linear nor noise."""
+    """Return the fractions by regression, and the upper limit of the variance that is neither linear nor noise."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -124,7 +124,7 @@ def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> 
 
 
 def regression(x: Array, y: Array) -> Regression:
-    """Return the least-squares solution of y (n,) on x (n, d), both with mean 0 and variance 1."""
+    """Return the least-squares regression of y (n,) on x (n, d), both with mean 0 and variance 1."""
     n, d = x.shape
     inverse = np.linalg.pinv(x.T @ x)
     slopes = inverse @ x.T @ y
@@ -137,7 +137,7 @@ def regression(x: Array, y: Array) -> Regression:
 
 
 def _standard(values: Array) -> Array:
-    """Return the columns with mean 0 and variance 1; constant columns become 0."""
+    """Scale columns to mean 0 and variance 1; constant columns become 0."""
     away: Array = values - values.mean(axis=0)
     deviation = away.std(axis=0)
     found: Array = np.divide(away, deviation, out=np.zeros_like(away), where=deviation > 0.0)
@@ -147,19 +147,19 @@ def _standard(values: Array) -> Array:
 RESAMPLES = 1000
 """Number of bootstrap resamples [-]."""
 FEWEST = 64
-"""Minimum number of samples for reliable intervals; with 16, every third interval misses a known index."""
+"""Minimum number of samples for reliable intervals. With 16 samples, every third interval misses a known index."""
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
-    """Return the fractions for values in design order, shape (n (d + 2),). Raises `ScenarioError` without SALib.
+    """Return Sobol fractions of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
 
-    `noise` is the fraction of the variance of `values` caused by seeds. It is part of each total index and is
-    subtracted from the estimate and the lower end. The upper end keeps it, since noise may depend on a draw.
+    `noise` is the fraction of the variance of `values` that is due to seeds. It is part of each total index and is
+    subtracted from the estimate and the lower end. The upper end keeps it, because noise may depend on a draw.
     """
     sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
     found = sobol.analyze(problem, values, calc_second_order=False, num_resamples=RESAMPLES, seed=1)
-    # SALib's half widths are those of a normal distribution for a single index; these are valid for all indices.
+    # SALib gives half widths for a single index with a normal distribution; these are valid for all indices.
     widen = t.ppf(1.0 - (1.0 - CONFIDENCE) / (2 * d), max(len(values) // (d + 2) - 1, 1)) / norm.ppf(0.975)
     columns = np.column_stack([found["ST"], widen * found["ST_conf"], found["S1"], widen * found["S1_conf"]])
     real = max(1.0 - noise, 1e-6)

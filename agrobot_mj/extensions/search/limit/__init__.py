@@ -1,4 +1,4 @@
-"""Limit of a guidance law along one key: failure condition, search over seeds, result with its reliability."""
+"""Limit of a guidance law along one key: failure condition, search over seeds, and result with its reliability."""
 
 from agrobot_mj.extensions.search.limit.question import Counterpart, Found, Question, Tried
 from agrobot_mj.extensions.search.limit.search import content, limit

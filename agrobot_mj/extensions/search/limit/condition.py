@@ -27,17 +27,17 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.NotEq: operator.ne,
 }
 OUTCOMES = (*get_args(Outcome), ERROR)
-"""Words that `outcome` may be compared with."""
+"""Words with which a condition may compare `outcome`."""
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
-"""Maximum number of characters of a condition."""
+"""Maximum length of a condition [characters]."""
 LARGEST = 1e100
 """Maximum magnitude of a number in a condition."""
 Numbers = Mapping[str, Any]
 
 
 class Condition:
-    """Condition on the metrics of a run. Raises `ScenarioError` for invalid text."""
+    """Failure condition on the metrics of a run. Raises `ScenarioError` for an invalid text."""
 
     def __init__(self, text: str, metrics: Collection[str]) -> None:
         self.text, self.metrics, self._names = text, metrics, set[str]()
@@ -45,7 +45,7 @@ class Condition:
             self._refuse(f"the text has more than {LONGEST} characters")
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # parser warnings, such as for numbers followed by letters
+                warnings.simplefilter("error")  # warnings of the parser, such as for numbers followed by letters
                 tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             self._refuse("the condition cannot be parsed")
@@ -53,7 +53,7 @@ class Condition:
 
     @property
     def names_outcome(self) -> bool:
-        """Whether the condition names `outcome`."""
+        """Whether the condition compares the outcome."""
         return "outcome" in self._names
 
     @property
@@ -63,11 +63,11 @@ class Condition:
 
     @property
     def compared(self) -> list[str]:
-        """Names of the metrics in the condition."""
+        """Names of the metrics that the condition compares."""
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:
-        """Return whether a run raised an error, meets the condition, or ends unexpectedly if no outcome is named.
+        """Return whether a run has an error, meets the condition, or ends unexpectedly while no outcome is compared.
 
         Tracking errors of failed or incomplete runs count as missing, and a missing metric meets the condition.
         """
@@ -82,10 +82,10 @@ class Condition:
             return True
 
     def _read(self, node: ast.expr) -> Callable[[Numbers], bool]:
-        """Return a function that evaluates a node for a run. The function raises KeyError for a missing metric."""
+        """Convert a node to a function that evaluates it for a run, with a KeyError for a missing metric."""
         if isinstance(node, ast.BoolOp):
             joined, parts = all if isinstance(node.op, ast.And) else any, [self._read(value) for value in node.values]
-            # All parts are evaluated, so that a missing value anywhere is found in any order.
+            # All parts are evaluated, so that a missing metric is found in any order.
             return lambda numbers: joined([part(numbers) for part in parts])
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             inner = self._read(node.operand)
@@ -112,7 +112,7 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return the kind of a comparison side, "outcome", "word", "metric" or "number", and a function for its
+        """Return the kind of one side of a comparison ("outcome", "word", "metric", "number") and a function for its
         value."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
@@ -148,7 +148,7 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """Return the name in a term, dotted for nested metrics; None if the term is no name."""
+    """Return the name that a term consists of, with dots for nested metrics; None for other terms."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

@@ -1,4 +1,4 @@
-"""Question of a limit search, its evaluated values, and its result: a verdict and sentences with caveats."""
+"""Settings of a limit search, its evaluated values, and its result: a verdict, and sentences with caveats."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -18,9 +18,9 @@ from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed
 
 MOST_CONFIDENT = 0.999999
-"""Maximum confidence [-]; above it, rounding dominates the interval of a rate."""
+"""Maximum confidence [-]. Above it, rounding errors dominate the interval of a rate."""
 TRIAL_S = 1.0
-"""Duration of the trial run that determines which metrics exist [s]."""
+"""Duration of the trial run that shows which metrics exist [s]."""
 
 
 class Question(NamedTuple):
@@ -28,18 +28,18 @@ class Question(NamedTuple):
 
     key: str
     start: float
-    """Value at which the search starts, where laws are expected to succeed."""
+    """Value at which the search starts. Laws are expected to succeed there."""
     stop: float
-    """Value at the other end of the search range, above or below `start`."""
+    """Value at the other end of the range, above or below `start`."""
     until: str
     seeds: int = 12
-    """Maximum number of runs per value during the search [-]; the two values around the limit have at least twelve."""
+    """Maximum number of runs per value during the search [-]. The two values around the limit get at least twelve."""
     reliability: float = 0.8
-    """Fraction of runs that must succeed for a law to be reliable at a value [-]."""
+    """Fraction of runs that must succeed at a value for a law to be reliable there [-]."""
     confidence: float = 0.8
-    """Confidence of the intervals [-]."""
+    """Confidence of the intervals of success rates [-]."""
     tolerance: float | None = None
-    """Bracket width at which the bisection ends; None for a fiftieth of the range."""
+    """Bracket width at which the bisection ends. Default: one fiftieth of the range."""
 
     @property
     def resolution(self) -> float:
@@ -48,13 +48,13 @@ class Question(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """Results of the runs at one value of the key."""
+    """Results of all runs at one value of the key."""
 
     value: float
     runs: int
-    """Number of independent runs; 1 if seeds have no effect."""
+    """Number of independent runs [-]; 1 if seeds have no effect."""
     failed: int
-    """Number of failed runs according to `Condition.fails`."""
+    """Number of runs that fail according to `Condition.fails` [-]."""
     low: float
     """Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect."""
     high: float
@@ -62,73 +62,73 @@ class Tried(NamedTuple):
     holds: bool
     """Whether the success rate reaches the required reliability."""
     certain: bool
-    """Whether the complete interval is on one side of the required reliability."""
+    """Whether the entire interval is above or below the required reliability."""
     outcomes: dict[str, int]
     unexpected: int
-    """Number of runs with an outcome other than expected by the scenario."""
+    """Number of runs whose outcome differs from the expected outcome of the scenario [-]."""
     independent: bool = True
-    """Whether seeds affect a run; otherwise one run is counted and no interval exists."""
+    """Whether seeds affect the runs. Otherwise only one run counts, and there is no interval."""
     medians: Mapping[str, float] = MappingProxyType({})
-    """Median of each metric in the condition, over the runs with a value."""
+    """Median of each metric in the condition, over the runs that have a value."""
 
     @property
     def share(self) -> str:
-        """Number of successes and of runs as text, as in `8 of 10 runs`."""
+        """Number of successful runs and of all runs as text, such as `8 of 10 runs`."""
         return f"{self.runs - self.failed} of {self.runs} runs"
 
     @property
     def written(self) -> dict[str, Any]:
-        """Results as a dictionary for JSON."""
+        """Results as a dictionary that can be written as JSON."""
         return {**self._asdict(), "medians": dict(self.medians)}
 
     @property
     def ends(self) -> str:
-        """Number of runs by outcome as text."""
+        """Number of runs with each outcome, as text."""
         return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
 class Counterpart(NamedTuple):
-    """Baseline search without the fault or disturbance."""
+    """Result of the baseline: the same search without the fault or disturbance."""
 
     overrides: dict[str, Any]
     verdict: str
-    """Verdict as in `Found`; `fixed` without a search, if the baseline lacks the key or sets it."""
+    """Verdict as in `Found`, or `fixed` without a search if the baseline lacks the key or sets it."""
     limit: float | None
     statement: str
-    """Baseline result as a sentence, with the shift of the limit."""
+    """Result of the baseline as a sentence, with the shift of the limit."""
     tried: tuple[Tried, ...]
-    """All evaluated values; for a `fixed` baseline its runs, stored with the start of the range as value."""
+    """All evaluated values. A `fixed` baseline has one, stored under the start of the range."""
 
 
 class Found(NamedTuple):
-    """Result for one law."""
+    """Result of a limit search for one law."""
 
     law: str
     verdict: str
     """Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
     limit: float | None
     interval: tuple[float, float] | None
-    """Nearest values around the limit with certain success and certain failure; the end of the range if none."""
+    """Nearest values around the limit with certain success and certain failure, or the ends of the range."""
     statement: str
     tried: tuple[Tried, ...]
-    """All evaluated values, starting from the start of the range."""
+    """All evaluated values, ordered from the start of the range."""
     beside: Counterpart | None = None
-    """Baseline result without the fault or disturbance, if requested."""
+    """Result of the baseline without the fault or disturbance, if requested."""
 
 
 def metric_names(scenario: Scenario) -> list[str]:
-    """Return the names of the numeric metrics of a scenario, from a short run."""
+    """Simulate a short run of a scenario and return the names of its numeric metrics."""
     numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
     return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario with each kind of guidance. Default: its own kind. Raises `ScenarioError`."""
+    """Return the scenario with each kind of guidance, or with its own kind by default. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
 def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
-    """Return the condition of a question. Raises `ScenarioError` for an invalid question."""
+    """Check the settings and return their failure condition. Raises `ScenarioError`."""
     q = question
     if q.key == "seed":
         raise ScenarioError(
@@ -149,7 +149,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
 
 
 def condition_of(until: str, scenario: Scenario) -> Condition:
-    """Return the condition for runs of a scenario. Raises `ScenarioError`."""
+    """Return the failure condition for runs of a scenario. Raises `ScenarioError`."""
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -161,12 +161,12 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
 
 
 def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
-    """Return the scenario with the key set to a value. Raises `ScenarioError`."""
+    """Return the scenario with the key set to `value`. Raises `ScenarioError`."""
     return scenario.changed({q.key: as_value(scenario, q.key, value)})
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """Return the value in the type of the key, rounded to an integer or to whole ticks if required."""
+    """Return the value in the type of the key, rounded to an integer or to whole ticks if necessary."""
     tidy = float(f"{value:.10g}")
     try:
         scenario.changed({key: tidy}, files=False)
@@ -180,7 +180,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """Return the verdict on the evaluated values, ordered from the start of the range, with caveats."""
+    """Return the verdict on evaluated values, which are ordered from the start of the range, with caveats."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
@@ -209,7 +209,7 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
     first_bad = next(k for k, t in enumerate(tried) if not t.holds)
     good, bad = tried[first_bad - 1], tried[first_bad]
     interval = _interval(tried, first_bad)
-    # With few runs, the rate varies by chance.
+    # With few runs, the success rate varies by chance.
     few = q.seeds < runs_needed(q.reliability, q.confidence)
     again = [t.value for t in tried[first_bad:] if t.holds and (t.certain or few)]
     text = f"{name} succeeds up to {q.key} = {good.value:g} ({good.share})"
@@ -223,15 +223,15 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
 
 
 def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
-    """Return the values of the last certain success before and first certain failure after the change, or range
-    ends."""
+    """Return the last value with certain success before the change and the first with certain failure after it; the
+    ends of the range if there are none."""
     before = [t.value for t in tried[:first_bad] if t.certain]
     after = [t.value for t in tried[first_bad:] if t.certain and not t.holds]
     return before[-1] if before else tried[0].value, after[0] if after else tried[-1].value
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Describe the evaluated values and the width of an undetected island between them."""
+    """Describe the evaluated values, and how wide an interval with other results between them could be."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
@@ -241,7 +241,7 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
-    """Describe weaknesses of the confidence intervals: seeds without effect, too few runs at intermediate values."""
+    """Describe weaknesses of the intervals: seeds without effect, or too few runs at intermediate values."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"
@@ -252,7 +252,7 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
 
 
 def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the result of the baseline search, with the shift of the limit by the fault or disturbance."""
+    """Return the result of a baseline search, with the shift of the limit by the fault or disturbance."""
     text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
     return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
 
@@ -269,7 +269,7 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the result of a baseline without a search: outcomes of its runs and medians of the compared metrics."""
+    """Return the result of a baseline without a search: success rate, and medians of the compared metrics."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:

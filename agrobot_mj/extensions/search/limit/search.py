@@ -4,9 +4,9 @@ A law *holds* at a value if the lower end of the sequential interval [Robbins197
 required reliability. It *fails* if the upper end is below. Runs are added until one of these is true or all seeds are
 used; then the rate decides and the value is marked uncertain. If seeds have no effect, one run decides.
 
-The range is first scanned at equal distances, from the end at which the law should hold. The first change from holding
-to failing is then bisected. Both values around the change get more runs, which may shift it. Other results of the scan
-(holds again further on, never fails, fails from the start) are reported.
+First, the search evaluates equidistant values, from the end of the range at which the law should hold. Then it bisects
+the first change from holding to failing. Both values around the change get more runs, which may shift the change. Other
+results are reported: the law holds again further on, never fails, or fails from the start.
 """
 
 from collections import Counter
@@ -42,9 +42,9 @@ from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5
-"""Number of equidistant values evaluated before the bisection."""
+"""Number of equidistant values that are evaluated before the bisection [-]."""
 SHOWN_RUNS = 12
-"""Minimum number of runs at the values around the limit, sufficient for certainty with default settings."""
+"""Minimum number of runs at the values around the limit [-], sufficient for certainty with default settings."""
 Numbers = Mapping[str, Any]
 
 
@@ -59,8 +59,8 @@ def find_limit(
 ) -> Found:
     """Search for the limit of one law; `done` is called with each evaluated value.
 
-    `beside` are the overrides of a baseline without the fault or disturbance, which is searched in the same way. Raises
-    `ScenarioError`.
+    `beside` contains the overrides of a baseline without the fault or disturbance, which is searched in the same way.
+    Raises `ScenarioError`.
     """
     found = answer(name, question, _Search(scenario, question, condition, do, done).run())
     if not beside:
@@ -72,7 +72,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the baseline of a search: another search, or only runs if the baseline lacks the key or sets it."""
+    """Evaluate the baseline: by another search, or only by runs if the baseline lacks the key or sets it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -93,7 +93,7 @@ def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bo
 
 
 class _Search:
-    """One search: evaluates values of the key and stores their runs."""
+    """Search that evaluates values of the key and stores their runs."""
 
     def __init__(
         self, scenario: Scenario, q: Question, condition: Condition, do: RunTasks, done: Callable[[Tried], object]
@@ -102,7 +102,7 @@ class _Search:
         self.runs, self.tried = dict[float, list[Numbers]](), dict[float, Tried]()
 
     def run(self) -> tuple[Tried, ...]:
-        """Return all evaluated values, ordered from the start of the range."""
+        """Search, and return all evaluated values, ordered from the start of the range."""
         for k in range(SCANNED):
             self._try(self._value(self.q.start + (self.q.stop - self.q.start) * k / (SCANNED - 1)))
         while self._goes_on():
@@ -111,11 +111,11 @@ class _Search:
 
     @property
     def in_order(self) -> tuple[Tried, ...]:
-        """Evaluated values so far, ordered from the start of the range."""
+        """Values evaluated so far, ordered from the start of the range."""
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
-        """Evaluate a value between the last success and first failure, or add runs at these; return False when done."""
+        """Evaluate a value between last success and first failure, or add runs at both; return False when done."""
         tried = self.in_order
         change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
         if change and tried[0].holds:
@@ -133,7 +133,7 @@ class _Search:
         return bool(short)
 
     def _try(self, value: float) -> bool:
-        """Run at a value until its success rate is certain or all seeds are used."""
+        """Simulate runs at a value until its success rate is certain or all seeds are used."""
         for batch in _batches(self.q) if value not in self.tried else ():
             self._drive(value, batch)
             if self.tried[value].certain:
@@ -156,7 +156,7 @@ def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: in
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
-    """Return the evaluation of the runs at one value; identical runs count once."""
+    """Return the results of the runs at one value; identical runs count once."""
     independent = not _copies(runs)
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)
@@ -178,21 +178,21 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
 
 
 def _copies(runs: Sequence[Numbers]) -> bool:
-    """Return whether runs with different seeds give identical numbers, so that noise has no effect."""
+    """Return whether runs with different seeds have identical results, so that noise has no effect."""
     first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
     measured = any(isinstance(value, float) for value in first.values())
     return measured and bool(others) and all(other == first for other in others)
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """Return the available values of a metric; tracking errors only of runs with valid errors."""
+    """Return the values of a metric, where available; tracking errors only of runs with valid errors."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]
 
 
 def _batches(q: Question) -> Iterator[int]:
-    """Yield batch sizes: two runs to detect failure, then enough to prove success, then two at a time."""
+    """Yield numbers of runs: two to detect a failure, then enough to prove success, then two at a time."""
     left, needed = q.seeds, runs_needed(q.reliability, q.confidence)
     for wanted in chain((2, needed - 2), repeat(2)):
         batch = min(wanted, left)
@@ -216,7 +216,7 @@ def limit(
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
-    """Search for the limit of each kind of guidance; write the results and the rows of the runs into `folder`."""
+    """Search for the limit of each kind of guidance; write the results and the rows of the runs to `folder`."""
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
     for each in scenarios.values():
@@ -224,7 +224,7 @@ def limit(
     starts, stops = (
         [at_value(each, question, end) for each in scenarios.values()] for end in (question.start, question.stop)
     )
-    check_tractors(starts)  # tractors impossible further along the range count as failures
+    check_tractors(starts)  # impossible tractors elsewhere in the range count as failures
     begin([*starts, *stops])
     with study(folder, FILES, jobs) as do:
         found = [
@@ -237,7 +237,7 @@ def limit(
 
 
 def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:
-    """Return the content of `limit.json`: question, verdict and all evaluated values of each law."""
+    """Return the content of `limit.json`: settings, and verdict and evaluated values of each law."""
     return {
         **about(scenario),
         **question._asdict(),
@@ -252,7 +252,7 @@ def _plain(found: Found | Counterpart) -> dict[str, Any]:
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Return the figure of success rate and interval over the key, one panel per law; the limit interval is shaded."""
+    """Return a figure of success rate and interval over the key, one panel per law; the limit interval is shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):
@@ -264,7 +264,7 @@ def figure(question: Question, found: Sequence[Found]) -> Figure:
         if each.interval:
             axes.axvspan(*each.interval, color="#DDDDDD", linewidth=0)
         axes.axhline(100 * question.reliability, color="black", linewidth=0.6, linestyle="--")
-        # Rounding may give a bar a slightly negative length, which matplotlib rejects.
+        # Rounding may make a bar slightly negative, which matplotlib rejects.
         bars = [[max(0.0, b) for b in lower], [max(0.0, b) for b in upper]]
         axes.errorbar(values, rates, bars, color=colour, marker="o", markersize=3, linewidth=0.9, capsize=2)
         axes.set(ylim=(-5, 105), title=each.law)

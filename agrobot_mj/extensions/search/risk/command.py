@@ -23,7 +23,7 @@ from agrobot_mj.studies import Row, Task, about, check_tractors, study, write_js
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
-"""Files of a failed run and their names in the results folder."""
+"""Files of a failed run, and their names in the results folder."""
 FILES = ("risk.json", "risk.png", *FAILURE.values())
 
 
@@ -32,13 +32,13 @@ class Risk(NamedTuple):
 
     estimate: RiskEstimate
     paths: int
-    """Number of simulated runs, including runs that share their beginning with another run."""
+    """Number of simulated runs [-], including runs that share their beginning with another run."""
     worth: float
     """Computing time of all simulated parts, as a number of complete runs [-]."""
     statement: str
     splits: tuple[Split, ...]
     ordinary: Run
-    """Ordinary run: median margin, simulated from its beginning."""
+    """Ordinary run for the figure: the one with the median margin among runs simulated from the beginning."""
     failure: Run | None
 
 
@@ -50,7 +50,7 @@ def risk(
     done: Callable[[Population], object] = lambda population: None,
     quiet: bool = True,
 ) -> Risk:
-    """Estimate the probability that a run fails; write the result and the rows of the runs into `folder`."""
+    """Estimate the probability that a run fails; write the result and the rows of the runs to `folder`."""
     question.check()
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
@@ -73,7 +73,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """Return the result of the finished splittings."""
+    """Return the result of finished splittings."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs with the duration of {worth:,.0f} complete ones"
@@ -93,14 +93,14 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Return the number of complete runs with the computing time of all simulated parts [-]."""
+    """Return the computing time of all simulated parts, as a number of complete runs [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
 
 
 def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
-    """Return the content of `risk.json`: question, result, splittings, and seed and branches of the failure."""
+    """Return the content of `risk.json`: settings, result, splittings, and seed and branches of a failure."""
     failures = [found.failure] if found.failure else []
     return {
         **about(scenario),
@@ -117,11 +117,11 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 
 
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
-    """Return the figure of the probability of exceeding each margin, and the trajectories of two runs.
+    """Return a figure of the probability of exceeding each margin, and of the trajectories of two runs.
 
     Thin lines are splittings, the thick line is their mean, the dashed line is the failure probability. Runs are split
-    by an extrapolated margin or by a `score`, so that levels differ from the other panel, and a level above 0 is not a
-    failure.
+    by an extrapolated margin or by a `score`. Therefore levels differ from the other panel, and a level above 0 is not
+    a failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
     levels, mean = _mean(splits)
@@ -139,13 +139,13 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels of all splittings and the mean probability of exceeding each, where it is above 0."""
+    """Return the levels of all splittings, and the mean probability of exceeding each, where it is above 0."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
 
 
 def _chances(split: Split, levels: Array) -> Array:
-    """Return the probability of exceeding each level, from one splitting."""
+    """Return the probability of exceeding each level according to one splitting."""
     own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
     return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

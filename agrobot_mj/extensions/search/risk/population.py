@@ -1,4 +1,4 @@
-"""Runs of a splitting, identified by seed and branches, and simulated by the engine of all studies."""
+"""Runs of a splitting. Seed and branches identify each run; the engine of all studies simulates them."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -15,7 +15,7 @@ from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
-"""Time by which increases of the margin are extrapolated [s]. Assumed value (0.5-2: from heading to position)."""
+"""Time by which an increase of the margin is extrapolated [s]. Assumed value (0.5-2: from heading to position)."""
 
 
 class Run(NamedTuple):
@@ -24,29 +24,29 @@ class Run(NamedTuple):
     seed: int
     branches: tuple[Branch, ...]
     rises: tuple[tuple[int, float], ...]
-    """Tick number and margin of each new maximum."""
+    """Number and margin of each tick with a new maximum."""
     ticks: int
     failed: bool
     flaw: str = ""
-    """Reason for a failure without a margin: the outcome, or a metric without a value."""
+    """Reason for a failure that the margin does not show: the outcome, or a metric without a value."""
 
     @property
     def level(self) -> float:
-        """Maximum margin of the run; infinite if it failed."""
+        """Maximum margin of the run [-]; infinite for a failed run."""
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:
-        """Return the tick at which the margin first exceeded `level`; otherwise the last tick."""
+        """Return the tick at which the margin first exceeded `level`, or else the last tick."""
         return next((tick for tick, close in self.rises if close > level), self.ticks)
 
     @property
     def begun(self) -> int:
-        """Number of ticks copied from the stored state of another run."""
+        """Number of ticks that were not simulated but copied from the stored state of another run."""
         return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
 
 
 class Population:
-    """Runs of one splitting. Random numbers follow from the scenario's seed and the number of the splitting."""
+    """Runs of one splitting. Random numbers follow from the seed of the scenario and the number of the splitting."""
 
     def __init__(self, scenario: Scenario, q: RiskQuestion, number: int) -> None:
         self.number, self.runs = number, list[Run]()
@@ -59,12 +59,12 @@ class Population:
         self._want(next(self._work))
 
     def _want(self, wanted: list[Wanted[Run]]) -> None:
-        """Store the runs to simulate. A parent that exceeds the level only at its end is returned unchanged."""
+        """Store the runs to simulate. A parent that exceeds the level only at its end is used unchanged."""
         self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
         self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 
     def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
-        """Return seed and branches of a run to simulate."""
+        """Return the seed and the branches of a run to simulate."""
         if parent is None:
             return next(self._seeds), ()
         tick, self._branched = parent.above(level), self._branched + 1
@@ -72,7 +72,7 @@ class Population:
         return parent.seed, (*before, Branch(tick, self.number << 32 | self._branched))
 
     def take(self, driven: Sequence[Run]) -> None:
-        """Continue with the simulated runs, in their order, until `split` is known or new runs are due."""
+        """Continue with simulated runs, in the requested order, until `split` is known or new runs are due."""
         self.runs += driven
         fresh = iter(driven)
         try:
@@ -84,9 +84,9 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all finished splittings of a question. They advance together, so that many runs are simulated in parallel.
+    """Return all finished splittings. They advance together, so that many runs can be simulated in parallel.
 
-    Raises `ScenarioError` if every initial run raises an error, which is no failure of the tractor.
+    Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor.
     """
     rises = Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]

@@ -1,9 +1,9 @@
-"""Probability of a rare failure by adaptive multilevel splitting [Cerou2007]: question, algorithm, and estimate.
+"""Probability of a rare failure by adaptive multilevel splitting [Cerou2007]: settings, algorithm, and estimate.
 
-The level of a path is the maximum score it has reached, infinite for a failed path. In each round, the lowest of n
-paths are dropped. Each is replaced by a copy of a surviving path up to the time at which that path first exceeded the
-level of the dropped path; the copy then continues with different noise. If k paths are dropped, the weight is
-multiplied by (n - k) / n.
+The level of a path (a simulated run) is the maximum score it has reached, infinite for a failed path. In each round,
+the lowest of n paths are dropped. Each is replaced by a copy of a surviving path up to the time at which that path
+first exceeded the level of the dropped path; the copy then continues with different noise. If k paths are dropped, the
+weight is multiplied by (n - k) / n.
 
 With discrete time and repeated scores, the estimate is unbiased for any n, score and stopping rule if two inequalities
 are strict [Brehier2016]: all paths at or below the level are dropped, however many, and a copy branches from a score
@@ -21,11 +21,11 @@ from agrobot_mj.studies.statistics import wilson_interval
 
 
 class Leveled(Protocol):
-    """Path of the process."""
+    """Path of the random process."""
 
     @property
     def level(self) -> float:
-        """Maximum score reached; infinite for a failed path."""
+        """Maximum score that the path has reached; infinite for a failed path."""
         ...
 
 
@@ -35,25 +35,25 @@ Wanted = tuple[P | None, float]
 
 
 class Split(NamedTuple):
-    """Result of a splitting."""
+    """Result of one splitting."""
 
     probability: float
     """Unbiased estimate of the probability of failure [-]."""
     weight: float
     """Product of the surviving fractions of all rounds [-]."""
     failed: int
-    """Number of failed paths among those that reached the last level."""
+    """Number of failed paths among those that reached the last level [-]."""
     trace: tuple[tuple[float, float], ...]
-    """Level of each round and the weight after it: the probability of exceeding that level [-]."""
+    """Level of each round, and the weight after the round: the probability of exceeding that level [-]."""
     paths: int
-    """Number of simulated paths, including the initial ones."""
+    """Number of simulated paths, including the initial ones [-]."""
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
-    """Split n paths and drop at least `worst` per round, until fewer than `worst` paths have not failed.
+    """Split n paths, dropping at least `worst` per round, until fewer than `worst` paths have not failed.
 
-    Yields the paths to simulate and receives them in the same order. Also ends if no path survives or if the weight is
-    below `least`.
+    Yields the paths to simulate and receives them in the same order. The splitting also ends if no path survives or if
+    the weight is below `least`.
     """
     paths = yield [(None, -inf)] * n
     weight, trace, driven = 1.0, list[tuple[float, float]](), n
@@ -82,21 +82,21 @@ class RiskQuestion(NamedTuple):
 
     until: str
     particles: int = 50
-    """Number of runs split together [-]."""
+    """Number of runs that are split together [-]."""
     repeats: int = 10
-    """Number of independent splittings, whose spread gives the interval [-]."""
+    """Number of independent splittings [-]. Their spread gives the interval."""
     score: str | None = None
-    """Signal whose magnitude is the margin of a run; None for the metrics of the condition."""
+    """Signal whose magnitude is the margin of a run. Default: the margin follows from the metrics in `until`."""
     least: float = 1e-6
     """Weight below which a splitting ends [-]."""
 
     @property
     def worst(self) -> int:
-        """Minimum number of runs dropped per round [-]: a tenth, so that several runs are simulated in parallel."""
+        """Minimum number of runs dropped per round [-]: a tenth, so that several runs can be simulated in parallel."""
         return max(1, self.particles // 10)
 
     def check(self) -> None:
-        """Raise `ScenarioError` for an invalid question."""
+        """Raise `ScenarioError` for invalid settings."""
         if self.particles < 2 or self.repeats < 2:
             raise ScenarioError("--particles and --repeats must be 2 or more")
         if not (isfinite(self.least) and 0 < self.least < 1):
@@ -107,7 +107,7 @@ class RiskEstimate(NamedTuple):
     """Failure probability with its interval."""
 
     probability: float
-    """Unbiased mean of the splittings [-]."""
+    """Mean of the splittings, which is unbiased [-]."""
     low: float
     """Lower end of the 95 % interval [-]."""
     high: float
@@ -119,8 +119,8 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """Return the mean of independent splittings with its interval.
 
-    Without splitting, the interval is Wilson's. Without failures, the upper end is Wilson's for the runs of the last
-    rounds, multiplied by their weight.
+    The interval is Wilson's if no splitting was necessary. Without failures, the upper end is Wilson's for the runs of
+    the last rounds, multiplied by their weight.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
@@ -134,7 +134,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """Return the mean of independent estimates, with Student's interval for its logarithm."""
+    """Return the mean of independent estimates, with an interval by Student's t distribution of its logarithm."""
     from scipy.stats import t
 
     n, mean = len(values), fsum(values) / len(values)
