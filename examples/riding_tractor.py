@@ -7,7 +7,7 @@ The guidance reproduces the owner's program from logs and code [Jones2026]: pure
 the look-ahead distance, with raw position and heading. The board drives the steering motor by a proportional law with
 dead band and minimum command, in counts of the steering potentiometer. Without RTK fix or valid heading the tractor
 stops, with the wheels at the centre value of the firmware. Positions are rounded to 1e-5 minutes, as in the receiver.
-The constants include results of `agrobot-mj twin --only calibrate` on two logs.
+Some constants are results of `agrobot-mj twin --only calibrate` on two logs.
 """
 
 from collections.abc import Sequence
@@ -28,46 +28,46 @@ from agrobot_mj.terrain.rough import ROUGHNESS, Rough
 WHEELBASE_M, LOOKAHEAD_M, LARGEST = 1.27, 2.0, 0.623
 """Wheelbase [m], look-ahead distance of the straight missions [m], and maximum steering angle of the guidance [rad]."""
 RIGHT, CENTRE, LEFT = 197.0, 447.0, 815.0
-"""Potentiometer values of the firmware for full right, straight ahead and full left [counts]."""
+"""Potentiometer values in the firmware for full right, straight ahead and full left [counts]."""
 KP, DEAD_BAND, LEAST, MOST = 1.0, 10.0, 150.0, 255.0
 """Gain [counts of drive per count], dead band [counts], minimum and maximum drive [counts of 255]."""
 WAYPOINTS_M = 0.49
 """Distance between waypoints of the straight missions [m]."""
 GOAL_M = 0.5
-"""Distance from the last waypoint, along the heading, at which a mission ends [m]."""
+"""Distance to the last waypoint, along the heading, at which a mission ends [m]."""
 
 
 class Board(NamedTuple):
     """Settings and control law of the steering board."""
 
-    centre: float = CENTRE  # value for wheels straight ahead [counts]
-    left: float = (LEFT - CENTRE) / LARGEST  # counts per radian to the left
-    right: float = (CENTRE - RIGHT) / LARGEST  # counts per radian to the right
+    centre: float = CENTRE  # potentiometer value for wheels straight ahead [counts]
+    left: float = (LEFT - CENTRE) / LARGEST  # counts per radian of steering to the left
+    right: float = (CENTRE - RIGHT) / LARGEST  # counts per radian of steering to the right
     dead_band: float = DEAD_BAND
 
     def wanted(self, angle: float) -> float:
-        """Return the potentiometer value for a steering angle [rad], left positive [counts]."""
+        """Return the potentiometer value that corresponds to a steering angle [rad], left positive [counts]."""
         angle = min(max(angle, -LARGEST), LARGEST)
         return self.centre + angle * (self.left if angle > 0 else self.right)
 
     def bias(self, straight: float) -> float:
-        """Return the commanded angle to the right for wheels straight ahead at the true value `straight` [rad]."""
+        """Return the commanded angle to the right that steers straight if the true centre is `straight` [rad]."""
         return (self.centre - straight) / (self.right if straight < self.centre else self.left)
 
     def drive(self, error: float) -> float:
-        """Return the motor drive for an error [counts], left positive [counts of 255]."""
+        """Return the motor drive for a steering error [counts], left positive [counts of 255]."""
         if abs(error) <= self.dead_band:
             return 0.0
         size = min(max(KP * abs(error), LEAST), MOST)
         return size if error > 0 else -size
 
     def voltage(self, error: float) -> float:
-        """Return the drive as valve voltage of the simulation; 12 V is full left [V]."""
+        """Return the drive as a valve voltage of the simulation, in which 12 V is full left [V]."""
         return NEUTRAL_V * (1.0 + self.drive(error) / MOST)
 
 
 def calibrated(centre: float, degrees_per_count: float) -> Board:
-    """Return a board with the true centre and scale of its potentiometer."""
+    """Return a board that knows the true centre and scale of its potentiometer."""
     scale = degrees(1.0) / degrees_per_count
     return Board(centre, scale, scale)
 
@@ -75,12 +75,12 @@ def calibrated(centre: float, degrees_per_count: float) -> Board:
 class Pursuit(NamedTuple):
     """State of pure pursuit between two ticks."""
 
-    waypoints: Array  # east, north and look-ahead, shape (n, 3) [m]
+    waypoints: Array  # east, north and look-ahead distance, shape (n, 3) [m]
     index: int = 0  # index of the target waypoint
     done: bool = False
 
     def after(self, x: float, y: float, yaw: float) -> "tuple[Pursuit, float]":
-        """Return the new state and the steering angle, left positive [rad], for a position [m] and a heading [rad]."""
+        """Return the new state, and the steering angle, left positive [rad], for a position [m] and a heading [rad]."""
         places, reach = self.waypoints[self.index :, :2], self.waypoints[self.index :, 2]
         beyond = np.flatnonzero(np.hypot(*(places - (x, y)).T) > reach)
         last = len(self.waypoints) - 1
@@ -102,11 +102,11 @@ def steady_offset(bias: float, heading: float, lookahead: float = LOOKAHEAD_M) -
 
 
 MIDDLE = (0.4, 0.8)
-"""Evaluated part of a pass as fractions of its waypoints, as in the owner's evaluation."""
+"""Part of a pass that is evaluated, as fractions of its waypoints; same as in the owner's evaluation."""
 CELL = (1e-5 / 60 * 111.32e3 * cos(radians(40.4856)), 1e-5 / 60 * 111.04e3)
 """Resolution of the logged position, east and north [m]: 1e-5 minutes at the latitude of the field."""
 POSITION_TICKS, HEADING_TICKS = 2, 4
-"""Number of ticks between positions and between headings: 10 and 5 Hz, as in the logs."""
+"""Number of ticks between positions and between headings: 10 Hz and 5 Hz, as in the logs."""
 LENGTH_M = 26.0
 """Length of a pass [m]. The longest recorded pass is 25.5 m."""
 ROUGH_HALF_M, ROUGH_NODE_M = 32.0, 0.05
@@ -116,7 +116,7 @@ ROUGH_HALF_M, ROUGH_NODE_M = 32.0, 0.05
 class Pass(NamedTuple):
     """Offsets from the line in the evaluated part of a pass, left positive."""
 
-    offset: Array  # distances [m]
+    offset: Array  # offsets [m]
     wanted: Array  # commanded steering angle, left positive [deg]
     speed: float  # mean speed [m/s]
 
@@ -137,7 +137,7 @@ class Pass(NamedTuple):
 
 
 def rough_ground(folder: Path, seed: int) -> Path:
-    """Return the file of a square of rough ground of class C; create the file if it does not exist."""
+    """Return the file with a square of rough ground of class C, which is created if it does not exist."""
     file = folder / f"rough-{seed}.npy"
     if not file.exists():
         axis = np.arange(-ROUGH_HALF_M, ROUGH_HALF_M + ROUGH_NODE_M / 2, ROUGH_NODE_M)
@@ -147,7 +147,7 @@ def rough_ground(folder: Path, seed: int) -> Path:
 
 
 def terrain(folder: Path, seed: int, roughness: float) -> dict[str, Any]:
-    """Return the terrain with the roughness G_d(n_0) [m3]; level for zero."""
+    """Return the terrain table for the roughness G_d(n_0) [m3]; level ground for zero."""
     if not roughness:
         return {"kind": "flat"}
     file, scale = rough_ground(folder, seed), (roughness / ROUGHNESS["C"]) ** 0.5
@@ -155,11 +155,11 @@ def terrain(folder: Path, seed: int, roughness: float) -> dict[str, Any]:
 
 
 class Loop(NamedTuple):
-    """Twin, guidance and their settings."""
+    """Twin with its guidance and settings."""
 
     twin: Scenario
-    centre: float  # true potentiometer value straight ahead [counts]
-    degrees_per_count: float  # true scale of the potentiometer, left positive
+    centre: float  # true potentiometer value for wheels straight ahead [counts]
+    degrees_per_count: float  # true scale of the potentiometer
     board: Board = Board()
     heading_error: float = 0.0  # constant error of the heading, left positive [deg]
     gate: bool = True  # whether the tractor stops without an RTK fix and a valid heading
@@ -167,7 +167,7 @@ class Loop(NamedTuple):
     def run(
         self, speed: float, seed: int, ground: dict[str, Any], fault: Sequence[Any] = (), length: float = LENGTH_M
     ) -> "Driven":
-        """Simulate a straight pass eastwards with `speed` [m/s] on a terrain."""
+        """Simulate a straight pass to the east with `speed` [m/s] on a terrain."""
         line = {"kind": "line", "length_m": length, "speed_m_s": speed, "start_x_m": -length / 2}
         x = np.arange(-length / 2, length / 2 + 1e-9, WAYPOINTS_M)
         waypoints = np.column_stack((x, np.zeros_like(x), np.full_like(x, LOOKAHEAD_M), np.full_like(x, speed)))
@@ -175,7 +175,7 @@ class Loop(NamedTuple):
         return self.follow(changes, waypoints)
 
     def follow(self, changes: dict[str, Any], waypoints: Array) -> "Driven":
-        """Simulate a mission of waypoints (n, 4): east, north, look-ahead [m], speed [m/s], limited by the duration."""
+        """Simulate a mission along waypoints (n, 4): east, north, look-ahead [m], and speed [m/s]."""
         heading = {"sensors.gnss.dual_antenna.mounting_deg": self.heading_error}
         simulation = Simulation(self.twin.changed({**changes, **heading}))
         measured, pursuit = simulation.reset(), Pursuit(waypoints[:, :3])
@@ -196,7 +196,7 @@ class Loop(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """Simulated pass."""
+    """Simulated pass with its waypoints."""
 
     rows: Array
     """Time, measured east, north and heading, true east and north of the rear axle, speed, commanded angle [deg] and
@@ -205,7 +205,7 @@ class Driven(NamedTuple):
 
     @property
     def middle(self) -> Pass:
-        """Evaluated part of a straight pass eastwards, with measured positions."""
+        """Evaluated part of a straight pass to the east, with measured positions."""
         index, total = self.rows[8], len(self.waypoints)
         inside = (index >= MIDDLE[0] * total) & (index <= MIDDLE[1] * total)
         return Pass(self.rows[2][inside], self.rows[7][inside], float(self.rows[6][inside].mean()))
@@ -229,18 +229,18 @@ STRAIGHT, SCALE, HEADING_DEG = 432.834, 0.154, 1.294
 """Potentiometer value straight ahead [counts], steering angle per count [deg], and heading error, left positive [deg].
 Source: calibration with the runs 1W and 1E."""
 MOTOR_FROM, MOTOR_RATE = 70.4, 0.59
-"""Minimum drive that moves the motor [counts of 255], and steering rate per drive above it [deg/s]; same runs."""
+"""Minimum drive that moves the motor [counts of 255], and steering rate per drive above it [deg/s]; same source."""
 SLOW, FAST, RECORDED_CM = 0.5, 0.85, 2.4
-"""Speeds of the missions [m/s], and mean offset of the recorded passes at the lower speed [cm], to fit roughness."""
+"""Speeds of the missions [m/s], and mean offset of the recorded passes at the lower speed [cm], for the fit."""
 RECORDED = (
     ("recorded, 0.5 m/s", 4, "2.4 (2.0 to 3.0)", "5.5 (4.7 to 6.1)", "1.8 (1.0 to 2.2)"),
     ("recorded, 0.85 m/s", 2, "2.4 (2.4 to 2.5)", "4.6 (4.1 to 5.1)", "2.2 (2.1 to 2.4)"),
 )
-"""Recorded passes: number, and mean (range) of mean offset, p95 and offset to the left [cm]."""
+"""Recorded passes: number of passes, and mean (range) of mean offset, p95 and offset to the left [cm]."""
 CARCASS = 1.8
-"""Lateral divided by vertical carcass stiffness [-]: the best of three values for 1W and 1E."""
+"""Lateral divided by vertical carcass stiffness [-]. It is the best of three values for the runs 1W and 1E."""
 SEEDS = range(1, 5)
-"""Seeds of the passes, each with different ground."""
+"""Seeds of the passes. Each has different ground."""
 RECEIVERS = {
     "sensors.gnss.sigma_m": 0.008,
     "sensors.gnss.latency_s": 0.2,
@@ -251,11 +251,11 @@ RECEIVERS = {
 }
 """Noise of fixes at rest without rounding, heading latency from the calibration, and unfiltered steering sensor."""
 LAG_S = 0.03
-"""Lag of the motor [s]. Assumed value: the rate settles within two rows of 0.05 s."""
+"""Time constant of the motor [s]. Assumed value: the rate settles within two rows of 0.05 s."""
 
 
 def twin() -> Scenario:
-    """Return the scenario of the machine `riding` with motor, receivers and sensors of the logs.
+    """Return the scenario of the machine `riding`, with motor, receivers and sensors as in the logs.
 
     A valve with a cylinder of default size represents the motor: 12 V is full drive to the left.
     """
@@ -270,12 +270,12 @@ def twin() -> Scenario:
 
 
 def passes(loop: Loop, speed: float, ground: Path, roughness: float) -> list[Pass]:
-    """Return one pass per seed on ground of a roughness [m3]; `ground` is the folder of height maps."""
+    """Simulate one pass per seed on ground of a given roughness [m3]; `ground` is the folder for height maps."""
     return [loop.run(speed, seed, terrain(ground, seed, roughness)).middle for seed in SEEDS]
 
 
 def _cells(some: Sequence[Pass], *keys: str) -> tuple[str, ...]:
-    """Return mean and range over passes as text cells."""
+    """Return mean and range of quantities over passes as text cells."""
     every = ([getattr(p, key) for p in some] for key in keys)
     return tuple(f"{np.mean(values):.1f} ({min(values):.1f} to {max(values):.1f})" for values in every)
 
@@ -303,7 +303,7 @@ def tables(ground: Path) -> dict[str, str]:
 
 
 def gain(loop: Loop, ground: Path, roughness: float) -> str:
-    """Return the table of errors that are corrected one after the other."""
+    """Return a table of passes in which errors are corrected one after the other."""
     right = calibrated(STRAIGHT, SCALE)
     changes = {
         "unchanged": loop,
@@ -321,7 +321,7 @@ def gain(loop: Loop, ground: Path, roughness: float) -> str:
 
 
 BEGIN_S, LINE_M, AFTER_S, RESTING_M_S = 20.0, 56.0, 2.0, 0.05
-"""Start of a failure [s], length of the line [m], evaluated time after the failure [s], maximum speed at rest [m/s]."""
+"""Start of a failure [s], length of the line [m], evaluated time after a failure [s], maximum speed at rest [m/s]."""
 FAILURES: dict[str, dict[str, Any]] = {
     "position silent for 37 s, last fix RTK": {"kind": "gnss_frozen", "keep": "velocity", "end_s": BEGIN_S + 37},
     "position silent for 37 s, last fix of quality 2": {
@@ -333,11 +333,11 @@ FAILURES: dict[str, dict[str, Any]] = {
     "no heading for 0.2 s": {"kind": "heading_loss", "end_s": BEGIN_S + 0.2},
     "no heading for 3.4 s": {"kind": "heading_loss", "end_s": BEGIN_S + 3.4},
 }
-"""Failures with the median and maximum durations in the logs."""
+"""Failures with their median and maximum durations in the logs."""
 
 
 def failures(loop: Loop, ground: dict[str, Any], seeds: Sequence[int] = (1, 2)) -> str:
-    """Return the table of failures: stopping distance and maximum offset from the line.
+    """Return a table of failures: stopping distance, and maximum offset from the line.
 
     The speed command is a lever position, as on the real machine: a speed controller would use the frozen speed.
     """

@@ -12,7 +12,7 @@ SPEED, AHEAD = 1.5, 2.5
 
 
 class Follower(Node):
-    """Node that publishes on /cmd_vel for each message on /odometry."""
+    """Node that replies to each message on /odometry with a command on /cmd_vel."""
 
     def __init__(self) -> None:
         super().__init__("follower")
@@ -23,11 +23,11 @@ class Follower(Node):
         self.create_subscription(Odometry, "/odometry", self.drive, 10)
 
     def take(self, path: Path) -> None:
-        """Store the path."""
+        """Store the points of the path."""
         self.points = [(p.pose.position.x, p.pose.position.y) for p in path.poses]
 
     def drive(self, odometry: Odometry) -> None:
-        """Steer towards the first path point at the look-ahead distance."""
+        """Publish a command that steers towards the first path point at the look-ahead distance."""
         if not self.points:
             return
         at, q = odometry.pose.pose.position, odometry.pose.pose.orientation
@@ -40,7 +40,7 @@ class Follower(Node):
         self.out.publish(command)
 
     def offset(self, k: int, at) -> tuple[float, float]:
-        """Return the vector from the tractor to point k [m]."""
+        """Return the vector from the tractor (`at`) to path point `k` [m]."""
         return self.points[k][0] - at.x, self.points[k][1] - at.y
 
 

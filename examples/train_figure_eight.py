@@ -28,11 +28,11 @@ import agrobot_mj.extensions.links.gym  # registers the environment
 
 FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m", "curvature_1m", "curvature_2m")
 SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
-"""Standard deviations of the first generation."""
+"""Standard deviations of the steering weights in the first generation."""
 SPEED_SPREAD = np.array([0.7, 0.3])
 """Standard deviations of the speed weights in the first generation: offset, and weight of the distance [1/m]."""
 ELITE = 0.25
-"""Fraction of each generation that defines the next distribution."""
+"""Fraction of each generation from which the next distribution is computed."""
 KEPT_SPREAD = 0.03
 """Standard deviation added in each generation, as a fraction of the first, to keep the search active."""
 JUDGED_SEEDS = range(9001, 9006)
@@ -41,14 +41,14 @@ JUDGED_SEEDS = range(9001, 9006)
 
 @cache
 def environment(plant, duration_s, speed):
-    """Return the environment of this process."""
+    """Return the environment of this process, which is created once."""
     overrides = {} if duration_s is None else {"duration_s": duration_s}
     keywords = {"scenario": "figure_eight", "plant": plant, "speed": speed, "overrides": overrides}
     return gymnasium.make(agrobot_mj.extensions.links.gym.ENV_ID, **keywords)
 
 
 def episode(job):
-    """Return the sum of rewards, the last info, and the processor time [s] of one episode."""
+    """Simulate one episode; return the sum of rewards, the last info, and the processor time [s]."""
     theta, plant, duration_s, seed, options = job
     began = time.process_time()
     steering, driving = theta[: len(FEATURES)], theta[len(FEATURES) :]
@@ -86,7 +86,7 @@ def train(pool, plant, speed, generations, population, duration_s, seed):
 
 
 def driven_by_pd(job):
-    """Return the metrics of the paper's PD law."""
+    """Return the metrics of a run with the paper's PD law."""
     plant, duration_s, seed = job
     overrides = {"controller.kind": "pd", "plant.kind": plant, "seed": seed}
     overrides |= {} if duration_s is None else {"duration_s": duration_s}
@@ -94,7 +94,7 @@ def driven_by_pd(job):
 
 
 def judge(pool, theta, plant, duration_s):
-    """Print the errors of the policy and of the PD law with the same noise; return the means [m]."""
+    """Print the errors of policy and PD law with the same noise; return their means [m]."""
     seeds = list(JUDGED_SEEDS)
     jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
     ends = [info for _, info, _ in pool.map(episode, jobs)]

@@ -22,12 +22,12 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class Turning(NamedTuple):
-    """State between two ticks."""
+    """State of the filter between two ticks."""
 
     mean: Array
-    """Mean of x, y, yaw, speed and yaw rate, shape (5,)."""
+    """Mean of x, y, yaw, speed and yaw rate, shape (5,) [SI, rad]."""
     covariance: Array
-    """Covariance of the mean, shape (5, 5)."""
+    """Covariance of these quantities, shape (5, 5)."""
     wheelbase: float
     """Wheelbase [m]."""
     to_cg: float
@@ -41,24 +41,24 @@ class TurningEkf(StateEstimator):
 
     kind: Literal["turning_ekf"] = "turning_ekf"
     position_sigma_m: Positive = 0.02
-    """Standard deviation of a fix per axis [m]. Paper, section V-A."""
+    """Standard deviation of the position of a fix, per axis [m]. Paper, section V-A."""
     velocity_sigma_m_s: Positive = 0.03
     """Standard deviation of the GNSS velocity per axis [m/s]. Assumed value, as for the receiver."""
     steer_sigma_deg_s: Positive = 2.0
-    """Error of the yaw rate from the steering angle [deg/s]. Assumed value."""
+    """Standard deviation of the yaw rate computed from the steering angle [deg/s]. Assumed value."""
     speed_walk_m_s_rt_s: Positive = 0.2
     """Random walk of the speed [m/s/sqrt(s)]. Assumed value."""
     yaw_rate_walk_deg_s_rt_s: Positive = 5.0
     """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value."""
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Turning:
-        """Return the state at standstill with R at (x, y) [m] and the heading `yaw` [rad]."""
+        """Return the state at standstill, with R at (x, y) [m] and the heading `yaw` [rad]."""
         sigmas = np.array([0.05, 0.05, radians(5.0), 0.1, radians(1.0)])
         start = np.array([x, y, yaw, 0.0, 0.0])
         return Turning(start, np.diag(sigmas**2), tractor.wheelbase_m, tractor.cg_to_rear_axle)
 
     def update(self, state: Turning, measurement: Measurement, dt: float) -> tuple[Turning, Estimate]:
-        """Return state and estimate after a tick: predict, then correct by the steering angle and by a fix."""
+        """Predict the state by one tick, then correct it by the steering angle and by a new fix, if any."""
         ekf = ExtendedKalmanFilter(dim_x=5, dim_z=1)
         ekf.F, ekf.Q = self._transition(state.mean, dt), self._noise(dt)
         ekf.x, ekf.P = self._moved(state.mean, dt), ekf.F @ state.covariance @ ekf.F.T + ekf.Q
@@ -83,7 +83,7 @@ class TurningEkf(StateEstimator):
         return np.array([x + v * dt * cos(middle), y + v * dt * sin(middle), yaw + rate * dt, v, rate])
 
     def _transition(self, mean: Array, dt: float) -> Array:
-        """Return the derivative of the moved mean with respect to the mean, shape (5, 5)."""
+        """Return the derivative of the predicted mean with respect to the mean, shape (5, 5)."""
         _, _, yaw, v, rate = mean
         c, s = dt * cos(yaw + 0.5 * rate * dt), dt * sin(yaw + 0.5 * rate * dt)
         F = np.eye(5)
@@ -93,17 +93,17 @@ class TurningEkf(StateEstimator):
         return F
 
     def _noise(self, dt: float) -> Array:
-        """Return the process noise of a tick, shape (5, 5)."""
+        """Return the covariance of the process noise of a tick, shape (5, 5)."""
         walks = np.array([0.01, 0.01, radians(0.3), self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)])
         return np.diag(dt * walks**2)
 
     def _expected(self, mean: Array) -> Array:
-        """Return the expected fix: position and velocity."""
+        """Return the expected measurement of a fix: position and velocity, shape (4,)."""
         x, y, yaw, v, _ = mean
         return np.array([x, y, v * cos(yaw), v * sin(yaw)])
 
     def _slopes(self, mean: Array) -> Array:
-        """Return the derivative of the expected fix with respect to the mean, shape (4, 5)."""
+        """Return the derivative of the expected measurement with respect to the mean, shape (4, 5)."""
         _, _, yaw, v, _ = mean
         H = np.zeros((4, 5))
         H[0, 0] = H[1, 1] = 1.0

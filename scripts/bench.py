@@ -1,8 +1,8 @@
 """Cost of a run compared with bare MuJoCo, cost of recording, time of each part of a tick, and start-up times.
 
-The benchmark runs in one process with compiled code in memory. Alternatives alternate, and a ratio is the median of the
-ratios of neighbours, so that a busy machine affects both. Times are processor times of all threads, except start-up
-times. Only ratios can be compared between machines.
+The benchmark runs in one process with compiled code in memory. The compared functions run alternately, and a ratio is
+the median of the ratios of successive runs, so that a busy machine affects both. Times are processor times of all
+threads, except start-up times. Only ratios can be compared between machines.
 """
 
 import argparse
@@ -44,23 +44,23 @@ from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
 AIM_RATIO, AIM_RECORDING, AIM_PYTHON = 1.9, 0.05, 18.0
-"""Targets: closed loop per bare step, relative cost of recording, and tick without plant per bare step [-]."""
+"""Targets [-]: closed loop per bare step, relative cost of recording, and tick without plant per bare step."""
 AIM_REAL_TIME, AIM_FAST = 160.0, 250.0
 """Targets for simulated time divided by wall time on one core, with standard steps and with `physics = "fast"` [-]."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
-"""Targets for physics with tyres divided by bare step, on firm ground and on soft soil [-], and grid nodes per side."""
+"""Targets for physics with tyres per bare step, on firm ground and on soft soil [-], and grid nodes per side."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
 """Command lines and targets for their wall times [s]."""
 PARTS, UNDISTURBED = ("plant", "sensors", "estimator", "guidance and control", "log"), 10
 """Timed parts of a tick, and percentile of the tick times that counts as undisturbed by other processes [%]."""
 HELD_STEPS, MOVING_S = 500, 12.0
-"""Number of steps after which the bare model restarts, because it loses its balance, and time of acceleration [s]."""
+"""Number of steps after which the bare model restarts, because it would fall over, and time of acceleration [s]."""
 NO_IMPLEMENT, ROUNDS = NoImplement(), 15
-"""Default implement, and number of timing rounds [-]."""
+"""Default implement, and number of rounds of a measurement [-]."""
 
 
 class BareModel:
-    """MuJoCo model of the run with a moving tractor, supported by constant tyre forces."""
+    """MuJoCo model of a run in which the tractor moves, supported by constant tyre forces."""
 
     def __init__(self, scenario: Scenario) -> None:
         loop = simulate.Loop(scenario)
@@ -74,7 +74,7 @@ class BareModel:
         mujoco.mj_getState(self.model, self.data, self.start, self.kind)
 
     def as_drawn(self) -> "BareModel":
-        """Return a copy with all visual geoms and all stages of MuJoCo, as loaded by a user."""
+        """Return a copy with all visual geoms and all stages of MuJoCo, as a user would load the model."""
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
@@ -85,7 +85,7 @@ class BareModel:
         return whole
 
     def seconds(self, steps: int) -> float:
-        """Return the time of `steps` steps, with one call per step [s]."""
+        """Return the processor time of `steps` physics steps, with one call per step [s]."""
         model, data, step = self.model, self.data, mujoco.mj_step
         spent = 0.0
         while steps > 0:
@@ -101,19 +101,19 @@ class BareModel:
         return spent
 
     def undisturbed(self, steps: int, count: int = 2000) -> float:
-        """Return the tenth percentile of the time of `steps` steps, as an estimate without other processes [s]."""
+        """Return the tenth percentile of the time of `steps` steps [s], an estimate without other processes."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
 
 
 def steps_of(scenario: Scenario) -> int:
-    """Return the number of physics steps of a run, including settling."""
+    """Return the number of physics steps in a run, including the settling at the start."""
     settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.step_s)
     return (scenario.ticks - 1) * scenario.steps_per_tick + settle
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
-    """Return the processor time of `work`, summed over threads [s]."""
+    """Return the processor time of a call of `work`, summed over threads [s]."""
     began = time.process_time()
     work()
     return time.process_time() - began
@@ -126,9 +126,9 @@ def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
 
 
 def run_costs(scenario: Scenario, repeats: int) -> str:
-    """Return a table with targets: cost of a run, and of recording, relative to bare steps.
+    """Return a table of the cost of a run and of recording, relative to bare steps, with targets.
 
-    Bare steps, run and recorded run alternate; the first round is not evaluated.
+    Bare steps, run and recorded run alternate. The first round is not evaluated.
     """
     bare, steps, in_a_tick = BareModel(scenario), steps_of(scenario), scenario.steps_per_tick
     drawn, run_s, rounds = bare.as_drawn(), scenario.ticks * TICK_S, []
@@ -166,7 +166,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
 
 
 def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
-    """Return the processor times of a tick and of a tick without its plant, as tenth percentiles [s]."""
+    """Return the processor times of a tick, and of a tick without its plant, as tenth percentiles [s]."""
     simulation, found = Simulation(scenario), list[tuple[float, float]]()
     simulation.reset()
     with stopwatches(scenario, ("plant",)) as spent:
@@ -181,7 +181,7 @@ def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
 
 @contextmanager
 def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[dict[str, float]]:
-    """Measure the time of the given parts of a tick within the block; yields seconds by name of the part."""
+    """Measure the time of parts of a tick within the block. Yields the seconds by name of the part."""
     spent: dict[str, float] = defaultdict(float)
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -215,7 +215,7 @@ def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[di
 
 
 def tick_parts(scenario: Scenario) -> str:
-    """Return a table of the processor times of the parts of an undisturbed tick."""
+    """Return a table of the processor time of each part of an undisturbed tick."""
     simulation, ticks = Simulation(scenario), list[dict[str, float]]()
     simulation.reset()
     with stopwatches(scenario) as spent:
@@ -233,7 +233,7 @@ def tick_parts(scenario: Scenario) -> str:
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
-    """Return a square grid of `nodes` per side, 0.1 m apart, with bumps of millimetres."""
+    """Return a square height grid with `nodes` per side, 0.1 m apart, and bumps of some millimetres."""
     heights = np.random.default_rng(1).uniform(-0.002, 0.002, (nodes, nodes))
     return Ground(-0.05 * nodes, -0.05 * nodes, 0.1, heights)
 
@@ -241,7 +241,7 @@ def rough_ground(nodes: int = GRID) -> Ground:
 def moving(
     tyre: Any, ground: Ground | None = None, implement: ImplementBase = NO_IMPLEMENT, settle_s: float = 3.0
 ) -> MujocoPlant:
-    """Return a slow tractor that stays on its `ground` during the timed second. Default: rough ground."""
+    """Return a slow tractor that stays on its `ground` while it is timed. Default: rough ground."""
     s = load_scenario("straight_line")
     machine = s.vehicle._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
@@ -272,16 +272,16 @@ def physics_costs(repeats: int) -> str:
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
-    """Return the cost of physics steps divided by the cost of bare steps of the same model, on a 200 x 200 grid [-]."""
+    """Return the cost of physics steps per cost of bare steps of the same model, on a grid of 200 x 200 nodes [-]."""
     plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
 
 
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
-    """Return the cost of 20 plant ticks from the state `start` divided by the cost of as many bare steps [-].
+    """Return the cost of 20 plant ticks from the state `start` per cost of as many bare steps [-].
 
-    Each tick starts from a restored state, because the bare tractor soon tips over, which is more expensive.
+    Each tick starts from a restored state, because the bare tractor soon tips over, which takes longer.
     """
     kind, rest, tyred, bare = mujoco.mjtState.mjSTATE_INTEGRATION, Drive(NEUTRAL_V, NEUTRAL_V), 0.0, 0.0
     begins = np.empty((20, mujoco.mj_stateSize(plant.model, kind)))
@@ -301,7 +301,7 @@ def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
 
 
 def start_up_times(repeats: int) -> str:
-    """Return a table of the minimum wall times of short commands in separate processes, without the first."""
+    """Return a table of the minimum wall time of short commands in separate processes, omitting the first."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for line, aim in START_UP.items():

@@ -1,4 +1,4 @@
-"""Blocks of documentation pages that scripts replace, between the lines `<!-- NAME -->` and `<!-- end of NAME -->`."""
+"""Blocks of documentation pages that scripts replace. They are between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ def block(text: str, name: str) -> str:
 
 
 def put(text: str, name: str, content: str) -> str:
-    """Return the page with the content of a block replaced by `content`."""
+    """Replace the content of a block in a page by `content` and return the page."""
     found = _found(text, name)
     return text[: found.start(1)] + content + text[found.end(1) :]
 

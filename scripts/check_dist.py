@@ -1,8 +1,8 @@
 """Build wheel and sdist, and check them in empty environments with several versions of Python.
 
 uv provides the Python versions. Each environment contains only the package and its run-time dependencies. The commands
-of the wheel are run, and the sdist must install the same files. The last check has no home and no cache folder. If all
-checks pass, prints the size of each dependency and extra; otherwise status 1. The built files remain in dist/.
+of the wheel are run, and the sdist must install the same files. The last check has no home or cache folder. If all
+checks pass, the sizes of dependencies and extras are printed; otherwise the status is 1. The files remain in dist/.
 """
 
 import os
@@ -19,9 +19,9 @@ ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
 UV = os.environ.get("UV", "uv")
 PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
-"""Versions of Python, or paths of interpreters."""
+"""Versions of Python, or paths of interpreters, in which the package is checked."""
 KEPT = ("UV_", "PIP_", "SSL_")
-"""Prefixes of environment variables that select the package index."""
+"""Prefixes of environment variables that configure the package index."""
 SHORT = ("--set", "duration_s=2", "-q")
 COMMANDS = (
     ("--version",),
@@ -54,7 +54,7 @@ def call(command: list[str | Path], folder: Path, **environment: str) -> subproc
 
 
 def must(command: list[str | Path], folder: Path, **environment: str) -> str:
-    """Return the standard output of a command. Raises `RuntimeError` with the output of a failed command."""
+    """Run a command and return its standard output. Raises `RuntimeError` with the output of a failed command."""
     done = call(command, folder, **environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
@@ -62,7 +62,7 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
 
 
 def environment(package: str | Path, python: str, folder: Path) -> Path:
-    """Create an environment that contains only the package; return the folder of its executables."""
+    """Install only the package in an environment, which is created if missing; return the folder of its executables."""
     if not (folder / "venv").exists():
         folder.mkdir(parents=True, exist_ok=True)
         must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
@@ -71,7 +71,7 @@ def environment(package: str | Path, python: str, folder: Path) -> Path:
 
 
 def works(programs: Path, folder: Path) -> None:
-    """Check the output of the commands, and the messages about missing extras."""
+    """Check the output of commands, and the messages about missing extras."""
     for arguments in COMMANDS:
         must([programs / "agrobot-mj", *arguments], folder)
     must_exist(folder, "run/signals.parquet", "compared/comparison.json")
@@ -97,7 +97,7 @@ def works_with_all(programs: Path, folder: Path) -> None:
 
 
 def works_without_a_cache(programs: Path, folder: Path) -> None:
-    """Check a run without kernel cache: there is no home, and the name of the cache folder belongs to a file."""
+    """Check a run that cannot cache kernels: there is no home, and the name of the cache folder belongs to a file."""
     (folder / "no-folder").touch()
     bare = {"PATH": os.environ["PATH"], "XDG_CACHE_HOME": str(folder / "no-folder"), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [str(programs / "agrobot-mj"), "run", "circle", *SHORT, "--no-rrd", "--out", "bare"]

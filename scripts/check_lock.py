@@ -9,11 +9,11 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 EXPORTS = {"requirements.lock": "build", "requirements-dev.lock": "dev", "requirements-docs.lock": "docs"}
-"""Files that make installs from, and their group in pyproject.toml."""
+"""Files from which make installs, and the group of each in pyproject.toml."""
 
 
 def exported(text: str) -> dict[tuple[str, str], set[str]]:
-    """Return the hashes in an exported file by name and version."""
+    """Return the hashes in an exported file, by name and version of the package."""
     found: dict[tuple[str, str], set[str]] = {}
     for block in re.split(r"\n(?=\S)", text):
         if pinned := re.match(r"([A-Za-z0-9._-]+)==([^\s;\\]+)", block):
@@ -22,7 +22,7 @@ def exported(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def locked(text: str) -> dict[tuple[str, str], set[str]]:
-    """Return the hashes in uv.lock by name and version, without the project."""
+    """Return the hashes in uv.lock, by name and version of the package, without the project itself."""
     found = {}
     for package in tomllib.loads(text)["package"]:
         if "registry" in package["source"]:
@@ -32,7 +32,7 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Return the requirements of a group in pyproject.toml; all but `docs` include package and extra `all`."""
+    """Return the requirements of a group in pyproject.toml; except for `docs` including package and extra `all`."""
     content = tomllib.loads(text)
     project = content["project"]
     extras = [extra for line in project["optional-dependencies"]["all"] for extra in sorted(Requirement(line).extras)]
@@ -48,7 +48,7 @@ def wanted(text: str, group: str) -> list[Requirement]:
 
 
 def optional(text: str) -> set[str]:
-    """Return the names of the requirements in uv.lock that only extras need."""
+    """Return the names of the packages in uv.lock that only extras need."""
     packages = {package["name"]: package for package in tomllib.loads(text)["package"]}
     (project,) = (package for package in packages.values() if "registry" not in package["source"])
     todo = [needed["name"] for needs in project.get("optional-dependencies", {}).values() for needed in needs]
@@ -62,7 +62,7 @@ def optional(text: str) -> set[str]:
 
 
 def faults(root: Path) -> list[str]:
-    """Return one line for each difference."""
+    """Return one line of text for each difference."""
     texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
     pins = {name: exported(texts[name]) for name in EXPORTS}
     lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])

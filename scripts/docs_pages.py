@@ -1,4 +1,4 @@
-"""Documentation pages generated from the code: keys, commands, Python interface. Each function returns Markdown."""
+"""Documentation pages that are generated from the code: keys, commands, Python interface. Functions return Markdown."""
 
 import inspect
 from typing import Any
@@ -16,14 +16,14 @@ from agrobot_mj.scenario.schema import Scenario
 
 BASES = ("core.signals", "control.base", "estimation.base", "terrain.base", "tyres.base", "machine.implements.base")
 BASES += ("paths.base", "sensors.base", "faults.base", "metrics.base", "plants.base")
-"""Modules with base classes for plugins and with their messages."""
+"""Modules with base classes for plugins, and with the messages that they exchange."""
 FRONT = ("scenario.loading.load_scenario", "simulation.run.run", "simulation.stepping.Simulation")
 FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Scenario", "core.errors")
 """Names in `agrobot_mj`, classes of their return values, and exceptions."""
 
 
 def keys_page() -> str:
-    """Return all keys of a scenario file, with one section per table and kind."""
+    """Return the page of all keys of a scenario file, with one section per table and kind."""
     head = (
         "# Keys of a scenario\n\nThis page lists every key of a scenario file by table, as `agrobot-mj explain KEY` on "
         "the command line. [Models](reference/models.md) lists numbers, ranges and sources, "
@@ -33,7 +33,7 @@ def keys_page() -> str:
 
 
 def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spec]]]) -> list[str]:
-    """Return the sections of a table, one per possible class, and of its nested tables."""
+    """Return the sections of a table, one per possible class, and those of its nested tables."""
     lines: list[str] = []
     for place in found:
         if (table, place.owner) in seen:
@@ -72,7 +72,7 @@ def _cell(text: str) -> str:
 
 
 def commands_page() -> str:
-    """Return all commands of `agrobot-mj` with arguments and options."""
+    """Return the page of all commands of `agrobot-mj` with their arguments and options."""
     lines = ["# Commands\n", "These are the texts of `agrobot-mj COMMAND --help`. Exit status: 0 for a run with the"]
     lines.append("expected outcome, 1 for another outcome or a full disk, 2 for bad input, 130 for an interrupt.\n")
     group: Any = typer.main.get_command(app)
@@ -98,7 +98,7 @@ def _usage(name: str, command: Any) -> list[str]:
 
 
 def api_page() -> str:
-    """Return the Python interface: names of the package, and base classes."""
+    """Return the page of the Python interface: names of the package, and base classes."""
     lines = ["# Python\n", "```python", "from agrobot_mj import Simulation, load_scenario, register, run", "```\n"]
     lines += ["## Main functions and classes\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
     lines.append("## Bases of the families\n")
@@ -108,5 +108,5 @@ def api_page() -> str:
 
 
 def _documented(name: str, heading: str) -> str:
-    """Return the directive that mkdocstrings replaces with the documentation of a name."""
+    """Return the directive that mkdocstrings replaces by the documentation of a name."""
     return f'::: agrobot_mj.{name}\n    options:\n      heading: "{heading}"\n      toc_label: "{heading}"\n'

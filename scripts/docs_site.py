@@ -1,4 +1,4 @@
-"""Hooks of MkDocs: pages generated from the code, and links to files outside docs/.
+"""Hooks of MkDocs: pages that are generated from the code, and links to files outside docs/.
 
 The files next to the README and the notebooks become pages; other linked files are copied to the site. Pages of removed
 extensions are omitted from the menu and the links.
@@ -25,17 +25,17 @@ BROUGHT = {
     **{"first_drive.md": "examples/notebooks/first_drive.ipynb", "own_law.md": "examples/notebooks/own_law.ipynb"},
     **{"log_to_twin.md": "examples/notebooks/log_to_twin.ipynb"},
 }
-"""Pages from other folders of the checkout."""
+"""Pages whose source is in other folders of the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
 WHOLE = re.compile(r"!?\[([^\]]*)\]\(([^)\s:#]+)(?:#[^)]*)?\)")
-"""Pattern of links with their text."""
+"""Patterns of links: without their text, and with it."""
 CELL, LONG = re.compile(r"<td.*?</td>", re.DOTALL), re.compile(r"<code>([^<\s]{25,})</code>")
-"""Pattern of a table cell, and of a name in a cell that is too long for one line."""
+"""Pattern of a table cell, and pattern of a name in a cell that is too long for one line."""
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Remove pages of missing extensions from the menu."""
+    """Remove the pages of missing extensions from the menu."""
     for part in config.nav:
         for name, pages in part.items():
             if isinstance(pages, list):
@@ -44,7 +44,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add generated pages, pages from other folders, and linked files of the checkout."""
+    """Add generated pages, pages from other folders, and linked files of the checkout to the site."""
     for name, page in MADE.items():
         files.append(File.generated(config, name, content=page()))
     for name, source in BROUGHT.items():
@@ -56,12 +56,12 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """Convert links to files outside docs/ to links to the copies in the site."""
+    """Convert links to files outside docs/ to links to their copies in the site."""
     return relinked(markdown, page.file.src_uri)
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
-    """Allow line breaks after dots and underscores of long names in tables."""
+    """Allow line breaks after dots and underscores in long names of tables."""
     return CELL.sub(lambda cell: LONG.sub(_breaking, cell[0]), html)
 
 
@@ -71,7 +71,7 @@ def _breaking(code: re.Match[str]) -> str:
 
 
 def moved(source: str) -> str:
-    """Return a Markdown file or a notebook of the checkout with links relative to docs/."""
+    """Return a Markdown file or notebook of the checkout as Markdown with links relative to docs/."""
 
     def link(found: re.Match[str]) -> str:
         return f"{found[1]}{relpath(normpath(join(dirname(source), found[2])), 'docs')}{found[3] or ''})"
@@ -86,7 +86,7 @@ def notebook(text: str) -> str:
 
 
 def relinked(text: str, page: str) -> str:
-    """Return the text of a page of docs/ with links to the checkout converted to links to the site."""
+    """Convert links from a page of docs/ to the checkout into links to the site, and return the text."""
     pages = {source: name for name, source in BROUGHT.items()}
 
     def link(found: re.Match[str]) -> str:
@@ -103,13 +103,13 @@ def relinked(text: str, page: str) -> str:
 
 
 def outside(text: str, page: str) -> set[str]:
-    """Return the files outside docs/ that a page links to, without pages."""
+    """Return the files outside docs/ to which a page links, without those that are pages."""
     targets = {target_of(found[2], page) for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
     return {target for target in targets if not target.startswith("docs/") and target not in BROUGHT.values()}
 
 
 def target_of(link: str, page: str) -> str:
-    """Return the path of a linked file relative to the checkout; the path of the page is relative to docs/."""
+    """Return the path of a linked file relative to the checkout. The path of the page is relative to docs/."""
     return normpath(join("docs", dirname(page), link))
 
 
@@ -119,6 +119,6 @@ def absent(path: str) -> bool:
 
 
 def outside_code(pattern: re.Pattern[str], replace: Any, text: str) -> str:
-    """Return the text with replacements outside fenced code blocks."""
+    """Replace a pattern in the text outside of fenced code blocks."""
     parts = FENCE.split(text)
     return "".join(part if k % 2 else pattern.sub(replace, part) for k, part in enumerate(parts))

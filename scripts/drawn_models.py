@@ -1,4 +1,4 @@
-"""Visual geoms of the default tractor as MJCF in models/drawn/, included by tractor.xml for MuJoCo's viewer."""
+"""Visual geoms of the default tractor as MJCF in models/drawn/, which tractor.xml includes for MuJoCo's viewer."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def files() -> dict[Path, str]:
 
 
 def geom(part: Panel) -> str:
-    """Return a geom element with up to four decimals."""
+    """Return a part as a geom element; numbers have up to four decimals."""
     values = {"name": part.name, "type": part.kind, "size": part.size, "material": part.paint}
     values |= {"fromto": part.ends} if part.ends else {"pos": part.pos}
     if not part.ends and part.quat != STRAIGHT:

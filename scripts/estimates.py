@@ -1,4 +1,4 @@
-"""Means over seeds with confidence intervals and the number of failed runs."""
+"""Means over seeds with confidence intervals, and the number of failed runs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import exp, inf, isfinite, log, nan
@@ -13,22 +13,22 @@ from agrobot_mj.metrics.success import has_errors
 Row = Mapping[str, Any]
 Value = Callable[[Any], float]
 BySeed = Mapping[int, float]
-"""Value by seed, NaN for failed runs."""
+"""Value by seed; NaN for a failed run."""
 Columns = Mapping[str, Mapping[str, BySeed]]
-"""Values by column of a table, law and seed."""
+"""Values by column of a table, by law and by seed."""
 
 
 class Estimate(NamedTuple):
-    """Mean with 95 % confidence interval, infinite for a single value."""
+    """Mean with a 95 % confidence interval, which is infinite for a single value."""
 
     mean: float
     low: float
     high: float
     n: int  # number of seeds
-    failed: int = 0  # further seeds with failed runs, excluded from the mean
+    failed: int = 0  # number of other seeds, whose runs failed; the mean excludes them
 
     def text(self, digits: int = 2, sign: str = "") -> str:
-        """Return `mean (low to high)`, or only the mean for a single seed, and the number of failed seeds."""
+        """Return `mean (low to high)`, or only the mean for a single seed, with the number of failed seeds."""
         mean, low, high = (f"{value:{sign}.{digits}f}" for value in self[:3])
         return self._marked(f"{mean} ({low} to {high})" if self.n > 1 else mean)
 
@@ -57,7 +57,7 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % bootstrap interval of the mean, reproducible for the same values."""
+    """Return the two-sided 95 % bootstrap interval of the mean. The same values always give the same interval."""
     if len(values) < 2:
         return (float(values[0]),) * 2 if len(values) else (nan, nan)
     found = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=0).confidence_interval
@@ -67,7 +67,7 @@ def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
 def estimate(
     values: Iterable[float], interval: Callable[[Sequence[float]], tuple[float, float]] = student_interval
 ) -> Estimate:
-    """Return mean and interval (default: Student's t); values that are not finite count as failed runs."""
+    """Return mean and interval (default: Student's t). Values that are not finite count as failed runs."""
     every = list(values)
     found = [value for value in every if isfinite(value)]
     return Estimate(float(np.mean(found)) if found else nan, *interval(found), len(found), len(every) - len(found))
@@ -78,17 +78,17 @@ def select(rows: Iterable[Any], **wanted: Any) -> list[Any]:
 
 
 def field(name: str, factor: float = 1.0) -> Value:
-    """Return a function that returns the value of a column times `factor`."""
+    """Return a function that reads a column of a row and multiplies it by `factor`."""
     return lambda row: factor * float(row[name])
 
 
 def by_seed(rows: Iterable[Row], value: Value) -> dict[int, float]:
-    """Return the value of each run by seed, NaN for failed runs (`metrics.success`)."""
+    """Return the value of each run by seed; NaN for failed runs (`metrics.success`)."""
     return {row["seed"]: value(row) if has_errors(row) else nan for row in rows}
 
 
 def by_law(rows: Iterable[Row], value: Value) -> dict[str, dict[int, float]]:
-    """Return the value of each run by variant and seed."""
+    """Return the value of each run, by variant and by seed."""
     every = list(rows)
     return {law: by_seed(select(every, variant=law), value) for law in dict.fromkeys(row["variant"] for row in every)}
 
@@ -98,18 +98,18 @@ def mean(rows: Iterable[Row], value: Value) -> Estimate:
 
 
 def difference(one: BySeed, other: BySeed) -> Estimate:
-    """Return the mean paired difference `one` - `other` over the common seeds."""
+    """Return the mean of the paired differences `one` - `other` over their common seeds."""
     return estimate([one[seed] - other[seed] for seed in sorted(one.keys() & other.keys())])
 
 
 def ratio(one: BySeed, other: BySeed) -> Estimate:
-    """Return the geometric mean of the paired ratio `one` / `other` with its interval, over the common seeds."""
+    """Return the geometric mean of the paired ratios `one` / `other` over their common seeds, with its interval."""
     found = estimate([log(one[seed] / other[seed]) for seed in sorted(one.keys() & other.keys())])
     return found._replace(mean=exp(found.mean), low=exp(found.low), high=exp(found.high)) if found.n else found
 
 
 def compared_tables(columns: Columns, pairs: Iterable[tuple[str, str]], digits: int = 1) -> str:
-    """Return Markdown tables of the means per law and column, and of paired differences, with intervals."""
+    """Return Markdown tables with intervals: means per law and column, and paired differences."""
     laws = dict.fromkeys(law for found in columns.values() for law in found)
     means = [(law, *(estimate(found.get(law, {}).values()).text(digits) for found in columns.values())) for law in laws]
     differences = [

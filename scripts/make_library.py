@@ -35,7 +35,7 @@ IMAGES = DOCS / "images" / "scenarios"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
-"""Columns of a map, and number of rows between lines from implement to tractor."""
+"""Columns that a map shows, and number of rows between two lines from implement to tractor."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "title", "ends", "lateral p95 [m]")
@@ -45,7 +45,7 @@ IMPLEMENT_HEADS = ("implement", "rms [m]", "p95 [m]", "mean, left + [cm]", "pull
 
 def runs_of(scenario: Scenario) -> dict[str, Log]:
     if not isinstance(scenario.guidance, CascadeLaw):
-        return {scenario.guidance.kind: run(scenario)}  # law without yaw controller
+        return {scenario.guidance.kind: run(scenario)}  # the law has no yaw controller
     kinds = CONTROLLERS if scenario.controller.kind in CONTROLLERS else (scenario.controller.kind,)
     return {kind: run(scenario.changed({"controller.kind": kind})) for kind in kinds}
 
@@ -101,7 +101,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 
 def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) -> None:
-    """Draw shaded relief, patches of wet and soft ground, and contour lines."""
+    """Draw a shaded relief with patches of wet and soft ground, and contour lines."""
     pixel = (high - low).max() / PIXELS
     x, y = np.arange(low[0], high[0], pixel), np.arange(low[1], high[1], pixel)
     X, Y = np.meshgrid(x, y)
@@ -140,7 +140,7 @@ def section(name: str, logs: dict[str, Log]) -> str:
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """Return the results of a field with swaths as table lines."""
+    """Return lines of a table with the results on the passes of a field; empty without passes."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
         (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
@@ -151,7 +151,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
 
 
 def implements(logs: dict[str, Log]) -> list[str]:
-    """Return the errors of implements relative to the path as table lines."""
+    """Return lines of a table with the errors of implements relative to the path; empty without implements."""
     rows = [
         (
             *(law_name(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
@@ -165,7 +165,7 @@ def implements(logs: dict[str, Log]) -> list[str]:
 
 
 def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """Return a table after an empty line; an empty list without rows."""
+    """Return an empty line and a table, or an empty list if there are no rows."""
     return ["", markdown_table(heads, rows)] if rows else []
 
 

@@ -29,7 +29,7 @@ from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
 """Mark of a table of numbers: `[table]`, or `[[table]]` for a list, followed by kinds."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
-"""Sensors required by all estimators."""
+"""Tables of sensors, in which the sensors that all estimators need are enabled."""
 HEAD = """# Columns of signals.parquet
 
 Each row is a tick of 0.05 s. Values are float64 in SI units, angles in radians; missing values are null. Each field of
@@ -49,12 +49,12 @@ about [the estimate](../estimators.md#what-a-run-reports-of-its-estimate).
 
 REPORTING = {"Guidance": "guidance", "Yaw controller": "controller", "Steering loop": "steering.loop"}
 REPORTING |= {"Estimator": "estimator"}
-"""Tables whose kinds report columns, by title."""
-load_installed()  # kinds of extensions
+"""Tables whose kinds have columns in the log, by title of their section."""
+load_installed()  # registers the kinds of extensions
 
 
 def reference() -> str:
-    """Return the page of columns as Markdown."""
+    """Return the page of all columns as Markdown."""
     own = {column.name for column in YAW_COLUMNS}
     parts = [HEAD, _section("Every log", (signal.column for signal in SIGNALS))]
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
@@ -103,15 +103,15 @@ MOST_LISTED = 4
 
 
 class Number(NamedTuple):
-    """Numeric key with a source."""
+    """Numeric key that has a source."""
 
-    owner: str  # class that defines the key, and the key
-    kind: str  # kind of its table, or empty
+    owner: str  # class that defines the key, with the name of the key
+    kind: str  # kind of the table that contains the key, or empty
     row: tuple[str, ...]  # key, default, unit, range and source
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:
-    """Return the numbers of each marked table of a page."""
+    """Return the numeric keys for each table that a page marks."""
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
     apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
     for name, brackets, table, kinds in marks:
@@ -142,7 +142,7 @@ def _default(brackets: str, table: str, kind: str) -> Any:
 
 
 def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
-    """Yield the numbers with a source in a part and in its nested tables, except tables with kinds or marks."""
+    """Yield the numeric keys with a source in a part and its nested tables, except tables with kinds or own marks."""
     place = TableClass((), type(part), part)
     for key in type(part).model_fields:
         value, doc = getattr(part, key), document(place, key)
@@ -155,7 +155,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
 
 
 def kinds_table() -> str:
-    """Return a list of the kinds of each table in `TABLES`."""
+    """Return a table of the kinds of each table in `TABLES`."""
     found: dict[str, list[str]] = {}
     for key in keys(Scenario):
         known = [kind for kind, part in key.kinds.items() if part.__module__.startswith("agrobot_mj.")]
@@ -167,11 +167,11 @@ def kinds_table() -> str:
 TABLES = (
     *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "estimator"),
 )
-"""Tables with kinds, in the order of the page; faults have a separate page."""
+"""Tables that have kinds, in the order of the page. Faults have a separate page."""
 
 
 def faults_table() -> str:
-    """Return all faults with their first lines and keys."""
+    """Return a table of all faults with the first lines of their docstrings and their keys."""
     rows = []
     for kind, part in members(Fault).items():
         place = TableClass((), part, part.model_construct(kind=kind))
@@ -187,7 +187,7 @@ def _key(place: TableClass, key: str) -> str:
 
 
 def sweeps_table() -> str:
-    """Return all shipped sweeps: title, varied keys, and comment at the start of the file."""
+    """Return a table of all shipped sweeps: title, varied keys, and the comment at the start of the file."""
     rows = []
     for name, file in sweep_files().items():
         text = file.read_text("utf-8")
@@ -199,7 +199,7 @@ def sweeps_table() -> str:
 
 
 def _varied(data: dict[str, Any]) -> Iterator[str]:
-    """Yield variants, axes and draws of a sweep with their numbers of values."""
+    """Yield texts for variants, axes and draws of a sweep, with their numbers of values."""
     if variants := data.get("variant"):
         yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
     for key, values in data.get("axes", {}).items():
@@ -209,7 +209,7 @@ def _varied(data: dict[str, Any]) -> Iterator[str]:
 
 
 MOST_DRAWS = 4
-"""Maximum number of random keys listed in a row."""
+"""Maximum number of draws of a sweep that are listed by name."""
 
 
 TABLES_OF = {
@@ -217,7 +217,7 @@ TABLES_OF = {
     "faults": {"faults": faults_table},
     "sweeps": {"sweeps": sweeps_table},
 }
-"""Functions that write tables, by page and block."""
+"""Functions that return the content of a block, by page and by block."""
 
 
 def with_tables(page: str, text: str) -> str:
@@ -233,5 +233,5 @@ if __name__ == "__main__":
         file.write_text(with_tables(name, file.read_text(encoding="utf-8")), encoding="utf-8")
     for path, text in files().items():
         path.write_text(text, encoding="utf-8")
-    for file in DOCS.rglob("*.md"):  # last, because models/ is part of the digest
+    for file in DOCS.rglob("*.md"):  # last, because models/ affects the digest
         file.write_text(checked(file.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,6 +1,6 @@
-"""Provenance of measured results on the pages: version, commit and digest of the code that produced them.
+"""Provenance of measured results on the pages: version, commit, and digest of the code that produced them.
 
-The provenance is in blocks `<!-- standing -->` or `<!-- standing NAME -->` of a page. The digest ignores comments and
+A page states the provenance in blocks `<!-- standing -->` or `<!-- standing NAME -->`. The digest ignores comments and
 docstrings. `make reference` marks blocks that were measured with other code.
 """
 
@@ -21,15 +21,15 @@ from agrobot_mj.core.version import __version__
 
 ROOT = Path(__file__).parent.parent
 PARTS = (*(f"agrobot_mj/{part}" for part in DECIDING), "models", "scenarios")
-"""Paths of files that determine the results of a run."""
+"""Paths of the files that determine the results of a run."""
 LATER = "The code has changed since."
-"""Sentence that marks a block measured with other code."""
+"""Sentence that marks a block as measured with other code."""
 BLOCK = re.compile(r"^<!-- (?P<name>standing(?: \w+)?) -->\n(?P<text>(?!Not driven yet;).*?)\n<!-- end of", re.M | re.S)
 STATEMENT = re.compile(r"Version [\d.]+, commit (?P<commit>[0-9a-f]{9})(?: with changes)?, code (?P<code>[0-9a-f]{12})")
 
 
 def statement() -> str:
-    """Return version, commit and source hash of the checkout, and whether it has uncommitted changes."""
+    """Return version, commit and source hash of the checkout, and state uncommitted changes."""
     git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
     commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
     changed = git(("git", "diff", "--quiet", "HEAD", "--", *PARTS)).returncode
@@ -38,20 +38,20 @@ def statement() -> str:
 
 @cache
 def present_code() -> str:
-    """Return the source hash of the checkout, 12 hexadecimal digits."""
+    """Return the source hash of the checkout (12 hexadecimal digits)."""
     files = (path for part in PARTS for path in (ROOT / part).rglob("*") if path.is_file())
     return digest_of((path.relative_to(ROOT).as_posix(), path.read_bytes()) for path in files)
 
 
 def code_of(commit: str) -> str:
-    """Return the source hash of a commit, 12 hexadecimal digits. Raises `subprocess.CalledProcessError` if missing."""
+    """Return the source hash of a commit (12 hexadecimal digits). Raises `subprocess.CalledProcessError` if missing."""
     archive = subprocess.run(("git", "archive", commit, *PARTS), cwd=ROOT, capture_output=True, check=True).stdout
     with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
         return digest_of((each.name, tar.extractfile(each).read()) for each in tar if each.isfile())
 
 
 def checked(page: str) -> str:
-    """Return the page with `LATER` in the blocks that were measured with other code, and only there."""
+    """Return the page with the sentence `LATER` in all blocks that were measured with other code, and only there."""
     for name, text in statements(page).items():
         plain = text.replace(f" {LATER}", "")
         found = STATEMENT.match(plain)
@@ -66,7 +66,7 @@ def statements(page: str) -> dict[str, str]:
 
 
 def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
-    """Return the digest of file names and contents, 12 hexadecimal digits."""
+    """Return a digest of file names and contents (12 hexadecimal digits)."""
     digest = sha256()
     for name, content in sorted(files):
         if "__pycache__" not in name:

@@ -1,7 +1,7 @@
-"""Recorded drives, and evaluation of estimators on them.
+"""Recorded drives, and the evaluation of estimators on them.
 
-A drive is the truth of a run. Sensors with other seeds measure it again for an estimator, at a tenth of the cost of the
-run. Gyro, wheel speed and inertial unit are enabled, with the errors in `SENSORS`.
+A drive consists of the true states of a run. Sensors with other seeds measure it again for an estimator, at a tenth of
+the cost of the run. Gyro, wheel speed and inertial unit are enabled, with the errors in `SENSORS`.
 """
 
 import time
@@ -18,43 +18,43 @@ from agrobot_mj.simulation.loop import Loop
 
 SENSORS: dict[str, Any] = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")}
 SENSORS["sensors.gyro.bias_deg_s"] = 0.5
-"""Sensors of all cases; the gyro bias is typical of a cold MEMS unit."""
+"""Sensors in all cases. The gyro bias is typical of a cold MEMS unit."""
 BEGIN_S, DURATION_S = 20.0, 120.0
 """Time from which errors are evaluated, and duration of a drive [s]."""
 FULL, BIAS, PAPER, UKF = ({"kind": kind} for kind in ("ekf_full", "ekf_bias", "ekf", "ukf"))
 TILT = {"terrain_compensation": True}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
 Day = Callable[[float], Conditions]
-"""Function that returns the conditions at a time [s]."""
+"""Function that returns the conditions for a time [s]."""
 
 
 class RecordedDrive(NamedTuple):
-    """Truth at each tick of a run, and its scenario for sensors and tractor."""
+    """True state at each tick of a run, and the scenario that defines sensors and tractor."""
 
     scenario: Scenario
     truths: list[Truth]
 
 
 class ErrorTrace(NamedTuple):
-    """Replay of an estimator, one value per tick: errors (estimate - truth) and reported standard deviations."""
+    """Replay of an estimator with values per tick: errors (estimate - truth), and reported standard deviations."""
 
     t: Array
     east: Array  # of R [m]
     north: Array
     heading: Array  # [rad]
-    course: Array  # minus the direction of motion of R [rad]
+    course: Array  # estimated yaw minus the direction of motion of R [rad]
     yaw_rate: Array  # [rad/s]
     nees: Array  # of the position [-]
     heading_nees: Array
     sigma: Array  # reported standard deviation of R over both axes [m]
     nis: Array  # of the position, NaN without a fix [-]
-    aligned: Array  # 1 after initialisation of the yaw
-    travelled: Array  # since the start [m]
+    aligned: Array  # 1 after the initialisation of the yaw
+    travelled: Array  # distance since the start [m]
     cost: float  # median time of an update [s]
 
     @property
     def position(self) -> Array:
-        """Return the distance between estimated and true R [m]."""
+        """Distance between estimated and true R [m]."""
         return np.hypot(self.east, self.north)
 
 
@@ -73,7 +73,7 @@ def nominal(t: float) -> Conditions:
 def follow(
     drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
-    """Replay a drive with the sensor seed `seed`; the initial heading has the error `yaw_error` [rad]."""
+    """Replay a drive with the sensor seed `seed`. The initial heading has the error `yaw_error` [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
     first = drive.truths[0]
     sensing = s.sensors.init(seed)
@@ -116,13 +116,13 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
 
 
 def loss(start: float, seconds: float) -> Day:
-    """Return conditions with a GNSS outage from `start` for `seconds` [s]."""
+    """Return conditions with a GNSS outage that begins at `start` and lasts `seconds` [s]."""
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     return lambda t: lost if start <= t + 1e-6 < start + seconds else NOMINAL
 
 
 def outlier(at: float, metres: float) -> Day:
-    """Return conditions with an outlier of the position to the east at time `at` [s]."""
+    """Return conditions in which the position has an outlier of `metres` [m] to the east at time `at` [s]."""
     off = NOMINAL._replace(gnss_offset=(metres, 0.0))
     return lambda t: off if abs(t - at) < 0.5 * TICK_S else NOMINAL
 
@@ -137,7 +137,7 @@ def rms(values: Array) -> float:
 
 
 class Whole(NamedTuple):
-    """Results of a replay after `BEGIN_S`: RMS errors, mean NEES and NIS [-], and the cost of an update."""
+    """Results of a replay after `BEGIN_S`: RMS errors, mean NEES and NIS [-], and the time of an update."""
 
     position: float  # [cm]
     heading: float  # [deg]
@@ -150,7 +150,7 @@ class Whole(NamedTuple):
 
 
 class End(NamedTuple):
-    """Last tick of an outage: error of R, its reported standard deviation over both axes [cm], and NEES [-]."""
+    """Errors at the last tick of an outage: position of R and its reported standard deviation [cm], NEES [-]."""
 
     position: float
     stated: float
@@ -166,7 +166,7 @@ def whole(trace: ErrorTrace) -> Whole:
 
 
 def end(trace: ErrorTrace, time: float) -> End:
-    """Return the last tick of an outage that ends at `time` [s]."""
+    """Return the errors at the last tick of an outage that ends at `time` [s]."""
     k = int(np.flatnonzero(trace.t < time - 1e-6)[-1])
     return End(*map(float, (100 * trace.position[k], 100 * trace.sigma[k], trace.nees[k], trace.heading_nees[k])))
 

@@ -1,4 +1,4 @@
-"""Sweeps for the measured pages, and blocks computed from them. Only missing runs are performed.
+"""Sweeps for the measured pages, and the blocks computed from them. Only missing runs are simulated.
 
 Each sweep has a folder in `runs/pages`, which the pages share. The same command continues an interrupted sweep.
 """
@@ -30,7 +30,7 @@ from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
 Row = dict[str, Any]
 Blocks = dict[str, str]
-"""Content of the blocks of a page by name; empty if runs are missing."""
+"""Content of blocks by name of the block; empty if runs are missing."""
 
 
 def shipped(name: str) -> dict[str, Any]:
@@ -42,10 +42,10 @@ def variants(name: str) -> dict[str, dict[str, Any]]:
 
 
 class Study:
-    """Pages with their runs, and options of the command line."""
+    """Pages together with their runs, and options of the command line."""
 
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
-        """Create the study of the Makefile target `verb` for the pages named `pages`."""
+        """Create the study of the Makefile target `verb`, for the pages with the given names."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; default: all")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -66,7 +66,7 @@ class Study:
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
         """Return the rows of the sweep `source` (default: `name`); `changes` replace keys of the sweep file.
 
-        Empty if the sweep is incomplete and runs are not allowed. Ends the program if rows have another source hash.
+        The list is empty if runs are missing and not allowed. If rows have another source hash, the program ends.
         """
         folder = self.runs / name
         if not self.only_draw:
@@ -83,7 +83,7 @@ class Study:
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
         """Return the results of `perform` for each job; empty if results are missing and must not be computed.
 
-        Each result is stored in one file, in a folder named after the source hash.
+        Each result is stored in a file, in a folder named after the source hash.
         """
         folder = self.runs / name / code_text()
         files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs[: self.seeds]}
@@ -100,7 +100,7 @@ class Study:
         return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
 
     def write(self, part: str, blocks: Blocks) -> None:
-        """Write the non-empty blocks to the pages, with the provenance of the part."""
+        """Write the blocks that are not empty to the pages, with the provenance of the part."""
         made = {name: content for name, content in blocks.items() if content}
         if made:
             made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {self.verb} STUDY={part}`."
@@ -130,11 +130,11 @@ class Study:
 
 
 Part = Callable[[Study], Blocks]
-"""Function that performs missing runs of a part, draws its figures, and returns its blocks."""
+"""Function that simulates missing runs of a part, draws its figures, and returns its blocks."""
 
 
 class KeptRun:
-    """Scenario and signals of a run kept by a sweep."""
+    """Scenario and signals of a run that a sweep has stored."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")

@@ -1,8 +1,8 @@
-"""Small guidance program for tests and demos: converts positions to steering messages, without sockets and clock.
+"""Small guidance program for tests and demos, without sockets and clock: converts positions to steering messages.
 
-The position of the rear axle is computed from the antenna position, corrected for roll. The heading comes from two
-antennas, or from successive fixes, extrapolated by the inertial unit if available. The program engages some time after
-the heading is known, and follows one straight line.
+The position of the rear axle is computed from the antenna position with a correction for roll. The heading comes from
+two antennas, or from successive fixes; an inertial unit, if available, extrapolates the latter. The program engages
+some time after the heading is known, and follows one straight line.
 
 The laws are those of common guidance programs [Snider2009]: pure pursuit steers the rear axle towards a point of the
 line, Stanley turns the front axle towards the line. Both may add an integral of the offset. Angles are in rad, and the
@@ -22,11 +22,11 @@ from agrobot_mj.core.geometry import to_heading, wrap
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 
 KMH = 3.6
-"""Kilometres per hour in one metre per second [km/h per m/s]."""
+"""Conversion factor from m/s to km/h [km/h per m/s]."""
 
 
 class AbLine(NamedTuple):
-    """Straight line of infinite length."""
+    """Infinite straight line."""
 
     x: float
     """East coordinate of a point on the line [m]."""
@@ -36,27 +36,27 @@ class AbLine(NamedTuple):
     """Direction of travel, from east, counter-clockwise [rad]."""
 
     def project(self, x: float, y: float) -> tuple[float, float]:
-        """Return the distances of a point along the line and to its left [m]."""
+        """Return the distances of a point along the line and to the left of the line [m]."""
         return to_heading(self.yaw, x - self.x, y - self.y)
 
 
 class AxlePose(NamedTuple):
-    """Estimated pose of the rear axle."""
+    """Estimated pose of the rear axle, with roll and speed."""
 
     x: float
-    """East [m]."""
+    """East coordinate [m]."""
     y: float
-    """North [m]."""
+    """North coordinate [m]."""
     yaw: float
     """Heading from east, counter-clockwise [rad]."""
     roll: float = 0.0
-    """Roll, left side up positive [rad]."""
+    """Roll angle, positive if the left side is up [rad]."""
     speed: float = 0.0
     """Speed [m/s]."""
 
 
 class HostSettings(NamedTuple):
-    """Settings of the program, with one option of the command line each."""
+    """Settings of the program. Each of them is an option of the command line."""
 
     line: AbLine = AbLine(0.0, 0.0, 0.0)
     origin: Origin = Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
@@ -68,46 +68,46 @@ class HostSettings(NamedTuple):
     look_ahead: float = 2.0
     """Look-ahead time of pure pursuit [s]. Assumed value."""
     integral: float = 0.0
-    """Integral gain, steering angle per offset and time [rad/(m s)]. Default: 0, as in common programs."""
+    """Integral gain: steering angle per offset and time [rad/(m s)]. Default: 0, as in common programs."""
     side_hill: float = 0.0
-    """Steering angle into the hill per roll angle [-]. Default: 0, as in common programs."""
+    """Steering angle towards the hill per roll angle [-]. Default: 0, as in common programs."""
     engage_after: float = 1.0
-    """Time from the first known heading to engagement [s]."""
+    """Time from the first known heading to the engagement [s]."""
     dialect: str = "agopengps"
-    """Protocol: `agopengps` or `agopenweb`."""
+    """Protocol of the messages: `agopengps` or `agopenweb`."""
     board: tuple[int, int, int] | None = None
-    """Gain, high PWM and minimum PWM sent to the board at the start."""
+    """Proportional gain, high PWM and minimum PWM that are sent to the board at the start."""
 
 
 class LawState(NamedTuple):
-    """State of a law between two positions."""
+    """State of a guidance law between two positions."""
 
     integral: float = 0.0
-    """Integral of the steering angle [rad]."""
+    """Integral part of the steering angle [rad]."""
     off: float | None = None
     """Last offset of the rear axle from the line [m]."""
     rate: float = 0.0
-    """Filtered rate of the offset [m/s]."""
+    """Rate of the offset after a low-pass filter [m/s]."""
     correction: float = 0.0
-    """Filtered offset term of Stanley [rad]."""
+    """Offset term of Stanley after a low-pass filter [rad]."""
 
 
 LOOK_AHEAD_LEAST_M = 2.5
-"""Minimum look-ahead [m]. Assumed value."""
+"""Minimum look-ahead distance [m]. Assumed value."""
 HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
 """Gains of Stanley for heading [-] and offset [1/m]. Assumed values."""
 STEER_LIMIT = 0.785
 """Maximum steering angle to either side [rad]."""
 YAW_RATE_LIMIT = 0.64
-"""Maximum commanded yaw rate [rad/s]. Default of common programs."""
+"""Maximum commanded yaw rate [rad/s]. Default value of common programs."""
 INTEGRAL_LIMIT = 0.2
-"""Maximum integral of the steering angle [rad]."""
+"""Maximum integral part of the steering angle [rad]."""
 INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
-"""Minimum speed [m/s] and maximum rate of the offset [m/s] for integration."""
+"""Minimum speed [m/s] and maximum rate of the offset [m/s] at which the integral changes."""
 
 
 def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) -> tuple[LawState, float, float]:
-    """Return the new state, the steering angle [rad] and the offset from the line [m] after `dt` [s]."""
+    """Return the new state, the steering angle [rad], and the offset from the line [m] after a step `dt` [s]."""
     line = settings.line
     _, off = line.project(pose.x, pose.y)
     raw = 0.0 if state.off is None else (off - state.off) / dt
@@ -126,7 +126,7 @@ def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) ->
 
 
 def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: float) -> float:
-    """Return the steering angle of the circle through rear axle and goal point [rad]."""
+    """Return the steering angle for the circle through rear axle and goal point [rad]."""
     ahead = max(LOOK_AHEAD_LEAST_M, settings.look_ahead * pose.speed)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
     _, left = to_heading(pose.yaw, goal_x, goal_y)
@@ -135,7 +135,7 @@ def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: flo
 
 
 def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
-    """Return the Stanley angle and its filtered part [rad]; the angle is halved far from the line."""
+    """Return the steering angle of Stanley, which is halved far from the line, and its filtered part [rad]."""
     _, front = line.project(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
     correction = 0.5 * state.correction + 0.5 * atan(-front * DISTANCE_GAIN / slower)
@@ -148,11 +148,11 @@ ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
 HELLO_S = 2.0
 """Period of the hello messages [s]."""
 CHORD_M = 1.0
-"""Distance between two fixes used for a heading [m]. Assumed value."""
+"""Distance between two fixes from which a heading is computed [m]. Assumed value."""
 TRUST = 0.05
-"""Weight of a new heading from fixes in the offset of the inertial unit [-]. Assumed value."""
+"""Weight of a new heading from fixes in the heading offset of the inertial unit [-]. Assumed value."""
 JUMP_S = 1.0
-"""Gap between positions above which the state of the law is reset [s]. Assumed value."""
+"""Gap between positions after which the state of the law is reset [s]. Assumed value."""
 
 
 class GuideState(NamedTuple):
@@ -164,25 +164,25 @@ class GuideState(NamedTuple):
     ready_since: float = nan
     """Time at which the heading was first known [s]."""
     trail: tuple[tuple[float, float], ...] = ()
-    """Antenna positions for the next heading from fixes, oldest first: east and north [m]."""
+    """Antenna positions for the next heading, oldest first: east and north [m]."""
     yaw: float = nan
-    """Heading from fixes [rad]."""
+    """Last heading from fixes [rad]."""
     offset: float = nan
     """Heading from fixes minus heading of the inertial unit [rad]."""
     hello_at: float = nan
-    """Time of the last hello [s]."""
+    """Time of the last hello message [s]."""
     engaged: bool = False
     worst: float = 0.0
     """Maximum distance from the line while engaged [m]."""
 
 
 class Guide(NamedTuple):
-    """Small guidance program with settings."""
+    """Small guidance program with its settings."""
 
     settings: HostSettings
 
     def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
-        """Process a datagram of the boards at time `t` [s]; return the new state and the replies."""
+        """Process a datagram from the boards at time `t` [s]; return the new state and the replies."""
         position = read(datagram)
         if position is None:
             return state, []
@@ -212,7 +212,7 @@ class Guide(NamedTuple):
         return state, SteerData(pose.speed, self._status(engaged), angle, cross_track_byte(off, self.settings.dialect))
 
     def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, AxlePose]:
-        """Return the new state and the pose of the rear axle, below the antenna."""
+        """Return the new state, and the pose of the rear axle that belongs to an antenna position."""
         s, a = position.solution, position.attitude
         x, y = to_local(self.settings.origin, s.latitude, s.longitude)
         state, yaw = self._heading(state, position, x, y)

@@ -1,4 +1,4 @@
-"""Process of the small host on this computer: `python examples/agopengps_host/host.py --help`.
+"""Program that runs the small host on this computer: `python examples/agopengps_host/host.py --help`.
 
 The host listens on the port of AgOpenGPS programs and steers along one straight line. It ends a few seconds after the
 last position, or after --duration.
@@ -18,11 +18,11 @@ from agrobot_mj.extensions.links.agopengps.udp import BOARD_PORT, HOST_PORT, Udp
 IDLE_S = 5.0
 """Time without positions after which the host exits [s]."""
 SLICE_S = 0.2
-"""Period of the checks for the end [s]."""
+"""Period with which the host checks whether to exit [s]."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
+    """Return the parser for the command line."""
     d = HostSettings()
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--law", choices=("pure_pursuit", "stanley"), default=d.law)
@@ -44,14 +44,14 @@ def parser() -> argparse.ArgumentParser:
 
 
 def settings_of(a: argparse.Namespace) -> HostSettings:
-    """Return the settings given by the command line."""
+    """Return the settings from the parsed command line."""
     x, y, heading_deg = a.line
     given = {name: value for name, value in vars(a).items() if name in HostSettings._fields}
     return HostSettings(**given)._replace(line=AbLine(x, y, radians(heading_deg)), origin=Origin(*a.origin))
 
 
 def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> GuideState:
-    """Answer positions until none arrives for `idle` [s] or until `duration` [s]; return the last state."""
+    """Reply to positions until none arrives for `idle` [s] or until `duration` [s] is over; return the last state."""
     state, end, heard = GuideState(), time.perf_counter() + duration, float("inf")
     while (now := time.perf_counter()) < min(end, heard + idle):
         for received in sockets.receive(now + SLICE_S):

@@ -26,15 +26,15 @@ class AvliteLaw(GuidanceLaw):
 
     kind: Literal["avlite"] = "avlite"
     law: Literal["stanley", "pure_pursuit"] = "stanley"
-    """Controller of AVLite."""
+    """Steering controller of AVLite."""
     gain_per_s: Positive = 5.0
-    """Gain of Stanley [1/s]. Default of AVLite."""
+    """Gain of Stanley [1/s]. Default: that of AVLite."""
     ahead_m: Positive = 8.0
-    """Look-ahead distance of pure pursuit [m]. Default of AVLite."""
+    """Look-ahead distance of pure pursuit [m]. Default: that of AVLite."""
     path_m: Positive = 150.0
-    """Length of the path passed to AVLite [m]. Assumed value: longer than a run."""
+    """Length of the path that AVLite receives [m]. Assumed value: longer than a run."""
     spacing_m: Annotated[float, Field(gt=0.01, le=5)] = 0.5
-    """Distance between the points of the path [m]. Assumed value."""
+    """Distance between path points [m]. Assumed value."""
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
         """Return the controller, which is created in the first tick, and the command."""
@@ -45,7 +45,7 @@ class AvliteLaw(GuidanceLaw):
         return controller, Command(steer, to_heading(r.yaw, r.vx, r.vy)[0])
 
     def _controller(self, situation: Situation) -> Any:
-        """Return the controller for the machine and path of this situation."""
+        """Create the controller for the machine and the path of a situation."""
         places = [situation.route.ahead(s) for s in np.arange(0.0, self.path_m, self.spacing_m).tolist()]
         path = TrajectoryTracker(path=[(p.x, p.y) for p in places], velocity=[abs(p.speed) for p in places])
         controller = (StanleyController if self.law == "stanley" else PurePursuitController)(path)

@@ -24,7 +24,7 @@ AHEAD_M, SPACING_M = 2.5, 0.5
 
 
 def drive(scenario: str, keys: dict[str, Any], ahead: float = AHEAD_M) -> dict[str, Any]:
-    """Simulate a scenario and return its metrics."""
+    """Simulate a scenario with rox-control and return the metrics."""
     sim = Simulation(scenario, keys)
     sim.reset()
     speed = sim.scenario.path.speed_m_s

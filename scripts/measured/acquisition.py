@@ -1,4 +1,4 @@
-"""Tables of line acquisition on the page guidance_tables, from the sweep `acquisition`."""
+"""Tables about line acquisition on the page guidance_tables, from the sweep `acquisition`."""
 
 from collections.abc import Sequence
 from math import cos, radians, sin, tan
@@ -16,7 +16,7 @@ HEADS = ("law", "speed [m/s]", "starts acquired", "overshoot [m]", "time, mean, 
 
 
 def acquisition(study: Study) -> Blocks:
-    """Return the tables of starts along or away from the line, and of starts towards it."""
+    """Return two tables: starts parallel to the line or away from it, and starts towards the line."""
     rows = study.rows("acquisition")
     return {
         "acquisition": table([row for row in rows if row[HEADING] >= 0]),
@@ -34,7 +34,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
-    """Return the row of a law at a speed, with its acquisition time divided by the time of the fastest law, `best`."""
+    """Return the row of a law at a speed, with its acquisition time relative to that of the fastest law (`best`)."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
     overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"] and has_room(row)]
     counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"

@@ -23,13 +23,13 @@ from agrobot_mj.plants import Bicycle
 PLANTS = ("bicycle", "mujoco")
 PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
 FASTER = "pd_t1fnn, faster"
-"""Type-1 network with a learning rate close to the final rate of type 2."""
+"""Type-1 network whose learning rate is close to the final rate of type 2."""
 STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
-"""Sweep of each study."""
+"""Name of the sweep of each study."""
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
-"""Standard deviations of the position [m]; 0.02 for the receiver of the paper."""
+"""Standard deviations of the position in the study of noise [m]. The receiver of the paper has 0.02."""
 TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
-"""Turns in the study of q."""
+"""Numbers of the turns in the study that asks whether q settles."""
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
 PAPER_RATIO, ROBUST = 0.70, 1.5
 """Ratio of the errors with network and with PD on the real tractor, and maximum ratio of the errors on the softest and
@@ -42,7 +42,7 @@ def path_name(path: dict[str, Any]) -> str:
 
 PATHS = {"10 m, 1.2 m/s": ("paper", 0.0)}
 PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims_paths")["axes"]["path"]}
-"""Study and `x` for each figure eight, starting with the figure eight of the paper."""
+"""Study and value `x` of each figure eight; the first one is that of the paper."""
 
 
 def claim_rows(study: Study) -> list[Row]:
@@ -54,7 +54,7 @@ def claim_rows(study: Study) -> list[Row]:
 
 
 def claim_row(study: Study, name: str, row: Row) -> Row:
-    """Return a row with its study and the travel of q."""
+    """Return a row with its study, its varied factor and, where needed, the travel of q."""
     found = {**row, "study": name, "law": row["variant"], **plant_and_x(name, row)}
     if row["variant"] == T2 and name in ("paper", "settling"):
         run = study.kept(STUDIES[name], row)
@@ -63,7 +63,7 @@ def claim_row(study: Study, name: str, row: Row) -> Row:
 
 
 def plant_and_x(name: str, row: Row) -> Row:
-    """Return the plant and the value of the varied factor of a row."""
+    """Return the plant and the value of the varied factor for a row."""
     if name == "soil":
         plant = json.loads(row["plant"])
         stiffness = plant.get("front_cornering_stiffness_n_rad", 0) / Bicycle().front_cornering_stiffness_n_rad
@@ -74,7 +74,7 @@ def plant_and_x(name: str, row: Row) -> Row:
 
 
 def q_numbers(q: np.ndarray, turns: Sequence[RowChoice]) -> dict[str, list[float]]:
-    """Return, for each turn, the total variation of q and the fraction of ticks without change."""
+    """Return the total variation of q in each turn, and the fraction of ticks in which q does not change."""
     steps = np.abs(np.diff(q, prepend=q[0]))
     return {
         "q_travel": [float(steps[rows].sum()) for rows in turns],
@@ -86,14 +86,14 @@ MSE, XTE = field("lateral_mse"), field("xte_rms")
 
 
 def turn(name: str, number: int, factor: float = 1.0) -> Value:
-    """Return a function for the value of `name` in turn `number`, from 1; `lateral_mse` is the error in the turn."""
+    """Return a function that reads `name` in a turn (from 1) from a row; `lateral_mse` is the error in the turn."""
     if name == "lateral_mse":
         return lambda row: float(row["per_turn"][number - 1][name])
     return lambda row: factor * float(row[name][number - 1])
 
 
 class Claims:
-    """Runs of all studies, and the estimates used in claims and figures."""
+    """Runs of all studies, with the estimates that claims and figures use."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.rows = rows
@@ -115,7 +115,7 @@ class Claims:
         return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
 
     def soils(self, plant: str) -> list[float]:
-        """Return cone indices [kPa], or stiffnesses relative to the model [-], softest soil first."""
+        """Return the soils, softest first: cone indices [kPa], or relative stiffnesses on the bicycle [-]."""
         return sorted({row["x"] for row in select(self.rows, study="soil", plant=plant)})
 
     def softest(self, plant: str, law: str) -> Estimate:
@@ -132,7 +132,7 @@ class Judged(NamedTuple):
 
     claim: str
     verdict: str
-    network: str  # result of the paper's network on the bicycle and on MuJoCo
+    network: str  # result of the paper's network on both plants
     null: str  # results of the null models
 
 
@@ -163,7 +163,7 @@ def _better(claims: Claims) -> Judged:
 
 
 def _takes_over(claims: Claims) -> Judged:
-    """Return the claim that PD dominates in the first turn, and the network in later turns."""
+    """Evaluate the claim that PD dominates in the first turn, and the network in later turns."""
 
     def share(plant: str, law: str, number: int) -> Estimate:
         return claims.mean(turn("nn_share", number), plant, law)
@@ -196,7 +196,7 @@ def _settles(claims: Claims) -> Judged:
 
 
 def _type_2(claims: Claims) -> Judged:
-    """Return the claim for type 2 at minimum and maximum noise on both plants; null model: type 1, larger alpha."""
+    """Evaluate the claim for type 2 at minimum and maximum noise; the null model is type 1 with a larger alpha."""
 
     def over(other: str, law: str, plant: str, sigma: float) -> Estimate:
         return claims.over(other, plant, law, "noise", sigma)
@@ -214,7 +214,7 @@ def _type_2(claims: Claims) -> Judged:
 
 
 def _soil(claims: Claims) -> Judged:
-    """Return the claim of robustness on soft soil: error ratio below `ROBUST`, also evaluated for the null models."""
+    """Evaluate the claim of robustness on soft soil: error ratio below `ROBUST`, also for the null models."""
     holds = [claims.softest(plant, T2).below(ROBUST) for plant in PLANTS]
     null_too = all(claims.softest(*case).below(ROBUST) for case in product(PLANTS, (PD, ISGN)))
     null = ", ".join(f"{law} {claims.softest(PLANTS[1], law).text()}" for law in (PD, ISGN, PI, LQR))

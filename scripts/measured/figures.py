@@ -23,20 +23,20 @@ LOG, MSE_M2 = {"yscale": "log"}, "lateral MSE [m²]"
 
 
 class Panel(NamedTuple):
-    """Panel of a figure."""
+    """Panel of a figure, with the curves of laws and plants."""
 
     xlabel: str
     ylabel: str
-    xs: Sequence[Any]  # values of the x axis: names are side by side, numbers are connected by lines
+    xs: Sequence[Any]  # values of the x axis: names are placed side by side, numbers are connected by lines
     laws: Sequence[str]
-    curve: Callable[[str, str, Any], Estimate]  # estimate of a plant and a law at a value of the x axis
+    curve: Callable[[str, str, Any], Estimate]  # returns the estimate for a plant and a law at a value of the x axis
     look: Mapping[str, Any] = {}  # further properties of the axes
     line: float | None = None  # y value of a dashed line
     plants: Sequence[str] = PLANTS
 
 
 def panels(claims: Claims) -> dict[str, list[Panel]]:
-    """Return the panels of each figure, in the order of the claims."""
+    """Return the panels of each figure by its name, in the order of the claims."""
     eights, gains, halves = list(PATHS), shipped("claims_gain")["axes"]["controller.kp"], ("turn 1", "turn 2")
 
     def settling(name: str, factor: float = 1.0) -> Callable[[str, str, Any], Estimate]:
@@ -79,13 +79,13 @@ def panels(claims: Claims) -> dict[str, list[Panel]]:
 
 
 def write_claim_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw all figures of the claims into `folder`; return the files."""
+    """Draw all figures of the claims; write them to `folder` and return their files."""
     with mpl.rc_context(STYLE):
         return [save(drawn(row), folder / f"claims_{name}.png") for name, row in panels(Claims(rows)).items()]
 
 
 def drawn(row: Sequence[Panel]) -> Figure:
-    """Return a figure of panels side by side with one legend: colours for laws, markers for plants."""
+    """Return a figure with panels side by side and one legend: colours for laws, markers for plants."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.8), layout="constrained")
     for axes, panel in zip(figure.subplots(1, len(row), squeeze=False)[0], row, strict=True):
         draw(axes, panel)
@@ -98,7 +98,7 @@ def drawn(row: Sequence[Panel]) -> Figure:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Draw the curves of a panel with intervals as vertical lines; a single seed has no interval."""
+    """Draw the curves of a panel. Vertical lines are intervals, which a single seed does not have."""
     named, curves = isinstance(panel.xs[0], str), list(product(panel.laws, panel.plants))
     for k, (law, plant) in enumerate(curves):
         shift = 0.6 * (k - (len(curves) - 1) / 2) / len(curves)
@@ -124,7 +124,7 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def log_x(values: Sequence[float]) -> dict[str, Any]:
-    """Return the properties of a logarithmic x axis with a tick at each value."""
+    """Return properties of a logarithmic x axis that has a tick at each value."""
     return {"xscale": "log", "xticks": values, "xticklabels": [f"{x:g}" for x in values]}
 
 

@@ -20,11 +20,11 @@ from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
 
 PRINTED = "as printed"
-"""Reference variant of the sweep `ablation`."""
+"""Variant of the sweep `ablation` with which the others are compared."""
 
 
 def claims(study: Study) -> Blocks:
-    """Return the table of claims; draw the figures of the claims and of the lateral error of the first seed."""
+    """Return the table of claims. Also draw the figures of the claims, and the lateral error of the first seed."""
     rows = claim_rows(study)
     if not rows:
         return {}
@@ -37,7 +37,7 @@ def claims(study: Study) -> Blocks:
 
 
 def ablation(study: Study) -> Blocks:
-    """Return the lateral mean square errors of both turns, and their ratios to the network as printed."""
+    """Return the table of lateral mean square errors in both turns, and their ratios to the network as printed."""
     rows = study.rows("ablation")
     lines = [
         (variant, *(cell for plant in PLANTS for cell in _ablated(select(rows, **{"plant.kind": plant}), variant)))
@@ -49,7 +49,7 @@ def ablation(study: Study) -> Blocks:
 
 
 def _ablated(rows: Sequence[Row], variant: str) -> list[str]:
-    """Return the errors of both turns and the ratio for a variant on one plant."""
+    """Return the cells of a variant on one plant: errors in both turns, and ratio to the network as printed."""
     runs, printed = select(rows, variant=variant), select(rows, variant=PRINTED)
     turns = [mean(runs, turn("lateral_mse", number)).short(4) for number in (1, 2)]
     over = ratio(*(by_seed(some, field("lateral_mse")) for some in (runs, printed))).text()

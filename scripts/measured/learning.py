@@ -1,4 +1,4 @@
-"""Learning laws compared with others: sweeps `learners` (wrong model) and `learners_implement` (implement error)."""
+"""Learning laws compared with other laws: sweeps `learners` (wrong model), `learners_implement` (implement error)."""
 
 import tomllib
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ CASES: dict[str, dict[str, dict[str, Any]]] = tomllib.loads(Path(__file__).with_
 
 
 def learners(study: Study) -> Blocks:
-    """Return errors per lap with a wrong model, and paired differences of the learning law to each other law."""
+    """Return tables of errors per lap with a wrong model, and of paired differences of the learning law to others."""
     return {
         case: compared(study, "learners_" + case.split(",")[0].replace(" ", "_"), "learners", changes)
         for case, changes in CASES["learners"].items()
@@ -24,7 +24,7 @@ def learners(study: Study) -> Blocks:
 
 
 def behind(study: Study) -> Blocks:
-    """Return errors of the implement per lap or pass, and the increase of the tractor error due to the learned line."""
+    """Return tables of implement errors per lap or pass, and of the tractor error on the learned line."""
     return {
         case: compared(study, "learners_" + case.replace(",", "").replace(" ", "_"), "learners_implement", changes)
         for case, changes in CASES["behind"].items()
@@ -32,7 +32,7 @@ def behind(study: Study) -> Blocks:
 
 
 def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> str:
-    """Return the means of each law of a changed sweep, and paired differences of the learning law to the other laws."""
+    """Return the means of each law in a changed sweep, and paired differences of the learning law to the others."""
     common, whole = shipped(sweep)["set"], sweep == "learners"
     if "base" in changes:
         common = {key: value for key, value in common.items() if not key.startswith(("path.", "implement."))}
@@ -44,7 +44,7 @@ def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> st
 
 
 def implement_numbers(run_row: Row, run: KeptRun) -> Row:
-    """Return the row of a run with the errors of implement and tractor per lap, or on the first and last two passes."""
+    """Add the errors of implement and tractor to the row of a run: per lap, or on pairs of passes."""
     view = RunView(run)
     there, ours = view.beside_path("implement_x", "implement_y").offset, view.cg_on_path.offset
     if hasattr(run.scenario.path, "passes_s"):
@@ -59,13 +59,13 @@ def implement_numbers(run_row: Row, run: KeptRun) -> Row:
 
 
 def compared_numbers(row: Row, run: KeptRun) -> Row:
-    """Return the row of a run with its errors per turn [cm] and the steering travel [deg]."""
+    """Add the errors per turn [cm] and the steering travel [deg] to the row of a run."""
     travel = float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))
     errors = {f"turn {turn['turn']} [cm]": 100 * turn["xte_rms"] for turn in row["per_turn"]}
     return {**row, **errors, "steering travel [deg]": travel}
 
 
 def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """Return the numbers of a surface by quantity, law and seed."""
+    """Return the values of a case by quantity, by law and by seed."""
     measures = dict.fromkeys(name for row in rows for name in row if name.endswith(("[cm]", "[deg]")))
     return {name: by_law(rows, field(name)) for name in measures}

@@ -1,6 +1,6 @@
 """Exceptions on docs/machines.md: every scenario on every machine, with the guidance law of the machine.
 
-Physics steps are 5 ms. `WHY` contains a reason for each outcome that differs from the expected outcome.
+Physics steps are 5 ms. `WHY` gives a reason for each outcome that differs from the expected outcome.
 """
 
 import tomllib
@@ -17,16 +17,16 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 
 Pair = tuple[str, str]
-"""Machine and scenario of a run."""
+"""Name of a machine, and name of a scenario."""
 BLOCK = "exceptions"
 STANDARD = ("step_steer",)
-"""Scenarios with tyres that are too stiff for steps of 5 ms on a light machine."""
+"""Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
 WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-"""Physical reasons of the exceptions, by scenario."""
+"""Physical reasons for the exceptions, by scenario."""
 
 
 def drive(pair: Pair) -> Row:
-    """Simulate a scenario on a machine and return the outcome."""
+    """Simulate a scenario on a machine and return the row with its outcome."""
     machine, name = pair
     physics = "standard" if name in STANDARD else "fast"
     try:
@@ -50,7 +50,7 @@ def exceptions(study: Study) -> Blocks:
 
 
 def listed() -> dict[Pair, str]:
-    """Return the outcome of each exception in the page."""
+    """Return the outcomes of the exceptions that the page lists."""
     found = {}
     for line in block(page("machines").read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
         name, machines, ends, _ = (cell.strip() for cell in line.strip("|").split("|"))

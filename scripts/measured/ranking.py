@@ -17,13 +17,13 @@ from sweeps import Blocks, Row, Study
 from agrobot_mj.core.markdown import markdown_table
 
 AGAIN = list(range(21, 41))
-"""Seeds of the second set of `controllers`."""
+"""Seeds of the second set of runs of the sweep `controllers`."""
 SAME, OPPOSITE, OPEN = 1, -1, 0
-"""Results of two sets of seeds for a pair of laws: same order, opposite order, or not significant."""
+"""Comparison of two sets of seeds for a pair of laws: same order, opposite order, or not significant."""
 
 
 def ranking(study: Study) -> Blocks:
-    """Return the ranks in the sweep `controllers` from two sets of seeds."""
+    """Return the ranks of the laws in the sweep `controllers`, from two sets of seeds."""
     sets = [study.rows("controllers"), study.rows("controllers_again", "controllers", seeds=AGAIN)]
     if not all(sets):
         return {}
@@ -32,7 +32,7 @@ def ranking(study: Study) -> Blocks:
 
 
 def by_ground(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """Return the cross-track RMS [cm] of the runs of `controllers` by ground (tyre, terrain), law and seed."""
+    """Return the cross-track RMS [cm] in the sweep `controllers`, by ground (tyre, terrain), by law and by seed."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         terrain = " ".join(str(value) for value in json.loads(row["terrain"]).values())
@@ -50,12 +50,12 @@ def better(one: BySeed, other: BySeed) -> bool:
 
 
 def ranks(laws: Mapping[str, BySeed]) -> dict[str, int]:
-    """Return the rank of each law: 1 plus the number of better laws."""
+    """Return the rank of each law, which is 1 plus the number of better laws."""
     return {law: 1 + sum(better(laws[rival], laws[law]) for rival in laws if rival != law) for law in laws}
 
 
 def compare_sets(first: Columns, again: Columns) -> Counter[int]:
-    """Return the numbers of pairs of laws on all grounds by result: `SAME`, `OPPOSITE` or `OPEN`."""
+    """Return the number of pairs of laws, on all grounds, for each result: `SAME`, `OPPOSITE` or `OPEN`."""
     return Counter(
         _sign(first[ground], *pair) * _sign(again[ground], *pair)
         for ground in first.keys() & again.keys()
@@ -64,7 +64,7 @@ def compare_sets(first: Columns, again: Columns) -> Counter[int]:
 
 
 def compared_text(found: Counter[int]) -> str:
-    """Return a sentence on the agreement of both sets of seeds."""
+    """Return a sentence about the agreement of the two sets of seeds."""
     return (
         f"Of {found.total()} pairs of laws (all grounds together) both sets tell {found[SAME]} apart in the same "
         f"order and {found[OPPOSITE]} in the opposite one; {found[OPEN]} are left open by one or both."
@@ -80,7 +80,7 @@ def ranking_table(first: Columns, again: Columns) -> str:
 
 
 def _cell(laws: Mapping[str, BySeed], rank: Mapping[str, int], law: str) -> str:
-    """Return the mean error [cm] and rank of a law."""
+    """Return the mean error [cm] and the rank of a law as a cell."""
     return f"{estimate(laws[law].values()).short(1)} ({rank[law]})" if law in rank else "-"
 
 

@@ -14,7 +14,7 @@ from agrobot_mj.metrics.safety import OFF_M
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
 HEADS += ("speed divided by command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
-"""Maximum speed divided by command [-], and time [s] or distance [m] in which a tractor off its path must stop."""
+"""Maximum speed per commanded speed [-]; time [s] or distance [m] off its path within which a tractor must stop."""
 BARS = {
     "fast": f"faster than {FASTEST} x its command",
     "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",
@@ -41,7 +41,7 @@ def _one(fault: Row) -> str:
 
 
 def beyond(row: Row) -> list[str]:
-    """Return the requirements that a run violates."""
+    """Return the names of the requirements that a run violates."""
     found = [] if row["safety.overspeed"] <= FASTEST else ["fast"]
     if row["safety.offset_max"] <= OFF_M:
         return found
@@ -55,12 +55,12 @@ def spread(values: Iterable[float | None]) -> str:
 
 
 def stops(rows: Iterable[Row]) -> Counter[str]:
-    """Return the number of runs stopped by the supervisor, by reason."""
+    """Return the number of runs that the supervisor stopped, by reason."""
     return Counter(str(row["stop_reason"]) for row in rows if row["outcome"] == "stopped")
 
 
 def failures_table(rows: list[Row], sane: list[Row]) -> str:
-    """Return a table with one row per fault, over laws, grounds and seeds, and one row for runs without fault."""
+    """Return a table with one row per fault, over all laws, grounds and seeds, and one row for runs without fault."""
     groups = defaultdict(list)
     for row in rows:
         groups[failure(row)].append(row)
@@ -77,7 +77,7 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
 
 
 def receivers(study: Study) -> Blocks:
-    """Return the table of receiver failures: stopping distance and cross-track error."""
+    """Return the table of receiver failures, with stopping distance and maximum deviation."""
     groups = defaultdict(list)
     for row in study.rows("receivers"):
         groups[failure(row)].append(row)
@@ -92,7 +92,7 @@ def receivers(study: Study) -> Blocks:
 
 
 def farthest(study: Study) -> Blocks:
-    """Return the maximum error of each law without and with a stop."""
+    """Return a table of the maximum error of each law, for runs without and with a stop."""
     rows = [row for row in study.rows("farthest") if row.get("safety.offset_max") is not None]
     lines = []
     for law in dict.fromkeys(row["guidance.kind"] for row in rows):
@@ -131,7 +131,7 @@ def bars_table(rows: list[Row]) -> str:
 
 
 def sane_text(rows: list[Row]) -> str:
-    """Return a sentence about the runs without fault, and their stops."""
+    """Return sentences about the runs without fault, and about those of them that were stopped."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
     lines = [f"{len(rows)} runs without failures, of which {len(stopped)} were stopped."]
     for row in stopped:

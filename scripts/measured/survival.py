@@ -26,14 +26,14 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Maximum number of runs at an intermediate value; the two reported values have ten runs, as in every `limit`."""
+"""Maximum number of runs at an intermediate value. The two reported values have ten runs, as in every `limit`."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
     "estimator.terrain_compensation": True,
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
-"""Overrides for gyro, wheel speed, IMU, and the filter that uses them."""
+"""Overrides that enable gyro, wheel speed and inertial unit, and the filter that uses them."""
 PAPER = "the paper's stack"
 LAWS = variants("controllers")
 DRIVEN = (
@@ -48,7 +48,7 @@ SURVIVORS: dict[str, dict[str, Any]] = {
 
 
 class Hardship(NamedTuple):
-    """Condition in survival.toml."""
+    """Condition from survival.toml, under which the limits of the laws are searched."""
 
     name: str
     unit: str
@@ -63,11 +63,11 @@ class Hardship(NamedTuple):
 
 HARDSHIPS = [Hardship(**each) for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text())["hardship"]]
 JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
-"""All searches: one per law and condition."""
+"""All searches: one for each law under each condition."""
 
 
 def survival(study: Study) -> Blocks:
-    """Return the table of the limits of each law, and draw the figure."""
+    """Draw the figure, and return the table of the limits of each law."""
     rows = study.done("survival", search, JOBS)
     if not rows:
         return {}
@@ -77,7 +77,7 @@ def survival(study: Study) -> Blocks:
 
 
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
-    """Search the limit of a law under a condition; return the row."""
+    """Search for the limit of a law under a condition; return the row of the result."""
     law, hard = job
     scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
@@ -90,7 +90,7 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
-    """Return the most severe value without failure, or None, and whether it is the end of the range."""
+    """Return the most severe value without failure (or None), and whether it is the end of the range."""
     held = list(takewhile(lambda tried: tried["holds"], row["tried"]))
     return held[-1]["value"] if held else None, len(held) == len(row["tried"])
 
@@ -106,7 +106,7 @@ def survival_table(rows: Sequence[Row]) -> str:
 
 
 def _without(rows: Sequence[Row]) -> str:
-    """Return the median error without the condition, and the number of failed runs."""
+    """Return the median error without any condition, and the number of failed runs, as a cell."""
     runs = [row["sound"]["tried"][0] for row in rows if (row.get("sound") or {}).get("verdict") == "fixed"]
     if not runs:
         return "-"
@@ -124,7 +124,7 @@ def _cells(found: Sequence[Row], hard: Hardship) -> str:
 
 
 def _cell(row: Row, hard: Hardship) -> str:
-    """Return the last value without failure and the first with failure, with a star if runs at these values differ."""
+    """Return the last value without and the first with failure; a star marks values at which runs differ."""
     value, whole = survived(row)
     if value is None:
         return f"not {hard.start - hard.offset:g}"
@@ -138,14 +138,14 @@ def _cell(row: Row, hard: Hardship) -> str:
 
 
 def survival_figure(rows: Sequence[Row]) -> Figure:
-    """Draw one panel per condition with the limit of each law, in grey without the condition.
+    """Draw one panel per condition with the limit of each law; limits without the condition are grey.
 
     An arrow marks a law that reaches the end of the range, a cross a law that fails at the start.
     """
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)
     for axes, hard in zip(grid.flat, HARDSHIPS, strict=True):
-        zero = hard.offset + (0.0 if hard.stop > hard.start else hard.start)  # the milder end of the range
+        zero = hard.offset + (0.0 if hard.stop > hard.start else hard.start)  # value at the milder end of the range
         begin = zero - hard.offset
         for place, law in enumerate(SURVIVORS):
             (row,) = select(rows, law=law, hardship=hard.name)

@@ -1,4 +1,4 @@
-"""Tests of the installed parts, which their entry point registers."""
+"""Tests of the installed parts. Their entry point registers them."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from agrobot_mj.core.geometry import wrap
 
 @pytest.fixture(scope="module")
 def log():
-    """Return the log of ten seconds on a circle with the law and the compass."""
+    """Return the log of ten seconds on a circle, driven by the law with the compass enabled."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "my_gains", "sensors.compass.enabled": True, "duration_s": 10}
     return agrobot_mj.run(agrobot_mj.load_scenario("circle", keys))
 
