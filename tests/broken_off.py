@@ -1,4 +1,4 @@
-"""Studies that are broken off, or whose runs raise."""
+"""Studies that are interrupted, or whose runs raise errors."""
 
 import json
 import shutil
@@ -35,13 +35,13 @@ WALL = ("wall_s", "real_time_factor")
 
 
 class Driven(list):
-    """Runs driven so far, as seed and law; the n-th is broken off if `most` is n."""
+    """Simulated runs, as pairs of seed and law. The run with the index `most` is interrupted."""
 
     most = None
 
 
 def counted(monkeypatch, folder):
-    """Runs driven from now on; the folder gets a law that may raise and the cases of a tuning."""
+    """Return a list that records simulated runs; write a law that may raise errors, and tuning cases, to `folder`."""
     (folder / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     (folder / "laws.py").write_text(LAWS)
     real, seen = tasks.run, Driven()
@@ -57,14 +57,14 @@ def counted(monkeypatch, folder):
 
 
 def answer(folder, name):
-    """Return the result of a study without wall times."""
+    """Return the result of a study without its wall times."""
     found = json.loads((folder / name).read_text())
     rows = found if isinstance(found, list) else []
     return [{key: value for key, value in row.items() if key not in WALL} for row in rows] or found
 
 
 def check_resuming(call, driven, tmp_path, command, name, most):
-    """Check that a command interrupted in its n-th run resumes and gives the uninterrupted result."""
+    """Check that a command interrupted in its n-th run resumes, with the same result as without interruption."""
     driven.most = most
     assert call(*command)[0] == 130
     assert not (tmp_path / "out" / name).exists()
@@ -76,4 +76,4 @@ def check_resuming(call, driven, tmp_path, command, name, most):
     assert len(driven) == 2 * total
     assert answer(tmp_path / "out", name) == resumed
     assert call(*command)[0] == 0
-    assert len(driven) == 2 * total  # nothing is driven again
+    assert len(driven) == 2 * total  # no run is repeated

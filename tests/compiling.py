@@ -1,6 +1,6 @@
-"""Processes that share a cold cache of kernels: each kernel is compiled by one of them, and read by the others.
+"""Shared compilation of kernels by several processes with an empty cache: one compiles a kernel, the others read it.
 
-Numba by itself compiles it in each, a minute of processor time.
+Numba alone would compile each kernel in each process, which takes a minute of processor time.
 """
 
 import fcntl
@@ -19,9 +19,9 @@ held = set()
 
 @contextmanager
 def turn_of(function):
-    """Hold the lock of a kernel, which ends with the process at the latest.
+    """Hold the lock of a kernel. It is released at the latest when the process ends.
 
-    A kernel is compiled while those that call it are. No call goes round in a circle, so neither do those who wait.
+    A kernel is compiled within the compilation of its callers. Calls are not circular, so that there is no deadlock.
     """
     name = f"{function.__module__}.{function.__qualname__}"
     if name in held:
@@ -37,7 +37,7 @@ def turn_of(function):
 
 
 def take_turns():
-    """Let this process wait for what another one compiles."""
+    """Make this process wait for kernels that another process is compiling."""
     compiled = Dispatcher.compile
 
     @wraps(compiled)

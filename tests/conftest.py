@@ -1,4 +1,4 @@
-"""Fixtures of many tests."""
+"""Fixtures for all tests."""
 
 import gc
 import json
@@ -16,20 +16,20 @@ from agrobot_mj import __version__, cli
 from agrobot_mj.core import identity
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-"""Before numpy is imported: with tests on every core, threads for small matrices only wait for each other, at the cost
-of most of a fit's processor time."""
+"""The variable must be set before numpy is imported. With tests on every core, BLAS threads for small matrices would
+only wait for each other and take most of the processor time of a fit."""
 gc.set_threshold(cli.OBJECTS_PER_COLLECTION)
-"""As in a command: else the collection of the tests looks through the modules' objects again and again."""
+"""Same threshold as in a command. Otherwise, garbage collection would search all modules again and again."""
 typer.main.get_command = cache(typer.main.get_command)
-"""A command line is made from its functions once, not in each call of it."""
+"""The command line is created from its functions once, not for each call."""
 settings.register_profile("same", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.register_profile("explore", deadline=None, print_blob=True, max_examples=100)
 settings.load_profile("same")
-"""Property tests draw the same examples everywhere; `make explore` draws others. A slow machine is no failure."""
+"""Property tests use the same examples on all machines; `make explore` uses others. Slow machines do not fail."""
 
 
 def pytest_configure(config):
-    """With several workers, each kernel is compiled by one of them."""
+    """Let only one of several workers compile each kernel."""
     if hasattr(config, "workerinput"):
         from compiling import take_turns
 
@@ -38,7 +38,7 @@ def pytest_configure(config):
 
 @pytest.fixture(autouse=True)
 def _plugins_of_one_test():
-    """Plugins of a test are no part of the identity of later runs, since worker processes would not have them."""
+    """Remove the plugins of a test from the identity of later runs, because worker processes do not have them."""
     files = getattr(sys.modules.get("agrobot_mj.scenario.plugins"), "_files", {})
     before = [(known, dict(known)) for known in (identity._plugins, files)]
     yield
@@ -49,10 +49,10 @@ def _plugins_of_one_test():
 
 @pytest.fixture
 def call(monkeypatch, capsys, tmp_path):
-    """(exit status, stdout, stderr) of a command line of `agrobot-mj`, in an empty folder and in this process alone.
+    """Return a function that runs a command line of `agrobot-mj` in an empty folder: exit status, stdout and stderr.
 
-    Without lines of progress, which come by the clock. Workers, which take three seconds of processor time to start,
-    are asked for with `--jobs`.
+    It runs in this process and shows no progress lines, which depend on the clock. Worker processes take three seconds
+    of processor time to start; only `--jobs` starts them.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
@@ -70,7 +70,7 @@ def call(monkeypatch, capsys, tmp_path):
 
 @pytest.fixture
 def asked(call):
-    """(document, stderr) of a command line with `--json`, whose status the document has."""
+    """Return a function that runs a command line with `--json` and checks the status: JSON document and stderr."""
 
     def command(*arguments):
         status, out, err = call(*arguments, "--json")

@@ -1,4 +1,4 @@
-"""Drives both plants for a moment, so that a process which has imported this has the kernels at hand."""
+"""Simulation of a few ticks on both plants. A process that imports this module has loaded the kernels."""
 
 from agrobot_mj import load_scenario, run
 

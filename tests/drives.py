@@ -1,4 +1,4 @@
-"""A kinematic tractor with a steering lag, and paths forward and in reverse, for tests of guidance laws."""
+"""Kinematic tractor with a steering lag, and paths forward and in reverse, for tests of guidance laws."""
 
 from math import cos, exp, sin, tan
 from typing import NamedTuple
@@ -16,15 +16,15 @@ MACHINE = TractorParameters()
 
 
 class Bend:
-    """Straight for a while, then an arc; forward or in reverse, at a constant speed."""
+    """Straight line followed by an arc, forward or in reverse, at constant speed."""
 
     def __init__(self, speed: float = 1.2, curvature: float = 0.0, straight_m: float = 5.0) -> None:
         self.speed, self.curvature, self.straight = speed, curvature, straight_m
         self.speed_m_s, self.duration_s, self.turns_s, self.max_curvature = abs(speed), 120.0, (), abs(curvature)
 
     def at(self, t: float) -> Reference:
-        """The reference; the heading is that of the tractor, so that the velocity is against it in reverse."""
-        way = self.speed * max(t, 0.0)  # along the heading
+        """Return the reference. Its heading is that of the tractor, so that the velocity is opposite in reverse."""
+        way = self.speed * max(t, 0.0)  # distance along the heading
         on_straight = min(max(way, -self.straight), self.straight)
         pose = advance(Pose(0.0, 0.0, 0.3), 0.0, on_straight)
         kappa = self.curvature if abs(way) > self.straight else 0.0
@@ -34,10 +34,10 @@ class Bend:
 
 
 class Drive(NamedTuple):
-    """What a drive was like, one value a tick."""
+    """Results of a drive, one value per tick."""
 
     offset: np.ndarray
-    """CG from the path, left of the heading positive [m]."""
+    """Offset of the CG from the path, left of the heading positive [m]."""
     commands: list[Command]
     reports: list[tuple[float, ...]]
     steer: np.ndarray
@@ -53,9 +53,9 @@ def drive(
     lag: float = 0.2,
     known_bias: float = float("nan"),
 ) -> Drive:
-    """Drive a bicycle without slip, begun `offset` [m] left of the path and turned by `heading` [rad].
+    """Simulate a bicycle without slip that starts `offset` [m] left of the path, turned by `heading` [rad].
 
-    The wheels stand `bias` [rad] right of what their sensor says.
+    The wheel angle is `bias` [rad] to the right of the angle that the sensor measures.
     """
     route, m = SampledRoute(path), MACHINE
     start = path.at(0.0)

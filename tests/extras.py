@@ -1,4 +1,4 @@
-"""Marks of tests that need a package of an extra, which `make install` leaves out."""
+"""Marks for tests that need a package of an extra. `make install` does not install extras."""
 
 from importlib.util import find_spec
 

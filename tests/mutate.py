@@ -2,11 +2,11 @@
 
     python tests/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
 
-Mutants are those of cosmic-ray, and exchanges of names (left and right, x and y), which went unnoticed here by
-experience. A sample is drawn of each group of modules in tests/mutants.toml; a module's tests are those named there.
-They run in a copy of the tree, first without a mutant; kernels as plain Python, since to compile them again takes a
-minute. A mutant is killed when a test fails, or takes ten times as long. It does not count when what fails is a name
-that the mutant has brought in and that does not exist there. What was broken off goes on with the same `--out`.
+Mutants are those of cosmic-ray, and exchanges of names (left and right, x and y), which tests often missed. A sample is
+drawn from each group of modules in tests/mutants.toml, which also names the tests of each module. The tests run in a
+copy of the tree, first without a mutant. Kernels run as plain Python, because compilation takes a minute. A mutant is
+killed if a test fails or takes ten times as long. A mutant does not count if it only introduces a name that does not
+exist there. An interrupted test continues with the same `--out`.
 """
 
 import argparse
@@ -38,7 +38,7 @@ CHANGES = re.compile(
     r"BinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul|Pow_Mul|FloorDiv_Mul|Mod_Mul)|"
     r"ComparisonOperator_(Lt_GtE|LtE_Gt|Gt_LtE|GtE_Lt|Eq_NotEq|NotEq_Eq|Is_IsNot|IsNot_Is)))"
 )
-"""Operators of cosmic-ray that are tried; the others differ from the source where both sides are equal, or in type."""
+"""Operators of cosmic-ray that are used. The others change nothing if both sides are equal, or change only types."""
 PAIRS = """
     min max, sin cos, tan sin, degrees radians, searchsorted_left searchsorted_right, area length, width radius, x y,
     vx vy, fl fr, rl rr, rear_x rear_y, east north, left right, front rear, ahead left, upper lower, l_f l_r, C_f C_r,
@@ -46,11 +46,11 @@ PAIRS = """
     longitudinal lateral, yaw roll, roll pitch
 """
 NAMES = dict(pair.split()[::order] for order in (-1, 1) for pair in PAIRS.split(","))
-"""Names, and what they are exchanged for."""
+"""Names, and the names with which they are exchanged."""
 
 
 class Exchange(Operator):
-    """Exchanges a name that is read."""
+    """Exchanges a name where it is read."""
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         read = node.type == "name" and node.value in NAMES and not node.is_definition(include_setitem=True)
@@ -67,17 +67,17 @@ class Exchange(Operator):
 
 
 class Mutant(NamedTuple):
-    """A changed module."""
+    """Changed version of a module."""
 
     module: str
     tests: str
-    what: str  # the change in words
+    what: str  # description of the change
     source: str
     name: str = ""
 
 
 def drawn(group: dict[str, Any], seed: str, count: int | None) -> Iterator[Mutant]:
-    """A sample of a group's mutants, in the order of the modules."""
+    """Yield a sample of the mutants of a group, in the order of the modules."""
     tests = {module: tests for modules, tests in group.items() if modules != "count" for module in modules.split()}
     operators = [Exchange(), *(get_operator(name)() for name in operator_names() if CHANGES.fullmatch(name))]
     places = []
@@ -95,14 +95,14 @@ def drawn(group: dict[str, Any], seed: str, count: int | None) -> Iterator[Mutan
 
 
 def behaves(node: Any) -> bool:
-    """Whether a node is in a function, and neither a default, an annotation nor part of a message."""
+    """Return whether a node is in a function, but not in a default value, an annotation or a message."""
     if not node.search_ancestor("funcdef", "lambdef"):
         return False
     return not node.search_ancestor("param", "annassign", "raise_stmt", "fstring", "assert_stmt")
 
 
 def named(entries: list[dict[str, str]]) -> Iterator[Mutant]:
-    """The changes by name."""
+    """Yield the mutants that tests/mutants.toml defines by name."""
     for entry in entries:
         source = read(entry["module"])
         yield Mutant(entry["module"], entry["tests"], entry["what"], source.replace(entry["before"], entry["after"]))
@@ -114,7 +114,7 @@ def read(module: str) -> str:
 
 
 class Bench:
-    """A copy of the tree on which mutants are tried, one after another."""
+    """Copy of the tree in which mutants are tested one after another."""
 
     def __init__(self, tree: Path) -> None:
         self.tree, self.usual = tree, {}
@@ -122,7 +122,7 @@ class Bench:
         for name in names.stdout.decode().splitlines():
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, tree / name)
-        cache = "core/kernel_cache.py"  # kernels of the unchanged sources serve all mutants beside them
+        cache = "core/kernel_cache.py"  # the kernel cache of the unchanged sources serves all mutants
         text = read(cache).replace("digest.hexdigest()[:16]", '"mutants"')
         (tree / "agrobot_mj" / cache).write_text(text, encoding="utf-8")
 
@@ -133,7 +133,7 @@ class Bench:
         return run_tests(f"env -C {tree} PYTHONPATH={tree} NUMBA_DISABLE_JIT={int(plain)} {pytest}", limit_s)
 
     def killed(self, mutant: Mutant) -> str:
-        """How a mutant is noticed; "" if it is not."""
+        """Return how a mutant is detected; empty if it is not detected."""
         plain = re.search(r"core\.kernels import .*\b(kernel|jit)|def (force|drag)\(self, slip", mutant.source)
         key = mutant.tests, bool(plain)
         if key not in self.usual:
@@ -156,7 +156,7 @@ class Bench:
 
 
 def main() -> None:
-    """Draw, try, tell."""
+    """Draw mutants, test them, and print the result."""
     plan = tomllib.loads((ROOT / "tests" / "mutants.toml").read_text(encoding="utf-8"))
     groups = plan["group"]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -1,4 +1,4 @@
-"""Random states of the network, and the printed laws once more, straight from the paper, for the tests."""
+"""Random states of the network, and an independent implementation of the paper's laws for the tests."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from agrobot_mj.control.t2fnn_laws import Rates, firing, laws, sgn
 
 
 def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
-    """Sets scattered about the origin; some contain it, some do not."""
+    """Return sets scattered about the origin. Some contain the origin, some do not."""
     n1, n2 = size or (int(rng.integers(1, 5)), int(rng.integers(1, 5)))
     d1_lower, d2_lower = rng.uniform(0.3, 1.2, n1), rng.uniform(0.3, 1.2, n2)
     return T2FnnState(
@@ -23,7 +23,7 @@ def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) 
 
 
 def plain_firing(s: T2FnnState, x1: float, x2: float) -> tuple[np.ndarray, np.ndarray]:
-    """Normalised lower and upper firing in scalar steps; zeros where no rule fires."""
+    """Return normalised lower and upper firing strengths, computed in scalar steps; zeros if no rule fires."""
     shares = []
     for d1, d2 in ((s.d1_lower, s.d2_lower), (s.d1_upper, s.d2_upper)):
         W = np.zeros(s.f.shape)
@@ -36,7 +36,7 @@ def plain_firing(s: T2FnnState, x1: float, x2: float) -> tuple[np.ndarray, np.nd
 
 
 def printed_laws(s: T2FnnState, x1: float, x2: float, alpha: float, sign: float) -> Rates:
-    """Right-hand sides as the paper prints them, without any floor."""
+    """Return right-hand sides of the adaptation laws as printed in the paper, without limits of denominators."""
 
     def widths(x: float, c: np.ndarray, d: np.ndarray) -> np.ndarray:
         rates = np.zeros(len(d))
@@ -58,13 +58,13 @@ def printed_laws(s: T2FnnState, x1: float, x2: float, alpha: float, sign: float)
 
 
 def derivatives(network: T2Fnn, s: T2FnnState, x1: float, x2: float, tau_c: float) -> Rates:
-    """Right-hand sides of the laws as the network has them; of the guards only 2 and 5 apply."""
+    """Return the right-hand sides of the laws as implemented in the network; of the guards only 2 and 5 apply."""
     alpha_sgn = network.alpha * sgn(tau_c, network.delta_s)
     return laws(s._replace(x1=x1, x2=x2), firing(s, x1, x2), x1, x2, alpha_sgn, network.floor)[1]
 
 
 def far_from_guards(s: T2FnnState, x1: float, x2: float) -> bool:
-    """Whether no denominator is near its floor and both bounds fire."""
+    """Return whether no denominator is near its lower limit, and both bounds fire."""
     W_lower, W_upper = plain_firing(s, x1, x2)
     near = min(np.abs(x1 - s.c1).min(), np.abs(x2 - s.c2).min())
     return bool(near > 0.01 and W_lower.any() and abs((s.f * (W_lower - W_upper)).sum()) > 0.01)

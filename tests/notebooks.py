@@ -1,4 +1,4 @@
-"""Notebooks whose cells run in order without a kernel, in shorter drives; in full with `-m slow`."""
+"""Notebooks whose cells run in order without a kernel, with shortened drives; unchanged with `-m slow`."""
 
 import json
 from pathlib import Path
@@ -11,13 +11,13 @@ FOLDER = Path(__file__).parents[1] / "examples" / "notebooks"
 TEXTS = {file.stem: file.read_text(encoding="utf-8") for file in sorted(FOLDER.glob("*.ipynb"))}
 GONE = tuple(f"agrobot_mj.extensions.{name}" for name in REMOVED)
 BOOKS = {name: json.loads(text) for name, text in TEXTS.items() if not any(module in text for module in GONE)}
-"""Those that need no extension that has been removed."""
+"""Notebooks that need no removed extension."""
 SHORTER = {
     "first_drive": [('"duration_s": 20', '"duration_s": 12')],
     "own_law": [('"duration_s": 20', '"duration_s": 4'), ("(0, 10, 20), (0.4, 1.5, 3.0)", "(0, 20), (0.4, 3.0)")],
     "log_to_twin": [('"duration_s": 60', '"duration_s": 30'), ('"guidance.kind": "lqr"', '"duration_s": 2')],
 }
-"""What makes a notebook quick: pieces of its text and what stands in their place."""
+"""Replacements in the code of each notebook that shorten it."""
 
 
 def code(book):
@@ -25,9 +25,9 @@ def code(book):
 
 
 def executed(folder, name, full, found):
-    """What the cells print, executed one after the other in a process of their own, and the values of `found`.
+    """Execute the cells in order in a separate process; return their output and the values of `found`.
 
-    Of their own, since a law that is registered stays. A figure that is shown is drawn.
+    A separate process is needed because registered laws remain registered. Figures that are shown are rendered.
     """
     head = "import json\nimport matplotlib.pyplot as plt\nplt.show = lambda: plt.gcf().savefig('figure.png')"
     cells = code(BOOKS[name])

@@ -1,4 +1,4 @@
-"""What holds for the report of any folder of results."""
+"""Requirements on the report of any folder of results."""
 
 import json
 import re
@@ -20,7 +20,7 @@ def charts_of(folder):
 
 
 def check_page(folder):
-    """The report is one file without empty charts."""
+    """Check that the report is a single file without empty charts."""
     text = page_of(folder)
     assert len(text) < 15e6
     own = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
@@ -35,7 +35,7 @@ def check_page(folder):
 
 
 def check_damage(folder, name, content):
-    """A file with this content is reported as damaged, and no report is written."""
+    """Check that a file with this content is reported as damaged, and that no report is written."""
     claim(folder, [name])
     (folder / name).write_text(content)
     with pytest.raises(ScenarioError, match="cannot be reported"):

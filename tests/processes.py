@@ -1,7 +1,7 @@
-"""Programs in processes of their own that start at once: forked from a server that has imported the package.
+"""Programs in separate processes that start fast: they are forked from a server that has imported the package.
 
-For what lasts as long as its process, as registrations and limits of resources do. What is about the start itself, or
-about signals and pools, starts Python, which takes a second or two.
+They are used for tests of things that last as long as a process, such as registrations and resource limits. Tests of
+the start itself, of signals, or of pools start Python, which takes one or two seconds.
 """
 
 import multiprocessing
@@ -22,11 +22,11 @@ SERVER.set_forkserver_preload(["agrobot_mj.cli.runs", "agrobot_mj.recording", "d
 
 PLACES = Path(__file__).parent, Path(__file__).parents[1]
 LONGEST_S = 600
-"""Time after which a process hangs [s]."""
+"""Time after which a process counts as hanging [s]."""
 
 
 class Done(NamedTuple):
-    """How a process ended, as `subprocess.CompletedProcess` has it."""
+    """Result of a process, with the attributes of `subprocess.CompletedProcess`."""
 
     returncode: int
     stdout: str
@@ -34,7 +34,7 @@ class Done(NamedTuple):
 
 
 def free_ports():
-    """Two ports of UDP on which nobody listens now."""
+    """Return two free UDP ports."""
     with socket.socket(type=socket.SOCK_DGRAM) as a, socket.socket(type=socket.SOCK_DGRAM) as b:
         for each in (a, b):
             each.bind(("127.0.0.1", 0))
@@ -42,19 +42,19 @@ def free_ports():
 
 
 def command(folder, *arguments, before=None):
-    """`agrobot-mj` with these arguments in a folder; `before()` is called first in its process."""
+    """Run `agrobot-mj` with arguments in a folder; its process calls `before()` first."""
     return _done(folder, runpy.run_module, "agrobot_mj", ["agrobot-mj", *arguments], before)
 
 
 def program(folder, code, *arguments):
-    """A program's text, started as a file of a folder."""
+    """Run the text of a program as a file in a folder."""
     file = Path(folder) / "own.py"
     file.write_text(code, encoding="utf-8")
     return _done(folder, runpy.run_path, str(file), [str(file), *arguments], None)
 
 
 def _done(folder, execute, what, arguments, before):
-    with pytest.MonkeyPatch.context() as patch:  # what is to be imported first is looked for before `sys.path` is told
+    with pytest.MonkeyPatch.context() as patch:  # modules are searched before the process sets `sys.path`
         patch.setenv("PYTHONPATH", os.pathsep.join(map(str, PLACES)))
         ensure_running()
     with tempfile.TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""Where a sweep keeps the row of a run."""
+"""File in which a sweep stores the row of a run."""
 
 from pathlib import Path
 
@@ -8,6 +8,6 @@ from agrobot_mj.studies.sweep.store import Store
 
 
 def row_file(folder, number):
-    """The file of the row of a run in the folder of its sweep."""
+    """Return the file with the row of a run in the folder of its sweep."""
     store = Store(Path(folder), SweepPlan(read_sweep(Path(folder, "sweep.toml"))))
     return store.row_file(store.asked(store.plan.task(number)))

@@ -1,7 +1,7 @@
-"""A scenario on a tractor of another mass: one of the same shape and density, by similarity.
+"""Similarity of a scenario on a tractor of another mass with the same shape and density.
 
-Lengths go with mass^(1/3); what follows from lengths and weight goes with the power of the length below. The ground
-and its strength stay what they are; the path grows with the tractor, else its bends were too tight for it.
+Lengths scale with mass^(1/3). Quantities that follow from lengths and weight scale with the power of the length below.
+The ground and its strength remain unchanged. The path grows with the tractor, because its bends would be too tight.
 """
 
 from typing import Any
@@ -14,16 +14,16 @@ POWERS = {
     **{"_n_rad": 3.0, "_n_deg": 3.0, "_n": 3.0, "_l_min_v": 3.0, "_l_min": 3.0, "_per_m": -1.0, "_per_m2": -2.0},
     **{"_mm": 1.0, "_m": 1.0, "size": 1.0},
 }
-"""Power of the length that a key goes with, by its ending, the first that fits; others stay."""
+"""Power of the length with which a key scales, by the first ending that matches; other keys are unchanged."""
 GROWING = ("tractor", "driveline", "steering", "plant", "implement", "fault", "path")
-"""Tables of a scenario that grow with the tractor."""
+"""Tables of a scenario that scale with the tractor."""
 SOIL = ("noise_length_m", "shear_m", "cell_m", "rebound_mpa_m")
-"""Lengths that belong to the ground."""
+"""Lengths that belong to the ground and do not scale."""
 DEFAULT_KG = Scenario().tractor.mass_kg
 
 
 def similar(scenario: Scenario, mass_kg: float) -> Scenario:
-    """The scenario on a tractor of `mass_kg` [kg]. Raises `ScenarioError` where it cannot be."""
+    """Return the scenario for a tractor of `mass_kg` [kg]. Raises `ScenarioError` if it is impossible."""
     length = (mass_kg / scenario.tractor.mass_kg) ** (1 / 3)
     data = scenario.model_dump(mode="json", exclude_none=True)
     for table in GROWING:
@@ -34,7 +34,7 @@ def similar(scenario: Scenario, mass_kg: float) -> Scenario:
 
 
 def grown(value: Any, length: float, key: str = "") -> Any:
-    """A value of `key`, or the values below it, on a tractor whose lengths are `length` times as large."""
+    """Return a value of `key`, or a table of values, for a tractor whose lengths are multiplied by `length`."""
     if isinstance(value, dict):
         return {name: grown(inner, length, name) for name, inner in value.items()}
     if isinstance(value, list):

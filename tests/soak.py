@@ -1,15 +1,15 @@
-"""Long runs: what a minute cannot show. Each prints a row for docs/reliability.md; the exit status is 1 if one fails.
+"""Long runs, for faults that a minute does not show. Each prints a row for docs/reliability.md; a fault gives status 1.
 
     python tests/soak.py learning [--ticks 10000000]
     python tests/soak.py work [--hours 24] [--recorded]
     python tests/soak.py link [--seconds 3600]
 
-`learning`: the paper's controller in a loop with a first-order lag, for ticks that would take days with a tractor: all
-parameters stay finite and within bounds, and memory stays as it is.
-`work`: laps of the figure eight on rough soil in MuJoCo; memory after the first ten simulated minutes and from then on,
-and at the end, while metrics are made and files written.
-`link`: a host of our own drives over UDP at real time while other work loads the machine; ticks that come late, a
-schedule that slips and outages of the watchdog are counted.
+`learning`: the paper's controller in a loop with a first-order lag, for a number of ticks that would take days with a
+tractor. All parameters stay finite and bounded, and memory does not grow.
+`work`: laps of the figure eight on rough soil in MuJoCo. Memory is measured after ten simulated minutes, from then on,
+and at the end, while metrics are computed and files written.
+`link`: the example host drives over UDP in real time while other work loads the machine. Late ticks, delays of the
+schedule and outages of the watchdog are counted.
 """
 
 import argparse
@@ -39,17 +39,17 @@ from agrobot_mj.simulation.storage import write_log
 
 HOST = Path(__file__).parents[1] / "examples" / "agopengps_host" / "host.py"
 SETTLED_S = 600.0
-"""Simulated time after which memory has to stay as it is [s]."""
+"""Simulated time after which memory must not grow [s]."""
 FLAT_MB = 50.0
-"""Growth of memory that counts as none [MB]."""
+"""Maximum growth of memory [MB]."""
 BOUND = 100.0
-"""Magnitude that no parameter of a network reaches, in its own unit."""
+"""Upper bound on the magnitude of every parameter of a network [unit of the parameter]."""
 SAMPLE_S = 5.0
-"""Wall time between two looks at the memory [s]."""
+"""Wall time between two measurements of the memory [s]."""
 
 
 def memory_mb(process: int | str = "self", peak: bool = False) -> float:
-    """Memory that a process has in RAM [MB], or its peak since `forget_peak`; 0 once it has ended."""
+    """Return the resident memory of a process [MB], or its peak since `forget_peak`; 0 after the process has ended."""
     try:
         text = Path(f"/proc/{process}/status").read_text()
     except OSError:
@@ -59,21 +59,21 @@ def memory_mb(process: int | str = "self", peak: bool = False) -> float:
 
 
 def forget_peak() -> None:
-    """Let the peak count from now on."""
+    """Reset the peak of the memory."""
     Path("/proc/self/clear_refs").write_text("5")
 
 
 def largest(state: T2FnnState) -> float:
-    """Largest magnitude of any parameter of a network; inf where one is not finite."""
+    """Return the largest magnitude of all parameters of a network; infinite if one is not finite."""
     numbers = np.concatenate([np.ravel(part) for part in state])
     return float(np.abs(numbers).max()) if np.isfinite(numbers).all() else inf
 
 
 def learning(ticks: int) -> bool:
-    """Let the network learn; True if its parameters stay bounded and memory flat.
+    """Let the network learn; return whether its parameters stay bounded and memory does not grow.
 
-    The yaw rate follows u tan(delta)/L with a lag of 0.3 s, towards a reference that swings as on the figure eight,
-    with noise of 0.01 rad/s: what learning sees on a tractor, and it never comes to rest.
+    The yaw rate follows u tan(delta)/L with a lag of 0.3 s, towards a reference that oscillates as on the figure eight,
+    with noise of 0.01 rad/s. The network learns from such signals on a tractor, and never converges.
     """
     law, chance, yaw_rate, began = PdT2fnn(), np.random.default_rng(1), 0.0, time.monotonic()
     state, early, bound, tenth = law.init(), 0.0, 0.0, max(ticks // 10, 1)
@@ -98,17 +98,16 @@ def learning(ticks: int) -> bool:
 
 
 class Memory:
-    """A watcher that notes the memory every simulated minute."""
+    """Watcher that records the memory every simulated minute."""
 
     def __init__(self) -> None:
         self.samples: list[tuple[float, float]] = []
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Before the first tick."""
         self.rows = rows
 
     def advance(self, first: int) -> None:
-        """A piece of the run is done."""
+        """Record the memory after a part of the run."""
         before, now = first * TICK_S, self.rows.filled * TICK_S
         self.samples.append((now, memory_mb()))
         if before < SETTLED_S <= now:
@@ -117,16 +116,16 @@ class Memory:
             print(f"  {now / 3600:.0f} h: {memory_mb():.0f} MB", flush=True)
 
     def finish(self, log: Log) -> None:
-        """Metrics are there."""
+        """Do nothing after the run."""
 
     def fail(self, error: BaseException) -> None:
-        """Something ended the run."""
+        """Do nothing after an error."""
 
 
 def drive_for(hours: float, recorded: bool) -> bool:
-    """Drive laps for so long; True if memory stays flat after the first ten simulated minutes, to the last file.
+    """Simulate laps for some hours; return whether memory stops growing after ten minutes, until all files are written.
 
-    Interrupted, it tells of the hours that it has driven.
+    After an interrupt, the hours that have been simulated are reported.
     """
     keys = {"path.turns": ceil(hours * 3600 / 119.0), "duration_s": hours * 3600, "terrain.half_size_m": 60.0}
     rough = {"terrain.kind": "rough", "terrain.grade_deg": 0.0, "plant.tyre.kind": "soil"}
@@ -141,7 +140,7 @@ def drive_for(hours: float, recorded: bool) -> bool:
         write_log(log, Path(folder), recorded=recorded)
         written = memory_mb(peak=True)
         size = sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
-    *driven, (_, last) = memory.samples  # with the last one it was asked how much of the path is driven
+    *driven, (_, last) = memory.samples  # at the last sample, the progress along the path was requested
     later = [mb for t, mb in driven if t >= SETTLED_S] or [last]
     driving, making, writing = (mb - later[0] for mb in (max(later), metered, written))
     print(
@@ -157,7 +156,7 @@ def drive_for(hours: float, recorded: bool) -> bool:
 
 
 def link(seconds: float) -> bool:
-    """Drive over the link at real time; True if the host steered throughout and no outage was counted."""
+    """Run the link in real time; return whether the host steered throughout, and no outage was counted."""
     board, host = free_ports()
     lasting = ["--duration", str(seconds + 120), "--idle", "30"]
     serving = [sys.executable, str(HOST), f"--port={host}", f"--board-port={board}"]
@@ -185,7 +184,6 @@ def link(seconds: float) -> bool:
 
 
 def main() -> int:
-    """Soak, and tell."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     kinds = parser.add_subparsers(dest="kind", required=True)
     kinds.add_parser("learning").add_argument("--ticks", type=int, default=10_000_000)

@@ -22,7 +22,7 @@ AWAY = ("--set", "plant.kind=bicycle", "--set", "duration_s=9", "--set", "path.s
 
 
 def standing(folder, test):
-    """A file with the law, and its kind, one for each test: kinds are registered once."""
+    """Write a file with the law; return the file and a kind for each test, because kinds are registered once."""
     name = f"still_{abs(hash(test)) % 10**8}"
     (folder / "laws.py").write_text(LAWS.replace("{name}", name))
     return folder / "laws.py", name

@@ -1,9 +1,9 @@
-"""A stranger's machine with hidden parameters, and the log that its owner would bring.
+"""Machine of an unknown user with hidden parameters, and the log that its owner would have.
 
-The machine is a bicycle of its own: stretched-string tyres on both axles (deflection q' = -w - |V| q / sigma, force
-C q / sigma), exact angles, play between the steering sensor and the wheels. Its log has counts for angles, a speed
-without sign, positions and headings that are late, repeated by a faster logger, and quantised; it stands, reverses,
-loses its position, freezes and skips seconds.
+The machine is an independent bicycle model: stretched-string tyres on both axles (deflection q' = -w - |V| q / sigma,
+force C q / sigma), exact angles, and play between steering sensor and wheels. The log has counts for angles, an
+unsigned speed, and positions and headings that are late, repeated by a faster logger, and quantised. The machine
+stands, reverses, loses its position, has frozen values and missing seconds.
 """
 
 from math import cos, pi, radians, sin
@@ -12,23 +12,23 @@ from typing import NamedTuple
 import numpy as np
 
 MASS, INERTIA, L_F, L_R = 750.0, 400.0, 0.868, 0.532
-"""What is known of it, the default tractor's [kg, kg m2, m, m]."""
+"""Known mass, yaw inertia and axle distances, those of the default tractor [kg, kg m2, m, m]."""
 ROW_S, STEP_S = 0.05, 0.01
 ORIGIN = 51.0, 4.0
 NORTH_M, EAST_M = 111_248.3, 70_197.7
-"""Length of a degree at the origin by the series of WGS 84 [m]."""
+"""Length of a degree of latitude and of longitude at the origin by the series of WGS 84 [m]."""
 END_S = 300.0
 
 
 class Hidden(NamedTuple):
-    """Parameters that the fit does not know, in the units of its answer."""
+    """Parameters that the fit does not know, in the units of its result."""
 
     centre: float
     scale: float
-    """Degrees per count, negative where counts grow to the right."""
+    """Wheel angle per count [deg], negative if counts increase to the right."""
     heading_age: float
     heading_off: float
-    """Compass degrees."""
+    """Offset of the compass heading [deg]."""
     position_age: float
     speed_age: float
     ahead: float
@@ -38,7 +38,7 @@ class Hidden(NamedTuple):
     sigma_f: float
     sigma_r: float
     play: float
-    """Degrees."""
+    """Play of the steering [deg]."""
 
 
 def hidden(seed):
@@ -61,7 +61,7 @@ def hidden(seed):
 
 
 def inputs(seed, t):
-    """Speed [m/s] and angle of the steering sensor [rad] over time (n,)."""
+    """Return speed [m/s] and angle of the steering sensor [rad] at times (n,)."""
     rng = np.random.default_rng([seed, 24])
     corners = [(0, 0), (4, 0), (8, 1.6), (70, 1.6), (76, 3.6), (120, 3.0), (140, 3.8), (146, 0), (151, 0), (153, -1.0)]
     corners += [(168, -1.0), (170, 0), (173, 0), (178, 2.2), (210, 1.2), (230, 3.4), (292, 3.7), (297, 0), (300, 0)]
@@ -82,7 +82,7 @@ def behind_play(angle, play):
 
 
 def drive(h, u, d):
-    """East, north, heading and yaw rate at every step (Runge, Kutta) under speed and wheel angle at half steps."""
+    """Return east, north, heading and yaw rate at every step (Runge-Kutta) for speed and wheel angle at half steps."""
     k_f, k_r = h.C_f / h.sigma_f, h.C_r / h.sigma_r
 
     def rate(s, u, d):
@@ -90,7 +90,7 @@ def drive(h, u, d):
         c, s_ = cos(d), sin(d)
         across, side = v + L_F * r, v - L_R * r
         F_f, F_r = k_f * q_f, k_r * q_r
-        leak = max(0.0, 0.3 - abs(u))  # a standing tyre on its springs would swing for ever
+        leak = max(0.0, 0.3 - abs(u))  # without it, the springs of a standing tyre would oscillate for ever
         return (
             u * cos(psi) - side * sin(psi),
             u * sin(psi) + side * cos(psi),
@@ -114,7 +114,7 @@ def drive(h, u, d):
 
 
 def slow(rng, n, sigma, seconds, step):
-    """Noise correlated over some seconds."""
+    """Return noise that is correlated over some seconds."""
     keep, found = np.exp(-step / seconds), np.zeros(n)
     for k in range(1, n):
         found[k] = keep * found[k - 1] + sigma * np.sqrt(1 - keep * keep) * rng.standard_normal()
@@ -122,7 +122,7 @@ def slow(rng, n, sigma, seconds, step):
 
 
 def write_log(seed, file, h=None):
-    """Drive the machine of a seed and write its log; returns what is hidden, with the ages in the logger's rows."""
+    """Simulate the machine of a seed and write its log; return the hidden values, with latencies of log rows."""
     h = h or hidden(seed)
     rng = np.random.default_rng([seed, 25])
     fine = np.arange(0, END_S + STEP_S, STEP_S / 2)
@@ -184,11 +184,11 @@ longitude = "lon"
 quality = "fix"
 accepted = ["fixed"]
 """
-"""What the owner knows: no centre, no scale, no sign, no age."""
+"""Map that the owner writes, without centre, scale, sign and latencies."""
 
 
 def answers(h):
-    """Truth by the keys of the answer."""
+    """Return true values by the keys of the result."""
     weight = MASS / (L_F + L_R)
     return {
         "steer.offset": h.centre,

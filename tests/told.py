@@ -1,4 +1,4 @@
-"""Output of commands on stderr without parts that depend on the clock."""
+"""Messages of commands on stderr, without parts that depend on the clock."""
 
 import re
 
@@ -6,5 +6,5 @@ PROGRESS = re.compile(r"^.*: [\d,]+ done(, \d+ failed)?(, \S+ \S+ (left|in all)|
 
 
 def without_progress(text):
-    """The text without lines of progress, which come about once a second."""
+    """Remove the lines of progress, which appear about once a second."""
     return PROGRESS.sub("", text)

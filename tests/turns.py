@@ -1,10 +1,10 @@
-"""Pairs of two parameters of a test: by default each of the first with one of the second, by turns; all with `slow`."""
+"""Pairs of two test parameters: by default each of the first with one of the second in turn; all pairs with `slow`."""
 
 import pytest
 
 
 def by_turns(firsts, seconds):
-    """Parameters for `parametrize`, one for each pair of these lists, whose items may be `pytest.param` themselves."""
+    """Return parameters for `parametrize`, one for each pair of the two lists. Items may be `pytest.param`."""
     return [
         pytest.param(
             *_values(first),
@@ -26,7 +26,7 @@ def _marks(item):
 
 
 def _name(item):
-    """The id of a parameter, or what it would be, if it has one."""
+    """Return the parts of the test id for a parameter."""
     if isinstance(item, type(pytest.param())):
         return [item.id] if item.id else [str(value) for value in item.values]
     return [str(item)]

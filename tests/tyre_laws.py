@@ -1,4 +1,4 @@
-"""Tyres that tests drive on."""
+"""Tyres that tests simulate."""
 
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.tyres.bearing import FIRM

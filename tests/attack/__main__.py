@@ -1,10 +1,10 @@
-"""Hostile inputs against the command line, the stages and extensions: no traceback, no hang, no silence.
+"""Attack the command line, the stages and extensions with hostile inputs: no traceback, no hang, no silent error.
 
     python tests/attack [--seed 1] [--inputs 300] [--only toml,nan] [--number 17]
 
-Inputs follow from the seed alone, so that a finding can be seen again: each is printed with its class and number, and
-`--only CLASS --number N` repeats it. A row for each class, a line for each finding, of which any makes the exit
-status 1. Extensions have classes of their own: `tests/extensions/NAME/attack_NAME.py`.
+The seed determines all inputs, so that findings can be repeated. Each finding is printed with its class and number, and
+`--only CLASS --number N` repeats it. Each class has a summary line. The exit status is 1 if there are findings.
+Extensions have their own classes in `tests/extensions/NAME/attack_NAME.py`.
 """
 
 import argparse
@@ -42,17 +42,17 @@ CLASSES: dict[str, tuple] = {
     "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
-"""Each class with its share of the inputs, and what a parent process may prepare for it."""
+"""Classes of inputs: function, fraction of all inputs, and functions that a parent process calls to prepare them."""
 sys.path.append(str(ROOT / "examples" / "agopengps_host"))
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
     CLASSES |= import_module(file.stem).CLASSES
 LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0}
-"""Longest time of classes whose inputs are several commands or runs [s]."""
+"""Maximum time of an input in classes whose inputs consist of several commands or runs [s]."""
 
 
 def load(classes: list[str]) -> None:
-    """Load and compile what the forked processes need for these classes, so that they do not, one by one."""
+    """Load and compile what these classes need before processes are forked, so that each process need not do it."""
     keys(), numbers()
     for prepare in [each for name in classes for each in CLASSES[name][2:]]:
         prepare()
@@ -67,7 +67,7 @@ def load(classes: list[str]) -> None:
 
 
 def main() -> int:
-    """Run the attacks and print their findings."""
+    """Run the attacks and print the findings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--inputs", type=int, default=300, help="of all classes together")

@@ -1,7 +1,7 @@
-"""One input of a study changes, and the same command again: it gives what a new folder gives, and repeats no more.
+"""Change one input of a study and repeat the command: the results must equal those in a new folder, without more runs.
 
-The input is a value, a file that the scenario names or one that goes with it, a plugin or what it imports, or the place
-of all of them.
+The input is a value, a file to which the scenario or that file refers, a plugin or a module that it imports, or the
+place of all these files.
 """
 
 import json
@@ -64,7 +64,7 @@ ANSWERS = {"sweep": "sweep.parquet", "compare": "comparison.json", "limit": "lim
 
 
 def edited(file: str, pattern: str, replacement: str) -> Callable[[random.Random], None]:
-    """Edit of a file: replacement of the first match of a pattern; `NUMBER` stands for a random number."""
+    """Return a function that replaces the first match of a pattern in a file; `NUMBER` stands for a random number."""
 
     def change(chance: random.Random) -> None:
         text = Path(file).read_text("utf-8")
@@ -77,7 +77,7 @@ def edited(file: str, pattern: str, replacement: str) -> Callable[[random.Random
 
 
 def _moved(chance: random.Random) -> None:
-    """All that is here lies in another folder, from which commands are given."""
+    """Move all files to another folder, and continue there."""
     Path("moved").mkdir()
     for path in list(Path().iterdir()):
         if path.name != "moved":
@@ -111,11 +111,11 @@ CHANGES: dict[str, tuple[Callable[[random.Random], None], bool]] = {
     "place": (_moved, False),
     "times": (_touched, False),
 }
-"""Changes, and whether runs are to be driven again."""
+"""Changes, each with whether runs must be simulated again."""
 
 
 def changes(chance: random.Random) -> str:
-    """A study, its repetition, a change, and both again."""
+    """Run a study, repeat it, change an input, and repeat both."""
     name, what = chance.choice(list(STUDIES)), chance.choice(list(CHANGES))
     kind = "bent" if "plugin" in what or "module" in what else chance.choice(["bent", "stanley"])
     for file, text in FILES.items():
@@ -136,7 +136,7 @@ def changes(chance: random.Random) -> str:
 
 
 def _run(words: list[str]) -> str:
-    """Return the fault of a command that runs in a separate process with its plugins."""
+    """Run a command with its plugins in a separate process; return the fault, or an empty text."""
     sys.dont_write_bytecode = True
     ours, theirs = FORK.Pipe(duplex=False)
     child = FORK.Process(target=lambda: theirs.send(call(words, expected=(0, 1))))
@@ -151,7 +151,7 @@ def _run(words: list[str]) -> str:
 
 
 def _repeated(words: list[str], again: bool) -> str:
-    """Return the fault of a repeated command that must simulate `again` runs, or none."""
+    """Repeat a command that must simulate runs only if `again` is true; return the fault, or an empty text."""
     before = _written()
     if found := _run(words):
         return found
@@ -159,12 +159,12 @@ def _repeated(words: list[str], again: bool) -> str:
 
 
 def _written() -> dict[str, int]:
-    """When each row was written [ns]."""
+    """Return the time at which the file of each row was written [ns]."""
     return {file.as_posix(): file.stat().st_mtime_ns for file in Path("out", "rows").rglob("*.json")}
 
 
 def _answer(folder: Path, name: str) -> object:
-    """Return the result of a study without wall times."""
+    """Return the result of a study without its wall times."""
     file = folder / ANSWERS[name]
     rows = pq.read_table(file).to_pylist() if file.suffix == ".parquet" else json.loads(file.read_text("utf-8"))
     times = set(WALL) - {"identity"}

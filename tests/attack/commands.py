@@ -1,4 +1,4 @@
-"""Command lines: odd options and numbers, damaged results."""
+"""Command lines with odd options and numbers, and commands that read damaged results."""
 
 import atexit
 import contextlib
@@ -42,7 +42,7 @@ COMMANDS = [
     """.strip().splitlines()
     if line.split()[0] in KNOWN
 ]
-"""Each command as it could be given, short; `ros2` and `validate` are not among them."""
+"""Short examples of all commands except `ros2` and `validate`."""
 FLAGS = (
     *("--quiet", "-q", "--live", "--vehicle", "--merge", "--fresh", "--quick", "--json", "--kinds", "--sweeps"),
     *("--help", "--x"),
@@ -51,9 +51,9 @@ PLACES = (
     *("out/é b", "out/[bold]", "run/signals.parquet", "null", "null/x", "/dev/full/x", "small.toml/x", "x" * 5000),
     "",
 )
-"""Folders for `--out` that are none, or are inside those that a command may write into."""
+"""Values of `--out` that are no folder, or that are inside folders to which a command may write."""
 WAITS = {("link", "--wait"), ("link", "--duration")}
-"""Options without which a command waits for long, or as long as they say: they are given what is refused."""
+"""Options without which a command waits for a long time. They get values that the command refuses."""
 REFUSED = ("nan", "-1", "-inf", "é", "")
 LIMIT = "--key path.speed_m_s --range 1:3 --until xte_rms>0.5"
 SWEEP_ON = "sweep small.toml --jobs 1 --out sweep"
@@ -64,9 +64,9 @@ MADE = {
     "limit": f"limit circle {LIMIT} --max-seeds 1 --jobs 1 --out limit --quiet {BICYCLE}",
 }
 MADE = {kind: line for kind, line in MADE.items() if kind in KNOWN}
-"""Commands that make a folder of earlier results of each kind."""
+"""Commands that create a folder of results of each kind."""
 NEEDED = {"commands": ("run",), "parquet": ("run",), "studies": (), "folders": tuple(MADE)}
-"""Kinds that a class of inputs needs."""
+"""Kinds of results that each class of inputs needs."""
 READ = {
     kind: [line for line in lines if line.split()[0] in KNOWN]
     for kind, lines in {
@@ -78,12 +78,12 @@ READ = {
     }.items()
     if kind in MADE
 }
-"""Commands that read such a folder, or go on in it."""
+"""Commands that read or continue a folder of results, by kind."""
 
 
 @cache
 def result(kind: str) -> Path:
-    """A folder with an earlier result of this kind."""
+    """Return a folder with results of a kind, which is created once."""
     place = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, place, ignore_errors=True)
     with contextlib.chdir(place):
@@ -94,7 +94,7 @@ def result(kind: str) -> Path:
 
 
 def prepare(name: str) -> None:
-    """Put here what a class of inputs needs."""
+    """Create the files that a class of inputs needs in the current folder."""
     Path("small.toml").write_text(SWEEP)
     Path("mine.py").write_text("import agrobot_mj\n")
     for kind in NEEDED[name]:
@@ -102,7 +102,7 @@ def prepare(name: str) -> None:
 
 
 def commands(chance: random.Random) -> str:
-    """One command line, wrong in one to three ways, beside a pipe that nobody writes into and a device: both stay."""
+    """Run a command line with one to three errors. A pipe without a writer and a device in the folder must remain."""
     prepare("commands")
     os.mkfifo("pipe")
     with contextlib.suppress(PermissionError):
@@ -115,7 +115,7 @@ def commands(chance: random.Random) -> str:
 
 
 def _bend(chance: random.Random, words: list[str]) -> None:
-    """Change a word, leave a pair out, double one, or add a flag."""
+    """Change, remove or repeat words of a command line, or add a flag."""
     at = chance.randrange(1, len(words)) if len(words) > 1 else 0
     before = words[at - 1] if at > 1 else ""
     if at == 0 or chance.random() < 0.15:
@@ -143,11 +143,11 @@ EXTRAS = {
     ],
     "tune": ["--seeds 200000", "--budget 8 --seeds 99999", "--budget 999999", "--guidance nope", "--jobs 1000000"],
 }
-"""What is added to the studies."""
+"""Additional options of studies."""
 
 
 def studies(chance: random.Random) -> str:
-    """A study with up to three more options, and another one in its folder."""
+    """Run two studies in the same folder, each with up to three additional options."""
     prepare("studies")
     for words in chance.sample([words for words in COMMANDS if words[0] in EXTRAS], 2):
         extras = chance.sample(EXTRAS[words[0]], chance.randint(0, 3))
@@ -157,7 +157,7 @@ def studies(chance: random.Random) -> str:
 
 
 def folders(chance: random.Random) -> str:
-    """One file of a folder of results, wrong in some way, and a command that reads it."""
+    """Damage one file in a folder of results, then run a command that reads the folder."""
     prepare("folders")
     kind = chance.choice(list(READ))
     file = chance.choice([file for file in sorted(Path(kind).rglob("*")) if file.is_file() and file.suffix != ".png"])
@@ -167,7 +167,7 @@ def folders(chance: random.Random) -> str:
 
 
 def parquet(chance: random.Random) -> str:
-    """Signals of an earlier run, bent, for the commands that read them."""
+    """Damage the signals of a run, then run a command that reads them."""
     prepare("parquet")
     spoil_parquet(chance, Path("run") / "signals.parquet")
     return call(chance.choice(READ["run"][:-1]).split())

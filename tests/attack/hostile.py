@@ -1,4 +1,4 @@
-"""What nobody means: one table of values for all classes of inputs, and files with bytes, cells or arrays changed."""
+"""Hostile values for all classes of inputs, and functions that damage the bytes, cells or arrays of files."""
 
 import io
 import random
@@ -14,7 +14,7 @@ from agrobot_mj.core.resources import SCENARIOS
 
 NUMBERS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "1e308", "-1e308", "1e999", "5e-324", "1e9", "0x10", "0b1", "1_0")
 NUMBERS += ("0.9999999999999999", "9" * 400, "9" * 5000)
-"""Texts for a number."""
+"""Texts in place of a number."""
 VALUES = (
     *NUMBERS,
     *("", " ", ".", "..", "-", "--", "*", "=", ":", ",", "None", "true", "é", "\ud800", "[bold]", "\x1b[31m", "a\nb"),
@@ -25,14 +25,14 @@ VALUES = (
     *('""', "'\\\\'", '"\\u001b[31m"', '"[/bold]"', '"' + "x" * 50_000 + '"', "1979-05-27", "[" * 3000, "[[[["),
     *("[nan]", "[[0]]", "[1, 2, 3]", "{x=1}", "{ kind = 1 }", "{ from = 0, to = 1, count = 3 }"),
 )
-"""Values that no key and no option is meant to have, or that belong in another place."""
+"""Values that no key or option accepts, or that belong to another key."""
 BITS = (b"nan", b"-", b"1e999", b"\xff", b"", b",", b"\n", b"\x00" * 4)
 CONTENTS = (b"", b"[]", b"{}", b"null", b"3", b'{"a": 1}', b"[" * 3000, b"[{}]", b"\xff\xfe", b'[{"t": "x"}]', b"nan")
-"""What takes the place of a file."""
+"""Contents that replace a file."""
 
 
 def bent(chance: random.Random, content: bytes, most: int = 20) -> bytes:
-    """Some bytes changed, and perhaps cut short."""
+    """Return the content with some bytes changed, and possibly cut."""
     changed = bytearray(content)
     for _ in range(chance.randint(1, most)):
         at = chance.randrange(len(changed))
@@ -44,7 +44,7 @@ def bent(chance: random.Random, content: bytes, most: int = 20) -> bytes:
 
 
 def odd_lines(chance: random.Random, file: Path) -> bytes:
-    """A text file with some lines changed."""
+    """Return the content of a text file with some lines changed."""
     lines = file.read_bytes().split(b"\n")
     for _ in range(chance.randint(1, 4)):
         at = chance.randrange(len(lines))
@@ -55,7 +55,7 @@ def odd_lines(chance: random.Random, file: Path) -> bytes:
 
 
 def spoil(chance: random.Random, file: Path) -> str:
-    """Change, empty or remove a file, or put a folder in its place; how."""
+    """Change, replace or remove a file, or replace it by a folder; return the kind of damage."""
     how = chance.choice(["bent", "bent", "replaced", "replaced", "removed", "a folder"])
     if how == "bent":
         file.write_bytes(bent(chance, file.read_bytes(), 3))
@@ -69,7 +69,7 @@ def spoil(chance: random.Random, file: Path) -> str:
 
 
 def terrain_files() -> dict[str, bytes]:
-    """Good files of heights and waypoints, by name."""
+    """Return valid height and waypoint files by name."""
     heights = np.cumsum(np.random.default_rng(1).normal(0, 0.01, (64, 64)), axis=0)
     array, picture = io.BytesIO(), io.BytesIO()
     np.save(array, heights)
@@ -79,7 +79,7 @@ def terrain_files() -> dict[str, bytes]:
 
 
 def odd_array(chance: random.Random) -> bytes:
-    """An array file of another kind than heights."""
+    """Return an array file with a type or shape that heights do not have."""
     kind = chance.choice(["f8", "f4", "i8", "u1", "c16", "U3", "M8[s]", "?", ">f8", "f2"])
     shape = chance.choice([(8, 8), (0,), (1, 1), (4,), (2, 2, 2), (3, 0), (2000, 2)])
     array, out = np.ones(shape, dtype="f8").astype(kind), io.BytesIO()
@@ -102,12 +102,12 @@ def spoil_parquet(chance: random.Random, file: Path) -> None:
 
 
 def _odd_table(chance: random.Random, table: pa.Table) -> pa.Table:
-    """The table with a column, or its rows, changed."""
+    """Return the table with changed rows or with one changed column."""
     names = ("t", "valve_voltage", "steer_measured", "x", "y", "yaw", "speed", "steer")
     names = (*names, chance.choice(table.column_names))
     name = chance.choice([name for name in names if name in table.column_names] or table.column_names)
     at, n = table.column_names.index(name), len(table)
-    old = table.column(at)  # there may be two of the name
+    old = table.column(at)  # the name may occur twice
     if chance.random() < 0.2:
         return chance.choice([table.slice(0, chance.choice([0, 1, 2, 50])), table.remove_column(at)])
     if chance.random() < 0.1:
@@ -116,7 +116,7 @@ def _odd_table(chance: random.Random, table: pa.Table) -> pa.Table:
 
 
 def _odd_column(chance: random.Random, values: np.ndarray, n: int) -> Any:
-    """A column in the place of `values` (n,): other numbers, other types, nothing."""
+    """Return a column that replaces `values` (n,): other numbers, other types, or missing values."""
     numbers = values.astype(float) if values.dtype.kind in "fiu" else np.zeros(n)
     some = numbers.copy()
     some[:: chance.choice([1, 7])] = chance.choice([np.nan, np.inf, -np.inf, 1e308, 0.0, -1.0])

@@ -1,7 +1,7 @@
-"""What must never happen, whatever the input: a traceback, a hang, 2 GB, a wrong status, a stray file, silent NaN.
+"""Faults that no input may cause: traceback, hang, 2 GB of memory, wrong status, unexpected file, undetected NaN.
 
-Each input has a process of its own, forked from one that has everything loaded, so that it can neither spoil the next
-one nor take the attack with it.
+Each input runs in a separate process, which is forked from a process with all modules loaded. It can thus neither
+affect the next input nor end the attack.
 """
 
 import contextlib
@@ -25,21 +25,21 @@ from agrobot_mj import cli
 from agrobot_mj.control.supervisor import Mode
 
 Attack = Callable[[random.Random], str]
-"""Makes one input and says what is wrong with what follows; empty if nothing is."""
+"""Function that runs one input and returns the fault as text; empty without a fault."""
 FORK = get_context("fork")
 LONGEST_S, MOST_KB, LONGEST_TEXT = 60.0, 2_000_000, 10_000
-"""Time of an input [s], its memory [kB] and the characters on stderr: more of it is a finding."""
+"""Limits of an input: time [s], memory [kB] and characters on stderr. Exceeding them is a finding."""
 CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "yaw_hat", "steer_ref", "steer")
 CERTAIN += ("valve_voltage", "e_lateral")
-"""Columns that hold numbers in every row of a run that ended with status 0."""
+"""Columns that contain finite numbers in all rows of a run with exit status 0."""
 POWERED, STATE = "pedal_voltage", "supervisor_state"
-"""A column that holds numbers but where `STATE` says that the supervisor is stopping the tractor."""
+"""Column with finite numbers unless the column `STATE` shows that the supervisor is stopping the tractor."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
-"""Folders that commands may write into."""
+"""Folders to which commands may write."""
 
 
 def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> str:
-    """Run one input in a process and a folder of its own, for `limit` [s]; what is wrong."""
+    """Run one input in a separate process and folder, for at most `limit` [s]; return the fault."""
     with tempfile.TemporaryDirectory() as folder:
         ours, theirs = FORK.Pipe(duplex=False)
         child = FORK.Process(target=_attack, args=(attack, chance, folder, theirs))
@@ -52,13 +52,13 @@ def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> s
             number = -(child.exitcode or 0)
             found, taken_kb = f"ended by {signal.Signals(number).name}" if number > 0 else "the attack itself ended", 0
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(child.pid or 0, signal.SIGKILL)  # with what it may have left behind
+            os.killpg(child.pid or 0, signal.SIGKILL)  # kill also processes that the input has started
         child.join()
         return found or (f"took {taken_kb / 1e6:.1f} GB" if taken_kb > MOST_KB else "")
 
 
 def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connection) -> None:
-    """In the child: the attack, its finding, and the memory [kB] that it took beyond what it began with."""
+    """Run the attack in the child; send its finding and the increase of the memory [kB]."""
     began_kb = _peak_kb()
     try:
         os.setpgid(0, 0)
@@ -70,12 +70,12 @@ def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connecti
 
 
 def _peak_kb() -> int:
-    """Most memory that this process ever held [kB]; reset by a fork, not by an exec."""
+    """Return the peak memory of this process [kB], which a fork resets, but not an exec."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def call(arguments: list[str], expected: tuple[int, ...] = (0, 1, 2)) -> str:
-    """What is wrong with how a command line ends, and the line; empty if nothing is."""
+    """Run a command line; return the line with its fault, or an empty text."""
     found = _ended(arguments, expected)
     return f"{[word[:80] for word in arguments]}: {found}" if found else ""
 
@@ -107,7 +107,7 @@ def _ended(arguments: list[str], expected: tuple[int, ...]) -> str:
 
 
 def _silent() -> str:
-    """Whether signals of a run that ended well hold something that is no number."""
+    """Return the fault if the signals of a successful run contain values that are not finite."""
     file = Path("out") / "signals.parquet"
     if not file.is_file():
         return ""

@@ -1,4 +1,4 @@
-"""Plugins: files of a user's own that raise, return nonsense, or register twice."""
+"""Plugins that raise errors, return nonsense, or register twice."""
 
 import random
 from pathlib import Path
@@ -45,25 +45,25 @@ ODD = {
         *("agrobot_mj.register(int)", "agrobot_mj.register(3)", "class Other(Mine): pass"),
     ),
 }
-"""Parts of the file, and what may stand there instead of what is right."""
+"""Parts of a plugin file, and wrong texts for each of them."""
 RIGHT = {"above": "", "kind": 'kind: Literal["mine"] = "mine"', "key": "", "init": "return None", "below": ""}
 ANSWERS = (
     *("return None", "return 3", "return 'x'", "return (None,)", "return None, None", "return None, nan", "pass"),
     *("return None, (1.0, 2.0)", "return 1 / 0", "raise ValueError('no')", "raise RuntimeError('broken')"),
     *("raise SystemExit(3)", "raise SystemExit(0)", "raise KeyboardInterrupt", "raise MemoryError"),
 )
-"""What the one method of a kind may do, in any family."""
+"""Wrong bodies for the method of a kind in any family."""
 
 
 class Family(NamedTuple):
-    """A family of kinds."""
+    """Family of kinds that a plugin may extend."""
 
     module: str
     base: str
-    method: str  # its one method, with arguments
-    key: str  # key that chooses the kind in a scenario
+    method: str  # name of the method, with its arguments
+    key: str  # override that selects the kind in a scenario
     answers: tuple[str, ...] = ()
-    more: str = ""  # what else the class gives
+    more: str = ""  # further lines of the class
 
 
 COMMANDS = (
@@ -97,11 +97,11 @@ FAMILIES = (
     ),
 )
 RIGHT_LAW = PLUGIN.format(**LAWS._asdict() | RIGHT, answer="return state, Command(0.1, 1.0)")
-"""A law that must work."""
+"""Guidance law that must work."""
 
 
 def plugins(chance: random.Random) -> str:
-    """A kind that is wrong in one or two ways; what it raises may be shown, with its own lines."""
+    """Run a plugin with one or two errors. Its own exceptions may be shown, with its own lines."""
     family = chance.choice(FAMILIES)
     odd = {name: chance.choice(ODD[name]) for name in chance.sample(list(ODD), chance.choice([0, 0, 1, 2]))}
     parts = {**RIGHT, **({"kind": ""} if family.base == "Sensor" else {}), **odd}

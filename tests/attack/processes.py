@@ -1,7 +1,7 @@
-"""Processes that are killed at any moment: their results are whole or absent, and the next run cleans up.
+"""Processes that are killed at random times. Their results are complete or absent, and the next run cleans up.
 
-What must hold of `run`, `compare` and `sweep`: a folder of results holds all files of one run or none that would be
-taken for one; the same command again ends well and leaves no temporary file; nobody is left running.
+Requirements on `run`, `compare` and `sweep`: a folder of results contains either all files of a run or none that look
+like results. The same command then succeeds and leaves no temporary file. No process remains.
 """
 
 import json
@@ -16,9 +16,9 @@ from pathlib import Path
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
 LONGEST_S = 120.0
-"""Time within which a command ends after it was told to, on a loaded machine [s]."""
+"""Time in which a command ends after a signal, on a busy machine [s]."""
 STALE = re.compile(r"\..*\.[0-9a-z_]{8}(\.part)?")
-"""Names of temporary files."""
+"""Pattern of the names of temporary files."""
 SWEEP = """
 base = "circle"
 seeds = 6
@@ -34,11 +34,11 @@ COMMANDS = {
     "compare circle --controllers pd,pd_t2fnn --plants bicycle --set duration_s=30": "comparison.json",
     "sweep sweep.toml --jobs 2": "sweep.parquet",
 }
-"""Command lines, and what is there at their end."""
+"""Command lines, and the file that each writes last."""
 
 
 def kills(chance: random.Random) -> str:
-    """One command, told to end at some moment in some way, and the same again."""
+    """Send a signal to a command at a random time, then repeat the command."""
     Path("sweep.toml").write_text(SWEEP)
     line, number = chance.choice(list(COMMANDS)), chance.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
     command = [sys.executable, "-m", "agrobot_mj", *line.split(), "--quiet", "--out", "out"]
@@ -59,7 +59,7 @@ def kills(chance: random.Random) -> str:
 
 
 def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
-    """Until some moment of the command: soon, or when results begin to come."""
+    """Wait until a random time of a command: soon, or after its first results."""
     if chance.random() < 0.5:
         time.sleep(chance.uniform(0.2, 10.0))
         return
@@ -70,7 +70,7 @@ def _wait(process: "subprocess.Popen[bytes]", chance: random.Random) -> None:
 
 
 def _left(number: signal.Signals, words: str, status: int) -> str:
-    """Return the fault in the output and the files of a command."""
+    """Return the fault in the output and the files of an ended command."""
     if "Traceback" in words:
         return words[-2000:]
     if number != signal.SIGKILL and status not in (0, 1, 130, -number):
@@ -88,7 +88,7 @@ def _stale() -> list[str]:
 
 
 def _orphans(group: int) -> str:
-    """Processes of the command that go on without it, zombies aside."""
+    """Return a message about processes of a command that continue without it, except zombies."""
     end = time.monotonic() + 20.0
     while alive := [pid for pid, (of, state) in _processes().items() if of == group and state != "Z"]:
         if time.monotonic() > end:
@@ -99,7 +99,7 @@ def _orphans(group: int) -> str:
 
 
 def _processes() -> dict[str, tuple[int, str]]:
-    """Group and state of every process."""
+    """Return process group and state of every process."""
     found = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -111,7 +111,7 @@ def _processes() -> dict[str, tuple[int, str]]:
 
 
 def _again(command: list[str], last: str) -> str:
-    """Return the fault of the same command repeated in the same folder."""
+    """Repeat a command in the same folder and return its fault."""
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=4 * LONGEST_S)
     if done.returncode or _stale() or not (Path("out") / last).is_file():
         return f"again: status {done.returncode}, {done.stderr[-1000:]}, left {_stale()}, of the last file {last}"

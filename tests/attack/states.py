@@ -1,4 +1,4 @@
-"""Simulations that are interrupted or copied at any moment: they go on to the same last bit."""
+"""Simulations that are interrupted or copied at random times. They must continue with bit-identical results."""
 
 import copy
 import gc
@@ -14,14 +14,14 @@ import numpy as np
 from agrobot_mj import Simulation, load_scenario, run
 
 STATES = ("hills", "circle", "figure_eight", "ruts", "plough", "steering_backlash", "furrows_across")
-"""Scenarios of the library."""
+"""Names of the simulated scenarios."""
 SETTLING = {"plant.settle_s": 0.1}
 ACKNOWLEDGED_S = 20.0
-"""Time within which an interrupt arrives, on a loaded machine [s]."""
+"""Time in which an interrupt is received, on a busy machine [s]."""
 
 
 def interrupts(chance: random.Random) -> str:
-    """Ctrl-C at random moments of steps and runs: each arrives, and they go on as without."""
+    """Interrupt steps or runs at random times: every interrupt is received, and the results are unchanged."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     scenario = _scenario(chance)
     work = chance.choice([_stepped, _stepped, _run_again])
@@ -29,7 +29,7 @@ def interrupts(chance: random.Random) -> str:
 
 
 def copies(chance: random.Random) -> str:
-    """Copies of a simulation, made at a random tick, some of copies: all go on alike, also without the original."""
+    """Copy a simulation at a random tick, possibly repeatedly: all copies and the original continue identically."""
     scenario = _scenario(chance)
     tick, commands = chance.randrange(scenario.ticks - 2), _commands(chance, scenario.ticks)
     sim = Simulation(scenario)
@@ -57,7 +57,7 @@ def _scenario(chance: random.Random):
 
 
 def _commands(chance: random.Random, ticks: int) -> list[float | None]:
-    """A steering angle of each tick [rad], or the guidance's own."""
+    """Return a steering angle for each tick [rad], or None for the command of the guidance."""
     return [chance.choice([None, None, chance.uniform(-0.5, 0.5)]) for _ in range(ticks)]
 
 
@@ -82,7 +82,7 @@ def _pickled(sim):
 
 
 def _forked(sim):
-    """The state of a forked process after it has driven elsewhere and come back."""
+    """Return the simulation of a forked process that has driven elsewhere and restored its state."""
     ours, theirs = os.pipe()
     if (child := os.fork()) == 0:
         state = sim.save()
@@ -99,7 +99,7 @@ def _forked(sim):
 
 
 class _Interrupting:
-    """Sends SIGINT to this process at random moments, each once the one before has arrived, until told to end."""
+    """Sends SIGINT to this process at random times until stopped. Each signal waits for receipt of the last one."""
 
     def __init__(self, chance: random.Random, longest_s: float) -> None:
         self.pauses = [chance.uniform(0.0, longest_s) for _ in range(30)]
@@ -121,7 +121,7 @@ class _Interrupting:
                 time.sleep(0.0002)
 
     def around(self, work) -> str:
-        """What is wrong with the interrupts of `work`, which is called again after each until it returns."""
+        """Call `work` again after each interrupt until it returns; return a message if interrupts were lost."""
         started = False
         while True:
             try:

@@ -1,4 +1,4 @@
-"""Scenarios, sweeps and files of terrain that nobody means, and numbers that are not finite in a tick."""
+"""Invalid scenarios, sweeps and terrain files, and numbers in a tick that are not finite."""
 
 import random
 import traceback
@@ -26,36 +26,36 @@ SHORT = ("--no-rrd", "--quiet", "--set", "duration_s=0.5", "--set", "plant.kind=
 
 @cache
 def keys() -> dict[str, Any]:
-    """Dotted keys of the default scenario that hold a value, with it."""
+    """Return the values of the default scenario by dotted key."""
     return dict(flat(load_scenario("figure_eight").model_dump(mode="json")))
 
 
 @cache
 def numbers() -> list[tuple[str, float]]:
-    """Keys that hold a number other than zero, with that number, but for those that make a run long."""
+    """Return the keys with a non-zero number, and the number, except keys that make a run long."""
     short = ("settle", "physics_dt", "duration", "turns", "half_size", "seed", "rules_")
     return [(k, v) for k, v in keys().items() if isinstance(v, float) and v and not any(part in k for part in short)]
 
 
 def sets(*texts: str) -> list[str]:
-    """Arguments that override keys."""
+    """Return the arguments that set keys."""
     return [word for text in texts for word in ("--set", text)]
 
 
 def overrides(chance: random.Random) -> str:
-    """One to three keys with odd values."""
+    """Run a scenario with odd values for one to three keys."""
     texts = [f"{chance.choice(list(keys()))}={chance.choice(VALUES)}" for _ in range(chance.randint(1, 3))]
     return call(["run", "circle", *SHORT, *sets(*texts)])
 
 
 def toml(chance: random.Random) -> str:
-    """A scenario of the library with bytes and lines changed."""
+    """Run a scenario of the library with changed bytes and lines."""
     Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(scenario_files().values()))))
     return call(["run", "mine.toml", *SHORT])
 
 
 def sweeps(chance: random.Random) -> str:
-    """A sweep with hostile axes, draws and counts: refused in words, or one of its runs, chosen by chance, runs."""
+    """Read a sweep with hostile axes, draws and counts. It is refused with a message, or a random run of it works."""
     if chance.random() < 0.3:
         Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(sweep_files().values()))))
     else:
@@ -69,7 +69,7 @@ def sweeps(chance: random.Random) -> str:
     scenario = plan.sweep.base.changed(plan.run(chance.randrange(plan.total)).overrides)
     settling = {"plant.settle_limit_s": 3.0, "plant.settle_s": 0.1} if scenario.plant.kind == "mujoco" else {}
     if scenario.guidance.kind != "nmpc":
-        run(scenario.changed({"duration_s": 0.2, **settling}))  # a refusal here should have been one of the plan
+        run(scenario.changed({"duration_s": 0.2, **settling}))  # the plan should already have refused it
     return ""
 
 
@@ -87,7 +87,7 @@ def _sweep(chance: random.Random) -> str:
 
 
 def extremes(chance: random.Random) -> str:
-    """Numbers far off, on MuJoCo: refused with a limit, or run to an honest end."""
+    """Run MuJoCo with extreme numbers. They are refused with their limits, or the run has a valid outcome."""
     factors = [1e-9, 1e-3, 0.1, 0.5, 2.0, 10.0, 1e3, 1e9, -1.0]
     chosen = chance.sample(numbers(), chance.randint(1, 3))
     texts = [f"{key}={value * chance.choice(factors)!r}" for key, value in chosen]
@@ -98,7 +98,7 @@ def extremes(chance: random.Random) -> str:
 
 
 def files(chance: random.Random) -> str:
-    """Heights or waypoints, bent."""
+    """Run a scenario with a damaged file of heights or waypoints."""
     name, content = chance.choice(list(terrain_files().items()))
     file = Path(f"bent{Path(name).suffix}")
     odd = file.suffix == ".npy" and chance.random() < 0.5
@@ -116,7 +116,7 @@ UNUSED = ("wheel_speed", "nis", "steer_bias", "fix_age", "position_sigma", "nis_
 
 
 def injected(chance: random.Random) -> str:
-    """One number of one message of one tick that is not finite: it is named, or counts as missing."""
+    """Replace one number in one message by NaN or infinity. The run must name the number or treat it as missing."""
     kind, value, at = chance.choice(["bicycle", "mujoco"]), chance.choice([nan, inf, -inf]), chance.randrange(1, 10)
     s, calls = load_scenario("figure_eight", {"duration_s": 1.0, "plant.kind": kind}), [0]
     stage, owner, method = chance.choice(

@@ -1,11 +1,11 @@
-"""Conditions of a script of faults, tick by tick."""
+"""Conditions that a script of faults causes at each tick."""
 
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.faults import Script
 
 
 def scripted(faults, ticks, seed=1):
-    """Conditions of each tick from the start."""
+    """Return the conditions at each tick from the start."""
     script, found = Script(tuple(faults), seed), []
     state = script.init()
     for k in range(ticks):

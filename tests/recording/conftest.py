@@ -14,7 +14,7 @@ rr.set_strict_mode(True)
 
 @pytest.fixture(scope="session")
 def eight(tmp_path_factory):
-    """The start of the figure eight, on wheels, under the network; ends in the middle of a portion."""
+    """Return the start of the figure eight on MuJoCo with the network; it ends in the middle of a portion."""
     path = tmp_path_factory.mktemp("recording") / "new" / "run.rrd"
     scenario = load_scenario("figure_eight", {"duration_s": 25.4})
     return Recorded(path, run(scenario, (Recording(path),)))
@@ -22,7 +22,7 @@ def eight(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def signals(eight, tmp_path_factory):
-    """What `signals.parquet` holds of that run, NaN where it holds nothing, by column."""
+    """Return the columns of `signals.parquet` for this run, with NaN for missing values."""
     folder = tmp_path_factory.mktemp("signals")
     write_log(eight.log, folder)
     table = pq.read_table(folder / "signals.parquet")
@@ -31,11 +31,11 @@ def signals(eight, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def unchanged():
-    """A run of 21 s."""
+    """Return the log of a run of 21 s."""
     return run(load_scenario("straight_line", {"duration_s": 21}))
 
 
 @pytest.fixture
 def short(unchanged):
-    """A run to change and to replay."""
+    """Return a copy of a log that a test may change and replay."""
     return deepcopy(unchanged)

@@ -1,4 +1,4 @@
-"""Recordings read back, for the tests."""
+"""Recordings that tests read back."""
 
 from functools import cached_property
 
@@ -9,7 +9,7 @@ from agrobot_mj.recording import Recording
 
 
 class Recorded:
-    """A recording read back: one entity at a time, its rows in order of time."""
+    """Recording that is read back by entity, with rows in the order of time."""
 
     def __init__(self, path, log=None):
         self.path, self.log = path, log
@@ -34,7 +34,7 @@ class Recorded:
         ]
 
     def column(self, entity, component):
-        """Times [ns] and what there is at each."""
+        """Return the times [ns] and the value at each time."""
         found = []
         for batch in self._batches(entity, False):
             times = batch.column("sim_time").cast("int64").to_pylist()
@@ -43,14 +43,14 @@ class Recorded:
         return np.array(times), list(values)
 
     def static(self, entity, component):
-        """What was written last."""
+        """Return the value that was written last."""
         batches = [batch for batch in self._batches(entity, True) if component in batch.schema.names]
         last = max(batches, key=lambda batch: batch.column("rerun.controls.RowId")[-1].as_py())
         return last.column(component)[-1].as_py()
 
 
 def replay(log, path, scenario=None):
-    """Record a finished run again, in the same portions as when it ran."""
+    """Record a finished run again, in the same portions as during the run."""
     rows, filled = log.rows, log.rows.filled
     recording = Recording(path)
     rows.filled = 0

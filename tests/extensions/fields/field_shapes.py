@@ -1,4 +1,4 @@
-"""Fields and machines of the tests of field work."""
+"""Fields and machines for tests of field work."""
 
 from shapely import Polygon
 
@@ -14,6 +14,6 @@ FIELDS = (RECTANGLE, L_SHAPE, HOLE, SLANTED)
 
 
 def machine(width=3.0, turn="clothoid", **path):
-    """The compact tractor with an implement of this width."""
+    """Return the compact tractor with an implement of a given width [m]."""
     keys = {"transition": "none" if turn == "omega" else "clothoid", "speed_m_s": 2.0, **path}
     return rig_of(planning_scenario("field", keys, {}), width)

@@ -1,4 +1,4 @@
-"""Datagrams: hostile bytes for the boards, for the host, and for a session between both, without sockets."""
+"""Hostile datagrams for the boards, for the host, and for a session between them, without sockets."""
 
 import random
 from functools import cache, reduce
@@ -17,11 +17,11 @@ from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
 PIECES = (b"nan", b"-", b"1e999", b"\xff\xfe", b",,", b"*", b"9" * 400, b"S", b"\x00", b"\r\n", b"$")
 NUMBERS = (254, 252, 251, 200, 202, 253, 100, 0)
-"""Numbers of messages, most of them of the protocol."""
+"""Message numbers, most of which the protocol defines."""
 
 
 class Hostile:
-    """A line on which a host answers, and others shout."""
+    """Connection on which a host replies and other programs send hostile datagrams."""
 
     pace = None
 
@@ -30,12 +30,12 @@ class Hostile:
         self.answers: list[bytes] = []
 
     def begin(self, turn: int):
-        """Shouts before a turn."""
+        """Return hostile datagrams before a turn."""
         self.turn = turn
         return self._incoming(hostile(self.chance) for _ in range(self.chance.randrange(4)))
 
     def rest(self, turn: int, answered):
-        """Answers of the host, in between shouts, doubled and swapped."""
+        """Return the replies of the host, shuffled, possibly repeated, with a hostile datagram."""
         answers, self.answers = [*self.answers, hostile(self.chance)], []
         answers += answers[: self.chance.randrange(2)]
         self.chance.shuffle(answers)
@@ -45,7 +45,7 @@ class Hostile:
         return (Incoming(self.turn * 0.05, "127.0.0.1:9999", message) for message in messages)
 
     def send(self, data: bytes, target=None):
-        """To the host; sometimes bent on the way."""
+        """Pass a datagram to the host, sometimes replaced by a hostile one."""
         bent = hostile(self.chance) if self.chance.random() < 0.1 else data
         self.state, answers = self.guide.receive(self.state, bent, self.turn * 0.05)
         self.answers += answers
@@ -53,7 +53,7 @@ class Hostile:
 
 
 def hostile(chance: random.Random) -> bytes:
-    """Bytes that look like a message, or do not: noise, frames with a right or a wrong sum, sentences with either."""
+    """Return bytes that may look like a message: noise, or frames and sentences with a right or wrong checksum."""
     kind = chance.randrange(5)
     if kind == 0:
         return chance.randbytes(chance.choice([0, 1, 5, 20, 70, 1500]))
@@ -73,12 +73,12 @@ def hostile(chance: random.Random) -> bytes:
 
 @cache
 def guide() -> Guide:
-    """The host of the package."""
+    """Return the host of the example."""
     return Guide(HostSettings())
 
 
 def datagrams(chance: random.Random) -> str:
-    """200 messages for parser, board and host, or a second of a run with all of them at once."""
+    """Send 200 messages to parser, board and host, or run a session of one second with all of them."""
     if chance.random() < 0.3:
         keys = {"guidance.kind": "agopengps", "plant.kind": "bicycle", "duration_s": 1.0}
         options = LinkOptions(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)

@@ -1,4 +1,4 @@
-"""Test doubles for the link: a host in the same process, a host in another process, and a toy kinematic plant."""
+"""Test doubles for the link: a host in the same process, a host in another process, and a kinematic plant."""
 
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from agrobot_mj.extensions.links.agopengps.udp import Incoming
 
 
 class Direct:
-    """A line to a host in the same process, without sockets or clock; `cut` makes it deaf and dumb."""
+    """Connection to a host in the same process, without sockets or clock. No message passes while `cut` is true."""
 
     pace = None
 
@@ -39,7 +39,7 @@ class Direct:
 
 @contextmanager
 def host_process(port, board_port, *arguments):
-    """Run the test host in a separate process that ends with the block."""
+    """Run the test host in a separate process within the block."""
     command = [sys.executable, host.__file__, f"--port={port}", f"--board-port={board_port}", "--duration=60"]
     process = subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True)
     try:

@@ -1,4 +1,4 @@
-"""Recordings of other programs, bent: each format with bytes changed, cut short, or with numbers that nobody means."""
+"""Damaged recordings of other programs: changed bytes, cut files, and implausible numbers in each format."""
 
 import io
 import random
@@ -28,7 +28,7 @@ BILLION = '<!DOCTYPE a [<!ENTITY b "bbbbbbbbbb"><!ENTITY c "&b;&b;&b;&b;&b;&b;&b
 
 @cache
 def good() -> dict[str, bytes]:
-    """A whole file of each format, by its name."""
+    """Return a valid file for each format, by name."""
     solutions = [Solution(0.2 * k, 51.0, 4.0 + 1e-5 * k, 30.0, 1.5, 0.1) for k in range(ROWS)]
     nmea = b"".join(gga(s) + vtg(s) + paogi(s, BoardAttitude(0.1, 0.0, 0.0, 0.0)) for s in solutions)
     rows = [f"12:00:{k:02d}.000,{k}.5,1.0,90.00,1.00,4,0.50,2.000,1\n".encode() for k in range(ROWS)]
@@ -49,7 +49,7 @@ def good() -> dict[str, bytes]:
 
 
 def _zip(header: str, data: bytes) -> bytes:
-    """Task data with one time log."""
+    """Return task data that contain one time log."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("TASKDATA/TASKDATA.XML", "<ISO11783_TaskData/>")
@@ -59,7 +59,7 @@ def _zip(header: str, data: bytes) -> bytes:
 
 
 def _bag() -> bytes:
-    """A bag with a velocity in each message."""
+    """Return an MCAP file with a velocity in each message."""
     from mcap_ros2.writer import Writer
 
     out = io.BytesIO()
@@ -74,7 +74,7 @@ def _bag() -> bytes:
 
 
 def logs(chance: random.Random) -> str:
-    """One file of some format, bent, described or replayed: refused in words, or read for what it has."""
+    """Describe or replay a damaged file of any format. It is refused with a message, or read as far as possible."""
     content = chance.choice(list(good().values()))
     if chance.random() < 0.3:
         word = chance.choice(re.findall(rb"[\d.]+", content[:5000]) or [b"nothing"])

@@ -1,4 +1,4 @@
-"""Logs as users have them: a kinematic machine driven over a path, its sensors in the units of their makers."""
+"""Logs as users have them: a kinematic machine on a path, with sensors in the units of their makers."""
 
 from math import pi, radians
 
@@ -12,7 +12,7 @@ STEP_S, WHEELBASE_M = 0.01, 2.5
 
 
 def path(duration=60.0, speed=2.0, swing_deg=8.0, reverse=()):
-    """Time, signed speed, wheel angle, x, y and yaw of the rear axle at 100 Hz; `reverse` are intervals [s]."""
+    """Return time, signed speed, wheel angle, x, y and yaw of the rear axle at 100 Hz; `reverse` are intervals [s]."""
     t = np.arange(0.0, duration, STEP_S)
     u = speed * (1 + 0.2 * np.sin(t / 7))
     for start, end in reverse:
@@ -24,7 +24,7 @@ def path(duration=60.0, speed=2.0, swing_deg=8.0, reverse=()):
 
 
 def field_log(driven, every=5, noise_m=0.01, ahead=0.0, signed=False, heading=True, seed=1, counts=None):
-    """Columns of a log; `every` steps there is a row, `counts` converts wheel angles [rad] to readings."""
+    """Return the columns of a log with a row every `every` steps; `counts` converts angles [rad] to readings."""
     t, u, wheel, x, y, yaw = (each[::every] for each in driven)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((5, len(t)))
@@ -41,7 +41,7 @@ def field_log(driven, every=5, noise_m=0.01, ahead=0.0, signed=False, heading=Tr
 
 
 def field_map(columns, **tables):
-    """Map of a log; `tables` change its keys."""
+    """Return the map of a log; `tables` contain changed keys."""
     found = {
         "time": {"column": "t"},
         "steer": {"column": "steer"},
@@ -54,5 +54,5 @@ def field_map(columns, **tables):
 
 
 def recorded(columns, readings=False, **tables):
-    """Recording of a log."""
+    """Return the recording of a log."""
     return read_recording(pa.table(columns), field_map(columns, **tables), 2.0, readings)

@@ -1,4 +1,4 @@
-"""A headless Chromium driven over its DevTools protocol: real key and mouse events, and pictures."""
+"""Headless Chromium, controlled by the DevTools protocol: real key and mouse events, and screenshots."""
 
 import base64
 import json
@@ -18,12 +18,12 @@ CHROMIUM = next(
 )
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-"""Software rendering, where there is no graphics card."""
+"""Options for rendering by software on machines without a graphics card."""
 CODES = {"ArrowUp": 38, "ArrowDown": 40, "ArrowLeft": 37, "ArrowRight": 39, "KeyL": 76, "KeyH": 72, "Space": 32}
 
 
 class Browser:
-    """One page."""
+    """Browser with one page."""
 
     def __init__(self, size=(1200, 800)):
         self.folder = tempfile.mkdtemp(prefix="play-browser-")
@@ -51,7 +51,7 @@ class Browser:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def ask(self, method, **params):
-        """Send a command and return its result."""
+        """Send a command and return the result."""
         self.number += 1
         self.socket.send(json.dumps({"id": self.number, "method": method, "params": params}))
         while True:
@@ -64,17 +64,17 @@ class Browser:
         self.ask("Page.navigate", url=url)
 
     def key(self, code, down):
-        """Press or release a key."""
+        """Press or release a key of the keyboard."""
         name = code.removeprefix("Key").lower() if code.startswith("Key") else " " if code == "Space" else code
         kind = "keyDown" if down else "keyUp"
         self.ask("Input.dispatchKeyEvent", type=kind, key=name, code=code, windowsVirtualKeyCode=CODES[code])
 
     def hold(self, code, effect):
-        """Press a key until it has an effect."""
+        """Hold a key until the function `effect` returns."""
         self.key(code, True)
         effect()
         self.key(code, False)
 
     def picture(self, path):
-        """Write a picture of the page."""
+        """Write a screenshot of the page to a file."""
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot", format="png")["data"]))

@@ -1,4 +1,4 @@
-"""Conditions of searches that nobody means."""
+"""Invalid conditions for searches."""
 
 import random
 import warnings
@@ -19,12 +19,12 @@ SIGNS = ("<", ">", "==", "!=", " and ", " or ", "+", "**", "not ", "(", ")", ","
 
 @cache
 def names() -> tuple[str, ...]:
-    """Metrics of a run."""
+    """Return the names of the metrics of a run."""
     return tuple(metric_names(load_scenario("circle")))
 
 
 def limits(chance: random.Random) -> str:
-    """Conditions of a limit: refused in words, or met or not by any metrics."""
+    """Parse random conditions of a limit. Each is refused with a message, or can be evaluated for any metrics."""
     warnings.simplefilter("error")
     for _ in range(20):
         text = "".join(chance.choice(WORDS) + chance.choice(SIGNS) for _ in range(chance.randint(1, 6)))

@@ -1,8 +1,8 @@
-"""Machines with drawn sensors, driven on the simulator's plant, and the logs that their owners would bring.
+"""Machines with randomly drawn sensors, simulated on the simulator's plant, and the logs that their owners would have.
 
-Everything that a calibration estimates is drawn: antenna ahead of and beside the axle, receivers of 4 to 20 Hz with a
-latency each, three sources of the speed, a steering sensor with one scale or two about one centre, its play and delay,
-and the mounting error of two antennas. The simulator slips, rolls and pitches; its plant knows nothing of the fit.
+Everything that a calibration estimates is drawn: position of the antenna, receivers of 4 to 20 Hz with a latency each,
+three sources of the speed, a steering sensor with one scale or two scales about one centre, its play and delay, and the
+mounting error of two antennas. The plant has slip, roll and pitch, and is independent of the fit.
 """
 
 from math import pi, radians
@@ -24,22 +24,22 @@ MACHINES = ("compact", "utility", "orchard")
 
 
 class Drawn(NamedTuple):
-    """Hidden properties of a machine and its sensors, in the units of the answer."""
+    """Hidden properties of a machine and its sensors, in the units of the calibration result."""
 
     machine: str
     centre: float
     left: float
-    """Degrees per count to the left."""
+    """Wheel angle per count, steering left [deg]."""
     right: float
-    """Degrees per count to the right."""
+    """Wheel angle per count, steering right [deg]."""
     side: int
-    """1 if counts grow to the left, else -1."""
+    """1 if counts increase to the left, otherwise -1."""
     noise_deg: float
     play_deg: float
     gyro: bool
     steer_age: float
     heading_hz: int
-    """Rate of two antennas; 0 without."""
+    """Rate of the heading of two antennas [Hz]; 0 without them."""
     heading_age: float
     mounting_deg: float
     position_hz: int
@@ -47,15 +47,14 @@ class Drawn(NamedTuple):
     ahead: float
     aside: float
     speed_from: str
-    """Source of the speed: receiver, wheel or radar."""
+    """Source of the speed: `receiver`, `wheel` or `radar`."""
     speed_age: float
     front: float
-    """Stiffness of the front tyres divided by that of the machine in the library."""
+    """Stiffness of the front tyres per stiffness in the machine's file [-]."""
     rear: float
 
 
 def drawn(seed: int) -> Drawn:
-    """Draw a machine."""
     rng = np.random.default_rng([seed, 51])
     left = rng.uniform(0.08, 0.16)
     gyro = bool(rng.integers(2))
@@ -84,7 +83,7 @@ def drawn(seed: int) -> Drawn:
 
 
 def driving(seed: int, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time, speed [m/s] and angle before the play [rad] at every step: slow tight bends, then faster wide ones."""
+    """Return time, speed [m/s] and sensor angle [rad] at every step: slow tight bends, then fast wide bends."""
     rng = np.random.default_rng([seed, 52])
     t = np.arange(0.0, duration, STEP_S)
     slow_m_s, fast_m_s = rng.uniform(0.8, 1.3), rng.uniform(2.0, 3.2)
@@ -97,7 +96,7 @@ def driving(seed: int, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 class Owned(NamedTuple):
-    """Log of a machine as its owner has it, with the truth."""
+    """Log and map of a machine as its owner has them, with the true values."""
 
     table: pa.Table
     log_map: LogMap
@@ -106,7 +105,7 @@ class Owned(NamedTuple):
 
 
 def owned(seed: int, duration: float = 120.0, h: Drawn | None = None, again: int = 0) -> Owned:
-    """Drive a machine and write its log; `again` draws another drive and other noise for the same machine."""
+    """Simulate a machine and write its log. `again` selects another drive and other noise for the same machine."""
     h = h or drawn(seed)
     scenario = load_scenario("straight_line", {"machine": h.machine, "physics": "fast", "terrain.half_size_m": 500.0})
     at, speed, sensor = driving(seed + 1000 * again, duration)
@@ -136,7 +135,7 @@ def owned(seed: int, duration: float = 120.0, h: Drawn | None = None, again: int
 
 
 def _tyres(h: Drawn, scenario: Any) -> dict[str, float]:
-    """Overrides with the hidden stiffness of the tyres."""
+    """Return overrides with the hidden stiffness of the tyres."""
     tyre = scenario.plant.tyre
     return {
         f"plant.tyre.{axle}.lateral.stiffness_per_load": getattr(h, axle)
@@ -146,7 +145,7 @@ def _tyres(h: Drawn, scenario: Any) -> dict[str, float]:
 
 
 def _written(h: Drawn, driven: Any, at: np.ndarray, sensor: np.ndarray, seed: list[int]) -> tuple[pa.Table, LogMap]:
-    """Columns of the log and the map of an owner who knows no centre, scale, sign, latency or place."""
+    """Return log and map of an owner who does not know centre, scale, sign, latency or position of any sensor."""
     rng = np.random.default_rng(seed)
     t = np.arange(2.0, driven.t[-1] - 0.5, ROW_S)
     n = len(t)
@@ -195,7 +194,7 @@ def _written(h: Drawn, driven: Any, at: np.ndarray, sensor: np.ndarray, seed: li
 
 
 def _truth(h: Drawn) -> dict[str, float]:
-    """Truth by the keys of the answer; latencies are relative to the gyro, or to the steering without one."""
+    """Return true values by the keys of the result. Latencies are relative to the gyro, or else to the steering."""
     found = {
         "steer.offset": h.centre,
         "steer.scale": h.left,
@@ -212,7 +211,7 @@ def _truth(h: Drawn) -> dict[str, float]:
 
 
 def errors(seed: int, duration: float = 120.0) -> dict[str, tuple[float, float, bool]]:
-    """Error of each calibrated quantity [its unit], the half width of its interval, and whether it is identified."""
+    """Return error, half width of the interval [unit of the quantity], and whether it is identified, by quantity."""
     log = owned(seed, duration)
     found = calibrate([log.table], log.log_map, log.scenario).found
     return {

@@ -1,7 +1,7 @@
-"""Machines with hidden parameters, and logs of them with the noise of real sensors.
+"""Machines with hidden parameters, and logs of these machines with the noise of real sensors.
 
-`log_of` drives the simulator's bicycle; `tyred_log` integrates a bicycle with relaxation that is written here, with
-scipy's solver: the simulator's bicycle has none. `mistold` changes what the log says of the steering.
+`log_of` simulates the simulator's bicycle, which has no relaxation. `tyred_log` integrates an independent bicycle model
+with relaxation by scipy's solver. `mistold` changes what the log contains about the steering.
 """
 
 from math import pi, radians
@@ -13,12 +13,12 @@ from scipy.integrate import solve_ivp
 from agrobot_mj import Simulation
 
 MASS, INERTIA, L_F, L_R = 750.0, 400.0, 0.868, 0.532
-"""The default tractor [kg, kg m2, m, m]."""
+"""Mass, yaw inertia and axle distances of the default tractor [kg, kg m2, m, m]."""
 TICK_S = 0.05
 
 
 def excitation(seed):
-    """Steering [rad] and speed [m/s] over time: eight swings of 0.08 to 0.5 Hz, speed between 1.4 and 3.8 m/s."""
+    """Return steering [rad] and speed [m/s] as functions of time: eight sines of 0.08 to 0.5 Hz, and 1.4 to 3.8 m/s."""
     rng = np.random.default_rng(seed)
     frequencies, phases = rng.uniform(0.08, 0.5, 8), rng.uniform(0, 2 * pi, 8)
 
@@ -29,7 +29,7 @@ def excitation(seed):
 
 
 def log_of(seed, duration=60.0, **keys):
-    """Signals of the simulator's bicycle with other stiffnesses, steered by the excitation."""
+    """Return the signals of the simulator's bicycle with other stiffnesses, steered by the excitation."""
     given = {
         "plant.kind": "bicycle",
         "sensors.gyro.enabled": True,
@@ -48,7 +48,7 @@ def log_of(seed, duration=60.0, **keys):
 
 
 def behind_play(steer, backlash, delay, duration):
-    """The wheel angle over time: behind play [rad], and later by a delay [s]."""
+    """Return the wheel angle as a function of time, after a play [rad] and a delay [s]."""
     t = np.arange(-1.0, duration, 1e-3)
     followed = steer(t)
     for k in range(1, len(t)):
@@ -57,9 +57,9 @@ def behind_play(steer, backlash, delay, duration):
 
 
 def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=0.0, duration=60.0, noise_deg=0.06):
-    """Signals of a bicycle with relaxation lengths of its axles [m], linear tyres, small angles.
+    """Return signals of a bicycle with linear tyres, relaxation lengths of both axles [m], and small angles.
 
-    Its steering sensor sits before play [rad], reads an offset [rad], and is ahead of the wheels [s].
+    The steering sensor is before the play [rad]; its reading has an offset [rad] and is ahead of the wheels [s].
     """
     steer, speed = excitation(seed)
     wheel = behind_play(steer, backlash, delay, duration)
@@ -79,14 +79,14 @@ def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=
         ]
 
     t = TICK_S * np.arange(round(duration / TICK_S))
-    # the simulator's logs start at rest; here the start is off its steady state, which the fit leaves out
+    # the simulator's logs start at rest; this log starts off its steady state, which the fit omits
     s = solve_ivp(rate, (0.0, duration), np.zeros(7), t_eval=t, rtol=1e-6, atol=1e-8, max_step=0.05).y
     rng = np.random.default_rng([seed, 7])
     n = len(t)
     within = TICK_S * ((np.arange(10) + 0.5) / 10 - 1)
     mean = np.mean([steer(t + w) for w in within], axis=0)
     slow = np.zeros((n, 2))
-    for k in range(1, n):  # correlated over 30 s, as of RTK
+    for k in range(1, n):  # correlated over 30 s, as for RTK
         slow[k] = slow[k - 1] * np.exp(-TICK_S / 30) + 0.01 * np.sqrt(
             1 - np.exp(-2 * TICK_S / 30)
         ) * rng.standard_normal(2)
@@ -106,7 +106,7 @@ def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=
 
 
 def mistold(table, backlash=0.0, offset=0.0, delay=0.0):
-    """The log as if its steering sensor sat before play [rad], off by an offset [rad] and ahead of the wheels [s]."""
+    """Return the log as if its steering sensor were before a play [rad], offset [rad], and ahead of the wheels [s]."""
     t, true = (np.asarray(table[name]) for name in ("t", "steer"))
     direction = np.sign(np.gradient(np.convolve(true, np.ones(3) / 3, "same"), t))
     told = np.asarray(table["steer_measured"]) + 0.5 * backlash * direction + offset

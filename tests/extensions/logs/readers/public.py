@@ -1,4 +1,4 @@
-"""Where public recordings are, for tests that read what other programs wrote; nothing of them is in this repository."""
+"""Location of public recordings, for tests that read files of other programs. This repository contains none of them."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 
 
 def checkout(repository, commit):
-    """Folder of a checkout of `owner/name`; the test is skipped without one."""
+    """Return the folder of a checkout of `owner/name`; the test is skipped without one."""
     variable = "AGROBOT_PUBLIC_LOGS"
     folder = Path(os.environ.get(variable, "")) / repository.partition("/")[2]
     if not os.environ.get(variable) or not folder.is_dir():
