@@ -1,8 +1,8 @@
 """Closed motions
 
-A wheel follows a random periodic motion of sliding, rolling and load: standing, rolling back and forth or forwards,
-with loads from almost zero to twice the static load, on either axle. In the periodic steady state only losses may
-remain: over one period the ground must not do positive work on the wheel, for any phases. The work of the load is
+A wheel follows a random periodic motion of sliding, rolling and load. It stands, rolls back and forth, or rolls
+forwards, with loads from almost zero to twice the static load of either axle. In the periodic steady state only losses
+may remain: over one period the ground must not do positive work on the wheel, for any phases. The work of the load is
 excluded, because a spring returns it over a period. The check includes a soil tool with varying depth.
 """
 

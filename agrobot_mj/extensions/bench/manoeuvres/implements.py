@@ -1,17 +1,19 @@
 """Tractor with an implement: the third axle
 
-Small steering angles at 1 to 3 m/s, on the `linear` tyre without rolling resistance. A mounted tool acts as a third
-axle, rigid with the tractor. With slip angles at the front axle, the rear axle R and the tool, at x_t behind R with
-stiffness C_t, and masses m at l_r ahead of R and m_i at x_i behind R, the steady state v, gamma at R follows from
+The tractor drives with small steering angles at 1 to 3 m/s, on the `linear` tyre without rolling resistance. A mounted
+tool acts as a third axle, rigid with the tractor. With slip angles at the front axle, the rear axle R and the tool, at
+x_t behind R with stiffness C_t, and masses m at l_r ahead of R and m_i at x_i behind R, the steady state v, gamma at R
+follows from
 
     F_f = C_f (delta - (v + L gamma) / u),   F_r = -C_r v / u,   F_t = -C_t (v - x_t gamma) / u
     F_f + F_r + F_t = (m + m_i) u gamma
     L F_f - x_t F_t = (m l_r - m_i x_i) u gamma
 
 A trailer has its pin at b behind R, its centre of mass at a behind the pin and its axle at d behind the pin. Its axle
-carries the lateral force m_i u gamma a / d, the pin the rest, equivalent to a mass on the pin. The angle of the trailer
-to the tractor is the angle at which the slip angle of its axle gives this force. At walking pace the motion is purely
-geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of the rear axle.
+carries the lateral force m_i u gamma a / d. The pin carries the rest, which is equivalent to a mass on the pin. The
+angle of the trailer to the tractor is the angle at which the slip angle of its axle gives this force. At walking pace
+the motion is purely geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of the
+rear axle.
 
 The draught is that of ASABE D497 at the present speed and depth. At constant speed, the pull at the hitch is the sum of
 all resistances of the implement.

@@ -1,10 +1,10 @@
 """Shipped machines along a side slope
 
-Every machine of `agrobot-mj list --machines`, without its implement, drives `side_slope_10` with the law of that
+Every machine of `agrobot-mj list --machines` drives `side_slope_10` without its implement, with the law of that
 scenario, the gains of the section on the whole loop, and GNSS without noise. The machine must be at rest at the start.
-While moving, its rear wheels must have the slip angle that supports their fraction of m g sin(theta), by the theory of
-the section on the side slope with the dimensions and tyres of the machine. The offset from the line is compared with
-the closed form of the section on the whole loop, for the measured roll, crab and steering angle.
+While it moves, its rear wheels must have the slip angle that supports their fraction of m g sin(theta), by the theory
+of the section on the side slope with the dimensions and tyres of the machine. The offset from the line is compared with
+the closed form of the section on the whole loop, for the measured roll, crab and steering angles.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,8 @@
 """Parked across a slope, by size
 
-A tractor is placed across a slope, in neutral, on sinking soil and on firm ground: with its own size, and enlarged by
-half, with masses scaled by the cube of the length, inertias by the fifth power and tyre stiffness by the square. At the
-start the tractor must be at rest, below half a millimetre per second. Then it must neither move nor sink further. Its
+A tractor is placed across a slope, in neutral, on sinking soil and on firm ground. It has its own size, or is enlarged
+by half, with masses scaled by the cube of the length, inertias by the fifth power and tyre stiffnesses by the square.
+At the start the tractor must be at rest, slower than 0.5 mm/s. Afterwards it must neither move nor sink further. Its
 lower wheels carry the fraction 1/2 + (h / b) tan(slope) of the load, with the height h of the centre of gravity and the
 track width b, plus that of the roll and the side deflection of the tyres, by the theory of the section on axle loads;
 roll on soil shifts the centre slightly further.

@@ -1,8 +1,8 @@
 """Parking on a slope
 
-The tractor is parked on a slope of 15 degrees, facing uphill, downhill and across, valves in neutral, for ten minutes.
-After ten seconds of settling, the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the steering
-oil act as springs. The contact model of MuJoCo creeps without the brake; its drift is reported without limits.
+The tractor is parked for ten minutes on a slope of 15 degrees, facing uphill, downhill and across, with the valves in
+neutral. After ten seconds of settling, the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the
+steering oil act as springs. The contact model of MuJoCo creeps without the brake; its drift is reported without limits.
 """
 
 from collections.abc import Iterator

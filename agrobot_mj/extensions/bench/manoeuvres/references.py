@@ -1,11 +1,12 @@
 """Outside references
 
-Numbers that come from outside the project. Loaded radii of tyres by size code and pressure against prints: four of a
-dealer in row-crop wheels [BWT2026], for which the loads usual at 1.6 bar are assumed, and one of a data sheet with load
-and pressure [Mitas2026]. Best efficiency of a tractor of the utility class with rear-wheel drive on tyres by size,
-drawbar power divided by power at the power take-off, with load transfer and the loss of the gears, and the slip at
-which it is reached, against a table for farmers [Arizona2026]. The tip-over angle of every machine is next to the 38
-degrees that narrow tractors must reach in a stability test [OECD2012]; it is reported because the methods differ.
+Results are compared with numbers from outside the project. Loaded radii of tyres by size code and pressure: four prints
+of a dealer in row-crop wheels [BWT2026], for which the usual loads at 1.6 bar are assumed, and one data sheet with load
+and pressure [Mitas2026]. Best efficiency of a tractor of the utility class with rear-wheel drive, and the slip at which
+it is reached: a table for farmers [Arizona2026]. The efficiency is drawbar power divided by power at the power
+take-off, with load transfer and gear losses, on tyres by size. The tip-over angle of every machine is next to the 38
+degrees that narrow tractors must reach in a stability test [OECD2012]. It is reported without limits, because the
+methods differ.
 """
 
 from collections.abc import Iterator

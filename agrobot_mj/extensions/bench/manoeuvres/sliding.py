@@ -1,9 +1,9 @@
 """Sliding wheels
 
-A rear wheel on the rig has its static load and is either locked and pulled at an angle to its heading, or spinning with
-a lateral motion. Friction acts against the sliding velocity (v_x - rim, v_y). Above 80 % slip, the force may therefore
-deviate from that line by 5 degrees at most, partly by the motion resistance of soil, which acts along the heading. On
-soil, the net traction is that of the standard [ASAE2003] up to 95 % slip,
+A rear wheel on the rig carries its static load. It is either locked and pulled at an angle to its heading, or spins
+with a lateral motion. Friction acts against the sliding velocity (v_x - rim, v_y). Above 80 % slip, the force may
+therefore deviate from that line by at most 5 degrees, partly because the motion resistance of soil acts along the
+heading. On soil, the net traction is that of the standard [ASAE2003] up to 95 % slip,
 
     F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n).
 

@@ -1,13 +1,13 @@
 """Starting, standing and stopping
 
-Every machine of `agrobot-mj list --machines`, without its implement, is placed across slopes on ground with sufficient
-grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle of its data sheet,
-which is measured by tilting gravity for a machine at rest on level ground.
+Every machine of `agrobot-mj list --machines` is placed across slopes without its implement, on ground with sufficient
+grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle in its data sheet,
+which is determined by tilting gravity for a machine at rest on level ground.
 
-Parked with the brake applied and both valves in neutral, no tyre or machine may creep, on level ground and diagonally
-on a slope. From 0.85 to 0.2 of its speed, with the hydrostat disconnected, the brake must decelerate the machine by at
-least 3.55 m/s2 [EU2015]. The deceleration is reported without limits for brakes on the rear wheels only, whose grip may
-be the limit.
+Parked with the brake applied and both valves in neutral, no tyre or machine may creep, on level ground or diagonally on
+a slope. From 0.85 to 0.2 of its speed, with the hydrostat disconnected, the brake must decelerate the machine by at
+least 3.55 m/s2 [EU2015]. The deceleration is reported without limits if only the rear wheels have brakes, because their
+grip may be the limit.
 """
 
 import io

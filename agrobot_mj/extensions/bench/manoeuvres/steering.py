@@ -4,7 +4,7 @@ At 1.2 m/s, constant voltages give steady steering rates: two lines, whose zero 
 slopes are the gains, and a plateau, the rate limit. A voltage step gives delay and time constant by a least-squares fit
 of the valve law to the angle. In MuJoCo, the oil column adds its damping divided by its stiffness, 8 ms, to the delay.
 
-The oil carries load: turning the wheels of a parked tractor needs the pressure that twists two contact patches; rolling
+The oil carries load. Turning the wheels of a parked tractor needs the pressure that twists two contact patches; rolling
 removes that twist. A torque on the wheels above the relief pressure pushes them aside at that pressure. After five
 seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
 """

@@ -1,8 +1,8 @@
 """Standing wheel with a vibrating load
 
-A rear wheel stands on untouched soil with its static load, which then oscillates by a few per cent, 8 times per second
-for a minute. Soil is elastic below its maximum earlier load, so the oscillation must leave the rut of a single
-application of its maximum load, less than 1 mm deeper than without oscillation. Lifting and lowering the wheel is a
+A rear wheel stands on untouched soil with its static load. Then the load oscillates by a few per cent, 8 times per
+second for a minute. Soil is elastic below its maximum earlier load. The rut must therefore be that of a single
+application of the maximum load, and less than 1 mm deeper than without oscillation. Lifting and lowering the wheel is a
 different case: full loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut grows, to a depth
 between that of one loading and that of the plate.
 """

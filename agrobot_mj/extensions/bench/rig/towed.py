@@ -5,9 +5,9 @@ mass, and moves freely upwards. Before sliding, the force is viscous,
 
     F_y = -c v_y,        c = n b impratio m d / (1 - d),
 
-with n contact points, d and b of `solimp` and `solref`, and the effective mass m at the contact: the cornering
-stiffness is c v_x. During sliding, MuJoCo's contact pushes the wheel off the ground and it hops. A steady measurement
-is therefore the mean over time, and `Reading.grounded` is the fraction of time in contact.
+with n contact points, d and b of `solimp` and `solref`, and the effective mass m at the contact. The cornering
+stiffness is c v_x. During sliding, MuJoCo's contact pushes the wheel off the ground, and the wheel hops. A steady
+measurement is therefore the mean over time, and `Reading.grounded` is the fraction of time in contact.
 """
 
 import mujoco

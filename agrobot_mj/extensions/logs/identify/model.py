@@ -1,16 +1,16 @@
 """Model of the fit: a linear bicycle with relaxation of the tyre slip, driven by recorded steering and speed.
 
-The model is independent of the plants, so that an error in a plant does not affect the fit. State x = (v, r, a_f, a_r):
-lateral speed of the CG, yaw rate, and relaxed slip of the tyres. w is the lateral speed of a wheel across its plane and
-V its rolling speed,
+The model is independent of the plants, so that an error in a plant does not affect the fit. The state is x = (v, r,
+a_f, a_r): lateral velocity of the CG, yaw rate, and relaxed slip of the tyres. With the lateral velocity w of a wheel
+across its plane and its rolling speed V, the equations are
 
     sigma_f a_f' = w_f - V_f a_f,   w_f = (v + l_f r) cos d - u sin d,   V_f = |u| / cos d,
     sigma_r a_r' = w_r - |u| a_r,   w_r = v - l_r r,
-    m (v' + u r) = -C_f cos d a_f - C_r a_r,   I r' = -l_f C_f cos d a_f + l_r C_r a_r,
+    m (v' + u r) = -C_f cos d a_f - C_r a_r,   I r' = -l_f C_f cos d a_f + l_r C_r a_r.
 
-valid also at standstill and in reverse. For small angles, cos d = 1 and sin d = d, as in the paper's bicycle. The
-integrator is the L-stable SDIRK2 [Hairer1996], which allows short relaxation lengths with time constants sigma / u. The
-steering passes a play of width b (the wheels follow when the play is taken up) and a first-order lag.
+They are also valid at standstill and in reverse. For small angles, cos d = 1 and sin d = d, as in the paper's bicycle.
+The integrator is the L-stable SDIRK2 [Hairer1996], which allows short relaxation lengths with time constants sigma / u.
+The steering passes a play of width b (the wheels follow when the play is taken up) and a first-order lag.
 """
 
 from math import cos, exp, inf, sin
