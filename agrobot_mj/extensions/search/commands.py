@@ -60,7 +60,8 @@ def limit(
 ) -> Answer:
     """Search for the limit of a guidance law along one key.
 
-    Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png; resumable.
+    Example of a CONDITION: "lateral_rms > 0.3 or outcome != completed". Writes limit.json and limit.png. The same
+    command resumes an interrupted search.
     """
     from agrobot_mj.extensions.search.limit import Question, content
     from agrobot_mj.extensions.search.limit import limit as search
@@ -139,8 +140,8 @@ def risk(
     """Estimate the probability of a rare failure.
 
     Probabilities down to one in a million are possible. Example of a CONDITION: "xte_abs_max > 0.3". Runs close to
-    failure are split and continued with different noise. Writes risk.json, risk.png and the recording of a failure;
-    resumable.
+    failure are split and continued with different noise. Writes risk.json, risk.png and the recording of a failure. The
+    same command resumes an interrupted estimation.
     """
     from agrobot_mj.extensions.search.risk import RiskQuestion, content
     from agrobot_mj.extensions.search.risk import risk as search
@@ -177,7 +178,7 @@ def falsify(
     """Search for the smallest combination of changes that fails.
 
     Distances are in units of each range or standard deviation. Writes falsify.json, falsify.png, and the recording and
-    scenario of the failure; resumable.
+    scenario of the failure. The same command resumes an interrupted search.
     """
     from agrobot_mj.extensions.search.falsify import FalsifyQuestion, content
     from agrobot_mj.extensions.search.falsify import falsify as search
