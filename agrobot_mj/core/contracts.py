@@ -34,21 +34,21 @@ def check_overrides(overrides: object) -> None:
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return the pair (state, message) returned by a method. Raises `ScenarioError` for any other value."""
+    """Return `found`, the result of a method. Raises `ScenarioError` unless it is a pair (state, `message`)."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return the value returned by a method. Raises `ScenarioError` unless its type is `wanted`."""
+    """Return `found`, the result of a method. Raises `ScenarioError` unless its type is `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return the pair returned by a method. Raises `ScenarioError` with the text `wanted` for any other value."""
+    """Return `found`, the result of a method. Raises `ScenarioError` unless it is a pair, described by `wanted`."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)

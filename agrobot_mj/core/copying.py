@@ -1,4 +1,4 @@
-"""Independent copies of the states of stages, two to three times as fast as `copy.deepcopy`.
+"""Independent copies of the states of simulation stages, two to three times as fast as `copy.deepcopy`.
 
 States are tuples of numbers, arrays and random generators, which `deepcopy` copies slowly. Frozen configuration objects
 are shared, and all other objects are copied by `deepcopy`.

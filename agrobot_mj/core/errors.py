@@ -62,7 +62,7 @@ EXTRAS = {
     "matplotlib": ("report", "a figure"),
     "filterpy": ("filters", "this estimator"),
 }
-"""Extra with each optional library that modules of the package import at their top, and its purpose."""
+"""Optional libraries that modules import at their top: the extra that installs each library, and its purpose."""
 
 
 def installed(module: str) -> bool:

@@ -1,8 +1,8 @@
 """Local plane on the Earth: conversion between metres east and north of an origin and latitude and longitude.
 
-The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines: for
-latitudes at the origin, for longitudes at the latitude of the point. The east axis follows the parallel: at 51 degrees
-north the plane deviates from a tangent plane by 24 mm at 500 m east of the origin. Host and tractor share the plane.
+The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines. A
+degree of latitude has its length at the origin, a degree of longitude its length at the latitude of the point. The east
+axis follows the parallel: at 51 degrees north, 500 m east of the origin, the plane is 24 mm off a tangent plane.
 """
 
 from math import cos, radians

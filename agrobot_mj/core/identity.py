@@ -31,7 +31,7 @@ PARTS = (
 """Folders of the package that affect the results of a run."""
 PACKAGE = Path(__file__).parents[1]
 NONE = "00000000"
-"""Digest used if there is no content."""
+"""Digest of missing content."""
 _plugins: dict[Path, str] = {}
 """Digest of each plugin file at the time of loading."""
 

@@ -52,9 +52,9 @@ def kernel(function: F) -> F:
     """Compile a function of the physics step on its first call; division follows numpy.
 
     The function must not create, store or return arrays: numba then omits the reference counts of array arguments,
-    which take as long as the arithmetic of a wheel. An array created in a kernel would never be freed;
-    tests/core/test_kernels.py checks for them. Kernels are inlined into their callers: numba would otherwise pass
-    records (200 numbers of a wheel) through memory.
+    whose updates take as long as the arithmetic of a wheel. An array created in a kernel would never be freed;
+    tests/core/test_kernels.py checks that there is none. Kernels are inlined into their callers: numba would otherwise
+    pass records, such as the 200 numbers of a wheel, through memory.
     """
     return _compiled(function, _nrt=False, error_model="numpy", forceinline=True)
 
@@ -87,7 +87,7 @@ def stage(function: F) -> F:
 
 
 def declared(hint: Any) -> types.Type:
-    """Return numba's type of an annotation of a `stage`."""
+    """Return numba's type for the annotation of an argument of a `stage`."""
     if hint in NUMBERS:
         return NUMBERS[hint]
     if get_origin(hint) is np.ndarray:
@@ -103,7 +103,7 @@ NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean, complex:
 
 @cache
 def kernel_method(name: str) -> None:
-    """Allow kernels to call the method `name` of any named tuple, none with a field of this name: `record.name(...)`.
+    """Allow kernels to call the method `name` of named tuples, as in `record.name(...)`; no field may have this name.
 
     The method stays a plain Python function. A kernel with a record argument is compiled for the class of the record,
     so that the call is direct and the compiled code is cached on disk.

@@ -5,8 +5,8 @@ With roll phi, pitch theta and heading psi (ISO 8855) the components of the angu
     w_z = psi' - phi' sin(theta)                                about the vertical,
     r   = psi' cos(phi) cos(theta) - theta' sin(phi)            about the vertical axis of the chassis.
 
-On a slope of 10 deg the other terms add up to 3 deg of heading in every half turn. Roll and pitch are low-pass filtered
-before differentiation. The delay of the filter causes no lasting heading error, since sums of differences telescope.
+On a slope of 10 deg the terms without psi' add up to 3 deg of heading in every half turn. Roll and pitch are low-pass
+filtered before differentiation. The filter delay causes no lasting error, as the increments add up to the total change.
 """
 
 from math import cos, exp, sin
@@ -15,7 +15,7 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method
 
 SMOOTHING_S = 0.1
-"""Time constant of the low-pass filter [s]. Assumed value; 0.5 s cause 0.3 deg heading error in a bend."""
+"""Time constant of the low-pass filter [s]. Assumed value; with 0.5 s the heading error in a bend is 0.3 deg."""
 
 
 class SmoothedTilt(NamedTuple):

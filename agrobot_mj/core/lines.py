@@ -1,7 +1,7 @@
-"""Signal lines from sensors and to valves, with a `Distortion`.
+"""Signal lines, which transmit sensor signals or valve voltages with a `Distortion`.
 
-A line may be stuck, delayed, scaled or offset, independent of the type of signal. At the start of a delay the last
-value is repeated; at its end the values in transit are lost.
+A line may be stuck, delayed, scaled or offset. At the start of a delay the line repeats the last value; at the end of
+the delay the values in transit are lost.
 """
 
 from math import nan
@@ -19,8 +19,7 @@ class SignalLine(NamedTuple):
     """Values in transit, oldest first."""
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
-        """Return the line after a tick of length `dt` [s] and the value that arrives; a NaN `value` (no signal) stays
-        NaN."""
+        """Return the line after a tick of `dt` [s] and the value that arrives; NaN (no signal) arrives as NaN."""
         if distortion == SOUND or value != value:
             return SignalLine(value), value
         if distortion.lost:

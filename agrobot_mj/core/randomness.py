@@ -70,7 +70,7 @@ def branch(generator: Generator, number: int) -> None:
 
 
 _BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
-"""Spawn key of branches, distinct from the keys of `spawn`."""
+"""Part of the spawn keys of branches; differs from the child numbers used by `SeedSequence.spawn`."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:

@@ -19,5 +19,5 @@ class Reporting(Spec):
         return ()
 
     def report(self, state: Any) -> Sequence[float]:
-        """Return the values of `columns` for the last output, from the state after that output."""
+        """Return the values of `columns` after the last tick; `state` is the state of the part after this tick."""
         return ()

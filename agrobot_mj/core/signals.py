@@ -146,7 +146,7 @@ class PointMass(NamedTuple):
 
 
 class Distortion(NamedTuple):
-    """Distortion of the signal on a faulty line, a measurement or a valve voltage. Default: no fault."""
+    """Distortion of the signal on a faulty line: of a measurement or a valve voltage. Default: no fault."""
 
     scale: float = 1.0
     """Transmitted signal divided by the true one; negative for a reversed sign [-]."""
@@ -155,7 +155,7 @@ class Distortion(NamedTuple):
     delay_s: float = 0.0
     """Delay of the signal in whole ticks [s]."""
     stuck: Literal["", "last", "zero"] = ""
-    """Value that a stuck line transmits: the `last` one or `zero`; "" if the line is not stuck."""
+    """Value that a stuck line transmits: the `last` value or `zero`; "" if the line is not stuck."""
     lost: bool = False
     """Whether the line transmits no signal: the measurement is NaN."""
 
@@ -244,7 +244,7 @@ class Estimate(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     yaw: float
-    """Heading, or the course of R if the estimator determines it, wrapped to (-pi, pi] [rad]."""
+    """Heading, or course of R from an estimator that determines the course, wrapped to (-pi, pi] [rad]."""
     speed: float
     """Velocity of R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
@@ -329,7 +329,7 @@ class Command(NamedTuple):
     steer_voltage: float | None = None
     """Voltage of the steering valve from a law that bypasses the steering loop; otherwise None [V]."""
     pedal: float | None = None
-    """Pedal position, -1 to 1, that bypasses the speed loop, to stop without a known speed; otherwise None [-]."""
+    """Pedal position from -1 to 1 that bypasses the speed loop, for a stop with unknown speed; otherwise None [-]."""
     released: bool = False
     """Whether the pedal valve is unpowered, so that a spring returns the pedal, independent of the pedal sensor."""
 
@@ -346,5 +346,5 @@ class Drive(NamedTuple):
 
     @property
     def powered_pedal(self) -> float:
-        """Voltage at the pedal valve; NaN (no power) while braking, so that no pump drives against the brake [V]."""
+        """Voltage at the pedal valve; NaN (no power) while braking, so that no drive acts against the brake [V]."""
         return nan if self.brake > 0.0 else self.pedal_voltage

@@ -177,5 +177,5 @@ def members(annotation: Any) -> dict[str, type[Spec]]:
 
 
 def every(union: Any) -> list[type[Spec]]:
-    """Return the classes of a discriminated union, e.g. `every(Path)`, which serves as the registry."""
+    """Return the classes of a discriminated union such as `Path`, which is the registry of all kinds of a part."""
     return list(dict.fromkeys(members(union).values()))

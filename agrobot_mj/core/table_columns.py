@@ -1,4 +1,4 @@
-"""Columns of an external log (Parquet or CSV), read as floats that are finite or NaN, or rejected by name.
+"""Columns of an external log (Parquet or CSV), read as floats; empty and infinite cells become NaN.
 
 External files may contain anything: text, lists, milliseconds, decreasing times, a hundred million rows. Sizes are
 checked before reading, and only requested columns are read, one by one. Every problem is a `ScenarioError` that names
@@ -89,7 +89,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return whether the cell of each row is in `accepted`, numbers or words, shape (n,). Raises as `read_columns`."""
+    """Return a mask (n,) of the rows whose cell is one of the numbers or words `accepted`. Raises as `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])

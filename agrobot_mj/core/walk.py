@@ -1,6 +1,6 @@
 """Traversal of the configuration schema: all keys, and all classes that the table of a key may have.
 
-Different kinds of a part may have the same key, so that a dotted key can belong to several classes: its `places`.
+Several kinds of a table may define the same key, so that a dotted key can belong to several classes, see `places`.
 """
 
 import re
@@ -39,7 +39,7 @@ SYNONYMS = {
     "heading": ("yaw",),
     "time": ("duration",),
 }
-"""Parts of names of keys and kinds by common word."""
+"""Words used in the names of keys and kinds, by everyday synonym."""
 SHORT = 3
 """Maximum number of letters of a search word that matches complete words only, such as `mu`."""
 
@@ -59,12 +59,12 @@ def named_by(words: list[str], text: str) -> bool:
 
 
 def _contains(parts: set[str], text: str, word: str) -> bool:
-    """Return whether `word` is one of the words of a text or, if it is an expression or long, part of it."""
+    """Return whether `word` is one of the words `parts` of a text or, if longer than `SHORT`, part of the text."""
     return word in parts or (len(word) > SHORT and word in text)
 
 
 def is_synonym(name: str, known: str) -> bool:
-    """Return whether a known name starts with a synonym of the first word of another name."""
+    """Return whether the name `known` starts with a synonym of the first word of `name`."""
     return any(f"{known}_".startswith(f"{other}_") for other in alternatives(name.partition("_")[0])[1:])
 
 
@@ -137,7 +137,7 @@ def elsewhere(root: type[Spec], name: str) -> str:
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """Return the first dotted keys of a name: below `table`, near the top and, for a specific name, in any table."""
+    """Return the first dotted keys ending with `name`: below `table`, near the top or, for two words, in any table."""
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]
@@ -165,7 +165,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?` with the first of these keys, or an empty string if there are none."""
+    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys of `found`; empty if there are none."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 

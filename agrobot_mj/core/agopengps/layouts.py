@@ -1,4 +1,4 @@
-"""Byte layout of the messages: one codec per message.
+"""Byte layouts of the AgOpenGPS messages, with one codec per message.
 
 In frames, angles are in degrees with right positive, headings in degrees clockwise from north, and speeds in km/h.
 Values outside the range of their field saturate.
@@ -36,7 +36,7 @@ LINE_VALID = 0x10
 
 
 class Codec(NamedTuple):
-    """Functions that encode and decode a message."""
+    """Sender, minimum length, encoder and decoder of a message."""
 
     source: int
     least: int
@@ -61,10 +61,10 @@ def from_compass(heading: float) -> float:
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
-    """Return the cross-track error computed by the host [m], left positive; NaN without a line.
+    """Return the cross-track error [m] in a message, left positive; NaN if the host has no guidance line.
 
-    Byte 10 is right positive. AgOpenGPS sends counts of 2 cm relative to 127, which saturate at 2.5 m; AgOpenWeb sends
-    signed centimetres, which saturate at 1.3 m.
+    Byte 10 of the frame contains the error, right positive. AgOpenGPS sends the error in steps of 2 cm as an offset
+    from 127 (up to 2.5 m), AgOpenWeb in signed centimetres (up to 1.3 m).
     """
     if dialect == "agopenweb":
         value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
@@ -73,7 +73,7 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Return byte 10 for a cross-track error [m], left positive."""
+    """Return the cross-track byte of a `SteerData` message for an error `distance` [m], left positive."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF
     return limited(127 - distance * 50, 0, 254)

@@ -53,19 +53,19 @@ class SteerConfig(NamedTuple):
     """Message 251: hardware configuration of a board."""
 
     set0: int
-    """Bits: 0 invert angle sensor, 1 relay active high, 2 invert motor, 5 steer switch, 6 steer button."""
+    """Flag bits: 0 inverted angle sensor, 1 relay active high, 2 inverted motor, 5 steer switch, 6 steer button."""
     pulse_count_max: int = 0
     """Encoder counts of the steering wheel that indicate a manual override [counts]."""
     min_speed: int = 0
     """Minimum speed for steering [0.1 km/h]."""
     set1: int = 0
-    """Bits: 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 use the y axis."""
+    """Flag bits: 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 y axis of the inertial unit for roll."""
     angular_velocity: int = 0
     """Field ignored by boards."""
 
 
 class Hello(NamedTuple):
-    """Message 200: query for modules, sent every 2 s; a bridge sends it even if its guidance program has stopped."""
+    """Message 200: query for modules every 2 s, which a bridge continues to send after its guidance program stops."""
 
 
 class Scan(NamedTuple):
@@ -82,7 +82,7 @@ class SteerState(NamedTuple):
     roll: float = nan
     """Roll, left side up positive; NaN without an inertial unit [rad]."""
     switches: int = 0
-    """Bits: 0 work, 1 steer, 2 remote."""
+    """Bits of the switches: 0 work, 1 steer, 2 remote."""
     pwm: int = 0
     """Magnitude of the motor output, for display only [PWM counts]."""
 

@@ -1,10 +1,10 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
-Both end with speed [kn], heading, roll, pitch and yaw rate. Heading is clockwise from north, roll right side down
-positive, pitch nose up positive. PAOGI contains the attitude in degrees, PANDA as integers of 0.1 deg. Without an
-inertial unit the PANDA heading is a reserved number, because hosts read an empty or fractional field as 0, a heading of
-north. Roll, pitch and yaw rate are then 0, as hosts assume for boards that leave these fields empty; any other roll
-would shift the antenna position in the host.
+Both sentences end with speed [kn], heading, roll, pitch and yaw rate. The heading is clockwise from north; roll is
+positive with the right side down, pitch with the nose up. PAOGI contains the attitude in degrees, PANDA as integers of
+0.1 deg. Without an inertial unit the PANDA heading is a reserved number, because hosts read an empty or fractional
+field as 0 (north). Roll, pitch and yaw rate are then 0, as hosts assume for boards that leave these fields empty; any
+other roll would shift the antenna position in the host.
 """
 
 from math import degrees, isfinite, isnan, nan, radians
@@ -47,7 +47,7 @@ def paogi(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """Return an angle [rad] as text in degrees; NaN gives 0, and a zero has no sign."""
+    """Return an angle [rad] as text in degrees; NaN and negative zero give 0."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
 
 

@@ -27,7 +27,7 @@ SCENARIO = b"scenario"
 
 
 class Datagram(NamedTuple):
-    """Datagram of a link."""
+    """Recorded datagram of a link."""
 
     turn: int
     """Index of the link cycle in which the datagram could first take effect."""
