@@ -226,10 +226,18 @@ def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
 
 @kernel
 def wheel_step(
-    tyres: TyreSet, i: int, ground: Ground, wheel: WheelMotion, dt: float, bristle: Array, wrench: Array, report: Array
+    tyres: TyreSet,
+    i: int,
+    ground: Ground,
+    wheel: WheelMotion,
+    dt: float,
+    bristle: Array,
+    wrench: Array,
+    report: Array,
+    whole: bool = True,
 ) -> None:
     """Advance wheel `i` by one step: update its bristle (3,), and write the wrench (6,) at its centre and its report
-    (6,)."""
+    (6,), or only the load in the report if it is not `whole`."""
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
     soil = carry(tyres, i, ground, patch, wheel.centre, slipped)
@@ -275,6 +283,8 @@ def wheel_step(
         (force.x, f_y, load),
         (push, axle_torque, moment),
     )
-    report[LOAD], report[FORCE_X], report[FORCE_Y], report[FRICTION_USE] = load, force.x + push, f_y, force.used
-    report[SLIP_ANGLE] = atan(z_y / sigma_y)
-    report[SLIP_RATIO] = slip_ratio(patch.v_x, rim, v_roll, z_x / sigma_x)
+    report[LOAD] = load
+    if whole:
+        report[FORCE_X], report[FORCE_Y], report[FRICTION_USE] = force.x + push, f_y, force.used
+        report[SLIP_ANGLE] = atan(z_y / sigma_y)
+        report[SLIP_RATIO] = slip_ratio(patch.v_x, rim, v_roll, z_x / sigma_x)

@@ -27,6 +27,8 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 
 LEAST_SHARE = 0.2
 """Minimum of friction and stiffness divided by their values at the reference load [-]. Assumed value."""
+LINEAR = 1e-4
+"""Normalised slip below which the force is that of the slip stiffness, within 1e-8 [-]."""
 KNOWN_LOADS = (0.5, 2.0)
 """Minimum and maximum load divided by reference load for the linear change with load [-]. Assumed value: the range of a
 tyre of one size and pressure."""
@@ -80,8 +82,8 @@ class MagicLaw(NamedTuple):
         # similarity: the length of one normalised slip vector enters both pure curves
         n_x, n_y = slip.x * K_x / D_x, atan(slip.y) * K_y / D_y
         rho = sqrt(n_x * n_x + n_y * n_y)
-        if rho < 1e-12:
-            return TyreForce(0.0, 0.0, 1.0, 0.0)
+        if rho < LINEAR:
+            return TyreForce(-K_x * slip.x, -K_y * slip.y, 1.0, rho)
         m = force_direction(slip, (D_x, D_y), (K_x, K_y), rho, self.anisotropy)
         used = 0.0
         if m.x != 0.0:

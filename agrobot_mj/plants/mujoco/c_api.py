@@ -34,8 +34,18 @@ INSTALLED = clock.value
 clock.value = None
 
 
-_NAMES = ("mj_step1", "mj_step2", "mj_kinematics")
-PROTECTED = Protected(_C, _NAMES)
+_CALLS: dict[str, tuple[str, ...]] = {
+    "step1": ("mj_step1",),
+    "step1_again": (
+        *("mj_checkPos", "mj_checkVel", "mj_kinematics", "mj_comPos", "mj_tendon"),
+        *("mj_makeM", "mj_factorM", "mj_transmission", "mj_fwdVelocity"),
+    ),
+    "step2": ("mj_step2",),
+    "kinematics": ("mj_kinematics",),
+    "actuate": ("mj_fwdActuation",),
+    "integrate": ("mj_checkAcc", "mj_implicit"),
+}
+PROTECTED = Protected(_C, _CALLS)
 
 
 def _function(name: str) -> Any:
@@ -44,7 +54,7 @@ def _function(name: str) -> Any:
     return types.ExternalFunction(f"agrobot_{name}", types.int32(types.intp, types.intp))
 
 
-step1, step2, kinematics = map(_function, _NAMES)
+step1, step1_again, step2, kinematics, actuate, integrate = map(_function, _CALLS)
 
 
 def fail() -> NoReturn:

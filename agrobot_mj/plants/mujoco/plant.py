@@ -133,7 +133,7 @@ class MujocoPlant(RunningPlant):
         self.data.qpos[:7], roll = pose_on(self.ground, start, self.tractor)
         if (pivot := mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, "axle_roll")) >= 0:
             self.data.qpos[self.model.jnt_qposadr[pivot]] = roll
-        mujoco.mj_kinematics(self.model, self.data)
+        self._update_bodies()
 
     def _settle(self) -> RecentMotion:
         """Simulate with valves in neutral until the tractor rests, has rolled over or rolled away; return its motion.
@@ -185,6 +185,10 @@ class MujocoPlant(RunningPlant):
             fail()
         if self.implement:
             self.implement.finish_tick()
+
+    def _update_bodies(self) -> None:
+        """Compute the poses of the bodies, and whether they are clear of the ground, from the positions."""
+        _, self.clear = self._run(*self._arguments((NEUTRAL_V, NEUTRAL_V)), self.samples.shape[1], False)
 
     def _brake(self, share: float) -> None:
         """Apply the fraction `share` of the brake torque [-], modelled as dry friction without creep or chatter."""
@@ -245,7 +249,7 @@ class MujocoPlant(RunningPlant):
         if state.conditions != self.conditions:
             self._apply_conditions(state.conditions)
         mujoco.mj_setState(self.model, self.data, state.physics, INTEGRATION)
-        mujoco.mj_kinematics(self.model, self.data)
+        self._update_bodies()
         write(step_results(self.model, self.data), state.left)
         write(self._memories, state.memories)
         restore(self.ground.memory, state.soil)

@@ -8,10 +8,12 @@ of LLVM code that store a position with `setjmp`, to which the error handler jum
 import ctypes
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import llvmlite.binding as llvm
 
+Calls = Mapping[str, tuple[str, ...]]
+"""Names of the C functions of each sequence."""
 NOTED = 1000
 """Maximum length of the stored message [bytes]."""
 PROTECTED = sys.platform in ("linux", "darwin")
@@ -38,8 +40,6 @@ return:
 }}
 """
 _AROUND = """
-declare void @{name}(i64, i64)
-
 define i32 @agrobot_{name}(i64 %model, i64 %data) {{
   %buffer = alloca [1024 x i8], align 16
   %place = getelementptr [1024 x i8], ptr %buffer, i64 0, i64 0
@@ -48,7 +48,7 @@ define i32 @agrobot_{name}(i64 %model, i64 %data) {{
   %whole = icmp eq i32 %failed, 0
   br i1 %whole, label %work, label %end
 work:
-  call void @{name}(i64 %model, i64 %data)
+  {called}
   br label %end
 end:
   %left = call i32 @pthread_setspecific({key_type} {key}, ptr null)
@@ -56,21 +56,20 @@ end:
 }}
 """
 _PLAIN = """
-declare void @{name}(i64, i64)
-
 define i32 @agrobot_{name}(i64 %model, i64 %data) {{
-  call void @{name}(i64 %model, i64 %data)
+  {called}
   ret i32 0
 }}
 """
 
 
 class Protected:
-    """C functions void f(const mjModel*, mjData*) that return 1 if MuJoCo has reported an error, else 0."""
+    """C functions void f(const mjModel*, mjData*), called in sequence; each sequence returns 1 if MuJoCo has reported
+    an error, else 0."""
 
-    def __init__(self, library: ctypes.CDLL, names: Sequence[str]) -> None:
-        self._engine = _compiled(_text(names))
-        self.addresses = {name: self._engine.get_function_address(f"agrobot_{name}") for name in names}
+    def __init__(self, library: ctypes.CDLL, calls: Calls) -> None:
+        self._engine = _compiled(_text(calls))
+        self.addresses = {name: self._engine.get_function_address(f"agrobot_{name}") for name in calls}
         for name, address in self.addresses.items():
             llvm.add_symbol(f"agrobot_{name}", address)
         if PROTECTED:
@@ -84,12 +83,19 @@ class Protected:
         return ctypes.string_at(self._engine.get_global_value_address("message")).decode(errors="replace")
 
 
-def _text(names: Sequence[str]) -> str:
+def _text(calls: Calls) -> str:
+    functions = dict.fromkeys(function for sequence in calls.values() for function in sequence)
+    declared = "".join(f"declare void @{function}(i64, i64)\n" for function in functions)
+    bodies = {
+        name: "\n  ".join(f"call void @{function}(i64 %model, i64 %data)" for function in sequence)
+        for name, sequence in calls.items()
+    }
     if not PROTECTED:
-        return "".join(_PLAIN.format(name=name) for name in names)
+        return declared + "".join(_PLAIN.format(name=name, called=called) for name, called in bodies.items())
     kind = "i32" if sys.platform == "linux" else "i64"
     at = {"key_type": kind, "key": _thread_key(), "size": NOTED + 1, "last": NOTED}
-    return _HEAD.format(**at) + "".join(_AROUND.format(name=name, **at) for name in names)
+    wrapped = "".join(_AROUND.format(name=name, called=called, **at) for name, called in bodies.items())
+    return _HEAD.format(**at) + declared + wrapped
 
 
 def _thread_key() -> int:

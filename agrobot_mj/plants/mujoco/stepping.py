@@ -9,8 +9,9 @@ from agrobot_mj.core.vectors import Vector, cross, plus, to_world
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
 from agrobot_mj.machine.hydraulics import ValveLaw, ValveMemory, beyond_play, loaded_flow, static_flow, valve_step
-from agrobot_mj.plants.mujoco.c_api import kinematics, step1, step2
+from agrobot_mj.plants.mujoco.c_api import actuate, integrate, kinematics, step1, step1_again, step2
 from agrobot_mj.plants.mujoco.clearance import Clearance, is_clear
+from agrobot_mj.plants.mujoco.coupling import accelerate, is_alone, is_within_stops, set_coupled
 from agrobot_mj.plants.mujoco.implement import Motion
 from agrobot_mj.plants.mujoco.loads import PULL, SIDE, apply_loads
 from agrobot_mj.plants.mujoco.tools import Attached, apply_tools
@@ -129,8 +130,11 @@ class Tyred(NamedTuple):
 
 
 @kernel
-def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float) -> None:
-    """Read the motion of each body in `wheels`, step its tyre, and write the wrench into `xfrc_applied`."""
+def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = True) -> None:
+    """Read the motion of each body in `wheels`, step its tyre, and write the wrench into `xfrc_applied`.
+
+    The report is complete after the `last` step of a tick.
+    """
     c = v.root_com
     for i in range(wheels.size):
         b = wheels[i]
@@ -145,7 +149,7 @@ def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float) -> None:
             v.cvel[b, 5] + w[0] * d[1] - w[1] * d[0],
         )
         motion = WheelMotion(centre, axle, velocity, w)
-        wheel_step(tyred.tyres, i, tyred.ground, motion, dt, tyred.bristles[i], v.xfrc[b], tyred.report[i])
+        wheel_step(tyred.tyres, i, tyred.ground, motion, dt, tyred.bristles[i], v.xfrc[b], tyred.report[i], last)
 
 
 @kernel
@@ -205,6 +209,33 @@ def open_relief_valves(v: Views, oil: Oil) -> None:
 
 
 @kernel
+def start_step(v: Views, direct: bool, before: bool) -> int:
+    """Run the first half of a step; return 1 after an error.
+
+    A `direct` step is one without constraints for MuJoCo. After another one `before`, nothing resets the constraints.
+    """
+    if not direct:
+        return int(step1(v.model, v.data))
+    if before:
+        return int(step1_again(v.model, v.data))
+    set_coupled(v.coupling, False)
+    failed = step1(v.model, v.data)
+    set_coupled(v.coupling, True)
+    return int(failed)
+
+
+@kernel
+def finish_step(v: Views, direct: bool) -> int:
+    """Run the second half of a step, with MuJoCo's solver or, if `direct`, `accelerate`; return 1 after an error."""
+    if not direct:
+        return int(step2(v.model, v.data))
+    if actuate(v.model, v.data) != 0:
+        return 1
+    accelerate(v)
+    return int(integrate(v.model, v.data))
+
+
+@kernel
 def run_steps(
     v: Views,
     tyred: Tyred,
@@ -224,7 +255,7 @@ def run_steps(
     result is whether the body is clear of the ground. The number of steps is `FAILED` after an error of MuJoCo.
     """
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
-    loaded = loads[PULL] != 0.0 or loads[SIDE] != 0.0
+    loaded, alone, direct = loads[PULL] != 0.0 or loads[SIDE] != 0.0, clear and is_alone(v.coupling), False
     for i in range(first, samples.shape[1]):
         if clear and not is_clear(clearance, v.qpos):
             return i, False
@@ -236,15 +267,17 @@ def run_steps(
         if oil.steer_play > 0.0:
             take_up_play(v, oil, cylinder, drive.dt)
         open_relief_valves(v, oil)
-        if step1(v.model, v.data) != 0:  # positions and velocities are now known, forces are not
+        before, direct = direct, alone and is_within_stops(v.coupling, v.qpos)
+        # positions and velocities are known afterwards, forces are not
+        if start_step(v, direct, before) != 0:
             return FAILED, False
         if loaded:
             apply_loads(v, loads, drive.dt)
         if not tyred.native:
-            apply_tyres(v, v.wheels, tyred, drive.dt)
+            apply_tyres(v, v.wheels, tyred, drive.dt, i + 1 == samples.shape[1])
         if attached.body > 0:
             apply_implement(v, attached, tyred.ground, drive.dt)
-        if step2(v.model, v.data) != 0:
+        if finish_step(v, direct) != 0:
             return FAILED, False
         samples[0, i] = v.qpos[v.steer_q]
         samples[1, i] = drive_memory.pedal[0]

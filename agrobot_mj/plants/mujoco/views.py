@@ -6,10 +6,54 @@ import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import WHEELS, Array, Index
+from agrobot_mj.terrain.memory import AnyArray
 
 CHASSIS = 1
 """Body id of the chassis, the first body after the world."""
 IMPLEMENT = "implement"
+DISABLED = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
+"""Features of MuJoCo that `model` disables."""
+
+
+class Coupling(NamedTuple):
+    """Coupling of both knuckles to the crank, and the terms of the equation of motion; see `coupling`."""
+
+    rows: Index
+    """Ids of both couplings among the equality constraints, shape (2,); empty if the solver must compute the force."""
+    knuckles_v: Index
+    """Indices of both knuckle rates in qvel, shape (2,)."""
+    eq_active: AnyArray
+    eq_data: Array
+    solref: Array
+    """Stiffness and damping of both couplings, per unit of the inverse inertia, shape (2, 2) [1/s2, 1/s]."""
+    solimp: Array
+    weights: Array
+    """Inverse inertia of each degree of freedom in the initial position, shape (nv,)."""
+    frictionloss: Array
+    stops_q: Index
+    """Indices of the joints with stops in qpos, shape (k,)."""
+    stops: Array
+    """Angles between which no stop acts, shape (k, 2) [rad]."""
+    body_parent: AnyArray
+    body_dofs: AnyArray
+    """Number of degrees of freedom of each body."""
+    cdof: Array
+    passive: Array
+    bias: Array
+    applied: Array
+    actuator: Array
+    smooth: Array
+    constraint: Array
+    qacc: Array
+    factor: Array
+    """Factor L of the inertia L' D L, below the diagonal, in rows as follows."""
+    inverse_diagonal: Array
+    row_nonzeros: AnyArray
+    columns: AnyArray
+    wrenches: Array
+    """Working memory: wrench on each body with its descendants, shape (nbody, 6)."""
+    work: Array
+    """Working memory for the solution, shape (3, nv)."""
 
 
 class Views(NamedTuple):
@@ -48,6 +92,7 @@ class Views(NamedTuple):
     """Indices of the front wheels' angles in qpos, shape (2,)."""
     fronts_v: Index
     """Indices of the front wheels' rates in qvel, shape (2,)."""
+    coupling: Coupling
 
 
 def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
@@ -77,4 +122,65 @@ def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
         spins_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("rl", "rr")], dtype=np.int64),
         fronts_q=np.array([model.joint(f"spin_{w}").qposadr[0] for w in ("fl", "fr")], dtype=np.int64),
         fronts_v=np.array([model.joint(f"spin_{w}").dofadr[0] for w in ("fl", "fr")], dtype=np.int64),
+        coupling=_coupling_of(model, data),
     )
+
+
+def _coupling_of(model: mujoco.MjModel, data: mujoco.MjData) -> Coupling:
+    rows = [model.equality(name).id for name in ("ackermann_fl", "ackermann_fr")]
+    stopped = np.flatnonzero(model.jnt_limited)
+    margins = model.jnt_margin[stopped]
+    solimp = model.eq_solimp[rows]
+    return Coupling(
+        rows=np.array(rows if _is_plain(model) else [], dtype=np.int64),
+        knuckles_v=np.array([model.joint(f"steer_{w}").dofadr[0] for w in ("fl", "fr")], dtype=np.int64),
+        eq_active=data.eq_active,
+        eq_data=model.eq_data,
+        solref=np.array([_spring(model, row) for row in rows]),
+        solimp=solimp,
+        weights=model.dof_invweight0,
+        frictionloss=model.dof_frictionloss,
+        stops_q=model.jnt_qposadr[stopped].astype(np.int64),
+        stops=model.jnt_range[stopped] + np.stack([margins, -margins], axis=1),
+        body_parent=model.body_parentid,
+        body_dofs=model.body_dofnum,
+        cdof=data.cdof,
+        passive=data.qfrc_passive,
+        bias=data.qfrc_bias,
+        applied=data.qfrc_applied,
+        actuator=data.qfrc_actuator,
+        smooth=data.qfrc_smooth,
+        constraint=data.qfrc_constraint,
+        qacc=data.qacc,
+        factor=data.qLD,
+        inverse_diagonal=data.qLDiagInv,
+        row_nonzeros=model.M_rownnz,
+        columns=model.M_colind,
+        wrenches=np.zeros((model.nbody, 6)),
+        work=np.zeros((3, model.nv)),
+    )
+
+
+def _is_plain(model: mujoco.MjModel) -> bool:
+    """Return whether the coupling can be the only constraint in a step without contacts.
+
+    The bodies are one tree, no tendon, sensor, plugin or deformable part adds a constraint or reads its force, and the
+    angles of the linkage are zero in the initial position.
+    """
+    shifted = any(model.qpos0[model.joint(name).qposadr[0]] for name in ("steer", "steer_fl", "steer_fr"))
+    hinged = np.isin(model.jnt_type[model.jnt_limited], (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
+    tendons = model.tendon_limited.any() or model.tendon_frictionloss.any()
+    others = model.nsensor or model.nplugin or model.nflex or tendons or model.opt.enableflags
+    unusual = model.opt.disableflags & ~int(DISABLED)
+    one_tree = (model.body_rootid[model.body_dofnum > 0] == CHASSIS).all()
+    implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    return bool(hinged.all() and one_tree and implicit and not (others or unusual or shifted))
+
+
+def _spring(model: mujoco.MjModel, row: int) -> tuple[float, float]:
+    """Return stiffness and damping of an equality constraint as MuJoCo computes them from `solref` and `solimp`."""
+    (time, ratio), width = model.eq_solref[row], model.eq_solimp[row, 1]
+    if time <= 0.0:
+        return -time / width**2, -ratio / width
+    time = max(time, 2.0 * model.opt.timestep)
+    return 1.0 / (width * time * ratio) ** 2, 2.0 / (width * time)
