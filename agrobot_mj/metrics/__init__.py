@@ -24,8 +24,8 @@ METRICS: list[Metric] = [
     Safety(),
     BrakedDrift(),
 ]
-LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms"), "m")
-"""Units of the metrics of a linked host whose names contain no unit."""
+LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_offset"), "m")
+"""Units of link metrics without a unit in their names."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 """Units of metrics by the suffix of their names."""
 

@@ -17,6 +17,7 @@ from agrobot_mj.core.errors import ScenarioError
 if TYPE_CHECKING:
     from agrobot_mj.extensions.links.agopengps.session import LinkOptions
     from agrobot_mj.extensions.links.ros2.session import RosOptions
+    from agrobot_mj.scenario.schema import Scenario
     from agrobot_mj.simulation.log import Log
 
 
@@ -47,6 +48,9 @@ def link(
     replay: Annotated[
         Path | None, typer.Option(metavar="LINK.parquet", help="Recorded messages of an earlier run, to replay.")
     ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Check the connection for 20 s; list settings, and write no files.")
+    ] = False,
     out: Out = None,
     no_rrd: NoRrd = False,
     live: Live = False,
@@ -66,6 +70,8 @@ def link(
     )
     keys = {"guidance.kind": "agopengps", "guidance.steer_by": steer_by, "guidance.host": host, "duration_s": duration}
     given = (source, keys, sets)
+    if check:
+        return _check(options, given, quiet)
     return _drive(run_link, options, given, out, quiet, lambda found: f"engaged {found['link']['engaged_s']:.1f} s")
 
 
@@ -126,6 +132,29 @@ def _tell(quiet: bool) -> Callable[[str], None]:
     return (lambda text: None) if quiet else partial(typer.echo, err=True)
 
 
+def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] | None], quiet: bool) -> Answer:
+    """Return the `Answer` of a check of the connection."""
+    from agrobot_mj.extensions.links.agopengps.link import check
+    from agrobot_mj.extensions.links.running import NotBegunError
+
+    scenario = _loaded(given)
+    print_hints([scenario], quiet)
+    with stop_on_signals() as stopped:
+        try:
+            found = check(scenario, options, lambda: bool(stopped))
+        except NotBegunError as error:
+            return Answer({"scenario": scenario.name}, "", str(error))
+    return Answer({"scenario": scenario.name, "link": found.block, "check": found.lines}, "\n".join(found.lines))
+
+
+def _loaded(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":
+    """Return the scenario of a source with keys and overrides."""
+    from agrobot_mj.scenario.loading import load_scenario
+
+    source, keys, sets = given
+    return load_scenario(source, {k: v for k, v in keys.items() if v is not None} | overrides(sets))
+
+
 def _drive(
     drive: Callable[..., "Log"],
     options: "LinkOptions | RosOptions",
@@ -136,12 +165,10 @@ def _drive(
 ) -> Answer:
     """Run with an external program and return the result; `given` are scenario, keys and command-line overrides."""
     from agrobot_mj.extensions.links.running import NotBegunError
-    from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.results import remove, results
     from agrobot_mj.simulation.storage import RECORDING, files_of_run
 
-    source, keys, sets = given
-    scenario = load_scenario(source, {k: v for k, v in keys.items() if v is not None} | overrides(sets))
+    scenario = _loaded(given)
     said = print_hints([scenario], quiet)
     folder = results_folder(out, f"{scenario.name}-{scenario.guidance.outside}-{scenario.hash8}")
     watchers = recordings(folder, options.recorded, options.live)

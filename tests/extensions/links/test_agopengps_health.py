@@ -17,6 +17,7 @@ from agrobot_mj.core.agopengps.wire import decode, encode
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.agopengps.link import link, run_link
+from agrobot_mj.extensions.links.agopengps.link_check import check_lines
 from agrobot_mj.extensions.links.agopengps.link_metrics import health, positions_since_heard
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, NoHostError
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
@@ -298,3 +299,36 @@ def test_scenario_with_other_guidance_is_rejected_before_opening_a_port(tmp_path
     with pytest.raises(ScenarioError, match="is not supported by a link"):
         link(load_scenario("straight_line"), tmp_path, LinkOptions(notify=said.append))
     assert said == []
+
+
+def test_offset_of_the_axle_unknown_to_the_host_is_a_metric_and_reported():
+    """An antenna 0.3 m left of the middle, unknown to the host: the axle is 0.3 m right of the host's line."""
+    done, said = driven(Direct(guide()), 40.0, tractor__antenna_left_m=0.3)
+    assert done.log.metrics["link"]["cross_track_offset"] == pytest.approx(-0.3, abs=0.04)
+    far = round(-100 * done.log.metrics["link"]["cross_track_offset"])
+    assert any(line.startswith(f"the rear axle is {far} cm right of its position in the host") for line in said)
+    done, said = driven(Direct(guide()), 40.0)
+    assert abs(done.log.metrics["link"]["cross_track_offset"]) < 0.04
+    assert not any("rear axle" in line for line in said)
+
+
+def test_check_reports_rate_wheelbase_antenna_and_missing_signals():
+    used = scenario(20.0, path__start_offset_m=1.0, tractor__wheelbase_m=1.7, tractor__antenna_ahead_m=0.8)
+    log = run_link(used, Direct(guide()), LinkOptions()).log
+    rate, latency, wheelbase, settings, *missing = check_lines(used, log, log.metrics["link"])
+    assert "100% of the positions answered" in rate
+    assert latency.startswith("latency: median")
+    found = float(wheelbase.partition("; ")[2].split()[0])
+    assert wheelbase.startswith("wheelbase: 1.7 m; ")
+    assert found == pytest.approx(1.7, rel=0.05)
+    assert "0.8 m ahead of the rear axle" in settings
+    assert any("sensors.imu" in line for line in missing)
+    assert not any("engagement" in line for line in missing)
+
+
+def test_check_of_a_silent_host_at_rest_lists_what_is_missing():
+    used = scenario(3.0, guidance__position="panda")
+    log = run_link(used, Gap(guide(), 0.0, 99.0), LinkOptions(start="now")).log
+    lines = list(check_lines(used, log, log.metrics["link"]))
+    assert "does not confirm" in lines[0]
+    assert [line.split()[1].strip(";") for line in lines[2:]] == ["engagement", "roll", "heading"]

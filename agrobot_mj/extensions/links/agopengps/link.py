@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from math import nan
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import pyarrow.parquet as pq
 
@@ -13,6 +13,7 @@ from agrobot_mj.core.agopengps.traffic import read_traffic, recorded_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.links.agopengps.board import LOOPBACK, Board
 from agrobot_mj.extensions.links.agopengps.channels import Answered, Channel, RealTime, Replayed
+from agrobot_mj.extensions.links.agopengps.link_check import CHECK_S, check_lines
 from agrobot_mj.extensions.links.agopengps.link_metrics import health, link_metrics
 from agrobot_mj.extensions.links.agopengps.session import LinkOptions, Session
 from agrobot_mj.extensions.links.agopengps.udp import UdpSockets, address_of
@@ -38,6 +39,15 @@ class LinkRun(NamedTuple):
     session: Session
 
 
+class LinkCheck(NamedTuple):
+    """Results of a check."""
+
+    block: dict[str, Any]
+    """Metrics of the link."""
+    lines: list[str]
+    """Results as text."""
+
+
 def link(
     scenario: Scenario,
     folder: Path,
@@ -45,8 +55,26 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario with a host and write the results to `folder`. Raises `ScenarioError`, or `NoHostError`."""
-    o, own = options, LOOPBACK
+    """Run a scenario with a host and write into `folder`. Raises `ScenarioError`, or `NoHostError` without a host."""
+    done = _connected(scenario, options, watchers, should_stop)
+    table = done.session.traffic.table(done.session.started, scenario.portable()[0])
+    traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
+    write_log(done.log, folder, traffic, options.recorded)
+    return done.log
+
+
+def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
+    """Run a scenario with a host for `CHECK_S` and return the results. Raises as `link` does."""
+    log = _connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
+    block = log.metrics["link"]
+    return LinkCheck(block, list(check_lines(scenario, log, block)))
+
+
+def _connected(
+    scenario: Scenario, o: LinkOptions, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]
+) -> LinkRun:
+    """Open the channel and run."""
+    own = LOOPBACK
     _keys(scenario)
     with ExitStack() as stack:
         channel: Channel
@@ -58,11 +86,7 @@ def link(
             own = sockets.address
             o.notify(f"boards on {o.address}:{o.port}, host expected on {o.address}:{o.host_port}")
             channel = Answered(sockets) if o.pace == "answered" else RealTime(sockets, 1.0 / o.pace)
-        done = run_link(scenario, channel, o, watchers, should_stop, own)
-    table = done.session.traffic.table(done.session.started, scenario.portable()[0])
-    traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
-    write_log(done.log, folder, traffic, o.recorded)
-    return done.log
+        return run_link(scenario, channel, o, watchers, should_stop, own)
 
 
 def run_link(

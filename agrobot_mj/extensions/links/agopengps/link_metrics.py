@@ -11,6 +11,7 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.agopengps.channels import Channel, Replayed
 from agrobot_mj.extensions.links.agopengps.session import Session
 from agrobot_mj.metrics.base import rms
+from agrobot_mj.metrics.crosstrack import cross_track as path_offset
 from agrobot_mj.simulation.log import Log
 
 POSITIONS = (b"$PANDA", b"$PAOGI")
@@ -18,7 +19,9 @@ POSITIONS = (b"$PANDA", b"$PAOGI")
 SETTLED_M = 0.1
 """Distance from the host's line below which the tractor counts as settled [m]."""
 LATE_S = 20.0
-"""Time from the first engagement to the start of the late part of a run [s]."""
+"""Time after the first engagement at which the late part of a run starts [s]."""
+SHIFT_M = 0.1
+"""Mean difference of reported and true cross-track error that is reported [m]. Assumed value: twice its resolution."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
 """Minimum real-time factor, and minimum fraction of positions with a reply, of a working link [-]."""
 
@@ -51,21 +54,25 @@ def _steers(datagram: Datagram) -> bool:
 
 
 def cross_track(log: Log) -> dict[str, float | None]:
-    """Return cross-track metrics of the host while it steers: RMS [m], RMS in the late part [m], settling time [s].
+    """Return cross-track metrics of the host while it steers: RMS, RMS of the late part [m], settling time [s], and
+    the mean distance of the rear axle from its place reported by the host in the late part, left positive [m].
 
     Times count from the first engagement. Values are None without samples, or if the error has not settled.
     """
     engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
     if not engaged.any():
-        return dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_settled_s"))
+        return dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_settled_s", "cross_track_offset"))
+    true = path_offset(log.scenario.path, log.column("t"), log.column("rear_x"), log.column("rear_y"))
     t = log.column("t") - log.column("t")[int(np.argmax(engaged))]
     known = engaged & ~np.isnan(off)
     beyond = np.flatnonzero(known & (np.abs(off) >= SETTLED_M))
     after = t[known & (t > (t[beyond[-1]] if len(beyond) else -1.0))]
+    shift = (true - off)[known & (t > LATE_S) & ~np.isnan(true)]
     return {
         "cross_track_rms": rms(off[known]),
         "cross_track_late_rms": rms(off[known & (t > LATE_S)]),
         "cross_track_settled_s": float(after[0]) if len(after) else None,
+        "cross_track_offset": float(shift.mean()) if len(shift) else None,
     }
 
 
@@ -82,6 +89,12 @@ def health(block: dict[str, Any]) -> list[str]:
         )
     if block["latched_s"]:
         found.append(f"for {block['latched_s']:.1f} s the host reported active steering, but the board was latched")
+    if (shift := block.get("cross_track_offset")) is not None and abs(shift) > SHIFT_M:
+        side = "left" if shift > 0 else "right"
+        found.append(
+            f"the rear axle is {100 * abs(shift):.0f} cm {side} of its position in the host; compare the host's line, "
+            "roll correction and antenna position with the scenario"
+        )
     return found
 
 
