@@ -1,25 +1,24 @@
-"""Machines with randomly drawn sensors, simulated on the simulator's plant, and the logs that their owners would have.
+"""Machines with drawn sensors, driven on the simulator, and the logs that their owners would bring.
 
-Everything that a calibration estimates is drawn: position of the antenna, receivers of 4 to 20 Hz with a latency each,
-three sources of the speed, a steering sensor with one scale or two scales about one centre, its play and delay, and the
-mounting error of two antennas. The plant has slip, roll and pitch, and is independent of the fit.
+Everything that a calibration estimates is a drawn key of the scenario: antenna ahead of and beside the axle, a receiver
+of 4 to 20 Hz with its latency, three sources of the speed, a steering sensor with one scale or two about one centre and
+a delay, play of the linkage, and the mounting error of two antennas. The plant slips, rolls and pitches; it knows
+nothing of the fit.
 """
 
-from math import pi, radians
+from math import nan, pi
 from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
-from stranger import behind_play, slow
 
-from agrobot_mj import load_scenario
+from agrobot_mj import Simulation, load_scenario
+from agrobot_mj.core.signals import TICK_S, Fix
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.maps import LogMap
-from agrobot_mj.extensions.logs.recording import FieldRecording
-from agrobot_mj.extensions.logs.replay.driving import drive
-from agrobot_mj.extensions.logs.series import TimeSeries
 
-ROW_S, STEP_S = 0.05, 0.01
+HOMING = 0.15
+"""Steering per heading by which the driver stays near the line [-]."""
 MACHINES = ("compact", "utility", "orchard")
 
 
@@ -38,17 +37,17 @@ class Drawn(NamedTuple):
     play_deg: float
     gyro: bool
     steer_age: float
-    heading_hz: int
-    """Rate of the heading of two antennas [Hz]; 0 without them."""
+    two_antennas: bool
     heading_age: float
+    """Latency of the heading in addition to that of the position."""
     mounting_deg: float
     position_hz: int
     position_age: float
     ahead: float
     aside: float
     speed_from: str
-    """Source of the speed: `receiver`, `wheel` or `radar`."""
-    speed_age: float
+    """Source of the speed: receiver, wheel or radar."""
+    wheel_age: float
     front: float
     """Stiffness of the front tyres per stiffness in the machine's file [-]."""
     rear: float
@@ -67,25 +66,25 @@ def drawn(seed: int) -> Drawn:
         noise_deg=rng.uniform(0.02, 0.15),
         play_deg=float(rng.choice([0.0, rng.uniform(0.2, 0.8)])),
         gyro=gyro,
-        steer_age=rng.uniform(0.0, 0.1) * gyro,
-        heading_hz=int(rng.choice([0, 5, 10, 20])),
-        heading_age=rng.uniform(0.0, 0.25),
+        steer_age=TICK_S * int(rng.integers(3)) * gyro,
+        two_antennas=bool(rng.integers(4)),
+        heading_age=TICK_S * int(rng.integers(3)),
         mounting_deg=float(rng.choice([rng.uniform(-2, 2), rng.uniform(-25, 25)])),
         position_hz=int(rng.choice([4, 5, 10, 20])),
-        position_age=rng.uniform(0.0, 0.2),
+        position_age=TICK_S * int(rng.integers(5)),
         ahead=rng.uniform(-0.3, 1.2),
         aside=rng.uniform(-0.4, 0.4),
         speed_from=str(rng.choice(["receiver", "wheel", "radar"])),
-        speed_age=rng.uniform(0.0, 0.3),
+        wheel_age=TICK_S * int(rng.integers(7)),
         front=rng.uniform(0.7, 1.4),
         rear=rng.uniform(0.7, 1.4),
     )
 
 
 def driving(seed: int, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, speed [m/s] and sensor angle [rad] at every step: slow tight bends, then fast wide bends."""
+    """Time, commanded speed [m/s] and angle [rad] at every tick: slow tight bends, then faster wide ones."""
     rng = np.random.default_rng([seed, 52])
-    t = np.arange(0.0, duration, STEP_S)
+    t = TICK_S * np.arange(round(duration / TICK_S))
     slow_m_s, fast_m_s = rng.uniform(0.8, 1.3), rng.uniform(2.0, 3.2)
     corners = np.array([0, 0.3, 0.35, 0.6, 0.65, 0.85, 0.9, 1]) * duration
     speed = np.interp(t, corners, np.array([slow_m_s, slow_m_s, fast_m_s, fast_m_s, 1.6, 1.6, fast_m_s, fast_m_s]))
@@ -107,31 +106,16 @@ class Owned(NamedTuple):
 def owned(seed: int, duration: float = 120.0, h: Drawn | None = None, again: int = 0) -> Owned:
     """Simulate a machine and write its log. `again` selects another drive and other noise for the same machine."""
     h = h or drawn(seed)
-    scenario = load_scenario("straight_line", {"machine": h.machine, "physics": "fast", "terrain.half_size_m": 500.0})
-    at, speed, sensor = driving(seed + 1000 * again, duration)
-    wheel = behind_play(sensor, radians(h.play_deg))
-    recording = FieldRecording(
-        name="drawn",
-        start=0.0,
-        end=float(at[-1]),
-        speed=TimeSeries(at, speed),
-        wheel_speed=h.speed_from == "wheel",
-        antenna_speed=False,
-        steer=TimeSeries(at, wheel),
-        voltage=None,
-        yaw_rate=None,
-        yaw_rate_source="none",
-        heading=None,
-        position=None,
-        left_out=(),
-        arm=(h.ahead, h.aside, scenario.tractor.antenna_height_m),
-        inputs={},
-        signed=True,
-    )
-    driven = drive(scenario.changed(_tyres(h, scenario)), recording, (0.0, 0.0, 0.0))
-    assert driven.outcome == "completed", driven.outcome
-    read = sensor + np.interp(at, driven.t, driven.steer) - wheel
-    return Owned(*_written(h, driven, at, read, [seed, 53, again]), scenario, _truth(h))
+    _, speeds, angles = driving(seed + 1000 * again, duration)
+    keys = {"machine": h.machine, "controller.kind": "open_loop", "physics": "fast", "terrain.half_size_m": 500.0}
+    keys |= {"duration_s": duration, "seed": seed + 1000 * again, "path.speed_m_s": float(speeds.mean())}
+    scenario = load_scenario("straight_line", keys)
+    sim = Simulation(scenario.changed({**_tyres(h, scenario), **_sensors(h)}))
+    sim.reset()
+    # the measurement of the last tick is repeated after the end
+    commands = list(zip(angles.tolist(), speeds.tolist(), strict=True))[:-1]
+    measured = [sim.step(steer=steer - HOMING * sim.truth.yaw, speed=speed) for steer, speed in commands]
+    return Owned(*_written(h, measured), scenario, _truth(h))
 
 
 def _tyres(h: Drawn, scenario: Any) -> dict[str, float]:
@@ -144,53 +128,66 @@ def _tyres(h: Drawn, scenario: Any) -> dict[str, float]:
     }
 
 
-def _written(h: Drawn, driven: Any, at: np.ndarray, sensor: np.ndarray, seed: list[int]) -> tuple[pa.Table, LogMap]:
-    """Return log and map of an owner who does not know centre, scale, sign, latency or position of any sensor."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(2.0, driven.t[-1] - 0.5, ROW_S)
-    n = len(t)
-
-    def seen(values, age):
-        return np.interp(t - age, driven.t, values)
-
-    def received(values, hz, phase=0):
-        rows = round(1 / (hz * ROW_S))
-        return np.where((np.arange(n) + phase) % rows == 0, values, np.nan)
-
-    angle = np.degrees(np.interp(t - h.steer_age, at, sensor)) + h.noise_deg * rng.standard_normal(n)
-    x, y = (
-        seen(each, h.position_age) + 0.006 * rng.standard_normal(n) + slow(rng, n, 0.008, 30, ROW_S)
-        for each in driven.point.T
-    )
-    columns = {
-        "t": t,
-        "pot": np.rint(h.centre + h.side * angle / np.where(angle > 0, h.left, h.right)),
-        "east": received(x, h.position_hz),
-        "north": received(y, h.position_hz),
+def _sensors(h: Drawn) -> dict[str, Any]:
+    """Overrides with the hidden sensors. The reading of the steering sensor is in steps of a count."""
+    delays = {"steering_pot": h.steer_age, "heading": h.heading_age, "wheel_speed": h.wheel_age}
+    return {
+        "tractor.antenna_ahead_m": h.ahead,
+        "tractor.antenna_left_m": h.aside,
+        "steering.linkage.backlash_deg": h.play_deg,
+        "fault": [{"kind": f"{line}_delay", "start_s": 0.0, "delay_s": age} for line, age in delays.items() if age],
+        **_table("sensors.steering_pot", samples=1, savgol_window=1, savgol_polyorder=0),
+        **_table("sensors.steering_pot", resolution_deg=h.left, noise_sigma_deg=h.noise_deg),
+        **_table("sensors.steering_pot", centre_deg=h.side * h.left * (h.centre % 1), scale_right=h.left / h.right),
+        **_table("sensors.gyro", enabled=h.gyro, bias_deg_s=0.1),
+        **_table("sensors.wheel_speed", enabled=True, scale_error=0.0),
+        **_table("sensors.radar_speed", enabled=True, scale_error=0.0, ground_sigma=0.0, sigma_m_s=0.02),
+        **_table("sensors.gnss", rate_hz=h.position_hz, latency_s=h.position_age, velocity_sigma_m_s=0.02),
+        **_table("sensors.gnss", sigma_m=0.01, correlated_fraction=0.64),
+        **_table("sensors.gnss.dual_antenna", enabled=h.two_antennas, mounting_deg=h.mounting_deg),
     }
-    over_ground = np.hypot(*(np.gradient(each, driven.t) for each in driven.point.T))
-    source = over_ground if h.speed_from == "receiver" else driven.speed
-    rate = h.position_hz if h.speed_from == "receiver" else round(1 / ROW_S)
-    columns["v"] = received(3.6 * np.abs(seen(source, h.speed_age) + 0.02 * rng.standard_normal(n)), rate)
-    tables = {
+
+
+def _table(name: str, **keys: Any) -> dict[str, Any]:
+    """Overrides of the keys of a table."""
+    return {f"{name}.{key}": value for key, value in keys.items()}
+
+
+NO_FIX = Fix(nan, nan, nan, nan, nan)
+
+
+def _written(h: Drawn, measured: list[Any]) -> tuple[pa.Table, LogMap]:
+    """Columns of the log and the map of an owner who knows no centre, scale, sign, latency or place."""
+    fixes = [m.fix or NO_FIX for m in measured]
+    speeds = {
+        "receiver": [np.hypot(fix.vx, fix.vy) for fix in fixes],
+        "wheel": [m.wheel_speed for m in measured],
+        "radar": [m.readings["radar_speed"] for m in measured],
+    }
+    columns = {
+        "t": [m.t for m in measured],
+        "pot": np.floor(h.centre) + h.side * np.rint(np.degrees([m.steer for m in measured]) / h.left),
+        "east": [fix.x for fix in fixes],
+        "north": [fix.y for fix in fixes],
+        "v": 3.6 * np.abs(speeds[h.speed_from]),
+    }
+    of = {"receiver": "antenna", "radar": "ground", "wheel": "wheel"}[h.speed_from]
+    tables: dict[str, Any] = {
         "time": {"column": "t"},
         "steer": {"column": "pot"},
-        "speed": {
-            "column": "v",
-            "unit": "km/h",
-            "of": {"receiver": "antenna", "radar": "ground"}.get(h.speed_from, "wheel"),
-        },
+        "speed": {"column": "v", "unit": "km/h", "of": of},
         "position": {"east": "east", "north": "north"},
     }
     if h.gyro:
-        columns["gyro"] = np.degrees(seen(driven.yaw_rate, 0.0)) + 0.1 + 0.1 * rng.standard_normal(n)
+        columns["gyro"] = np.degrees([m.gyro for m in measured])
         tables["yaw_rate"] = {"column": "gyro"}
-    if h.heading_hz:
-        off = h.mounting_deg + 0.1 * rng.standard_normal(n) + slow(rng, n, 0.1, 60, ROW_S)
-        compass = 90.0 - np.degrees(seen(driven.yaw, h.heading_age)) - off
-        columns["course"] = received(np.mod(compass, 360.0), h.heading_hz, 1)
+    if h.two_antennas:
+        columns["course"] = np.mod(90.0 - np.degrees([fix.heading for fix in fixes]), 360.0)
         tables["heading"] = {"column": "course"}
-    return pa.table({name: pa.array(each, from_pandas=True) for name, each in columns.items()}), LogMap(**tables)
+    later = round(2.0 / TICK_S)
+    return pa.table({name: pa.array(each[later:], from_pandas=True) for name, each in columns.items()}), LogMap(
+        **tables
+    )
 
 
 def _truth(h: Drawn) -> dict[str, float]:
@@ -200,13 +197,13 @@ def _truth(h: Drawn) -> dict[str, float]:
         "steer.scale": h.left,
         "steer.scale_right": h.right,
         "steer.delay_s": h.steer_age,
-        "speed.delay_s": h.speed_age,
+        "speed.delay_s": {"receiver": h.position_age, "wheel": h.wheel_age, "radar": 0.0}[h.speed_from],
         "position.delay_s": h.position_age,
         "position.ahead_m": h.ahead,
         "position.left_m": h.aside,
     }
-    if h.heading_hz:
-        found |= {"heading.delay_s": h.heading_age, "heading.offset": -h.mounting_deg}
+    if h.two_antennas:
+        found |= {"heading.delay_s": h.position_age + h.heading_age, "heading.offset": -h.mounting_deg}
     return found
 
 
