@@ -1,6 +1,7 @@
 """docs/own_study.md is true: its package adds a command, whose study is resumed and extended."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -24,9 +25,9 @@ def test_example_study_runs_as_a_command_and_resumes(tmp_path):
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: speeds\nVersion: 1\n")
     group = group.removeprefix("[project.entry-points.").strip('"]')
     (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
-    keys = ("--set", "plant.kind=bicycle", "--set", "duration_s=3", "--jobs", "1", "--json", "--out", "out")
+    keys = ("--set", "plant.kind=bicycle", "--set", "duration_s=1", "--jobs", "1", "--json", "--out", "out")
     command = [sys.executable, "-m", "agrobot_mj", "speeds", "circle", *keys]
-    environment = {"PYTHONPATH": f"{tmp_path}:{Path(agrobot_mj.__file__).parents[1]}", "PATH": "/usr/bin:/bin"}
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{Path(agrobot_mj.__file__).parents[1]}"}
 
     def answer():
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
