@@ -1,9 +1,12 @@
 """Fields and machines for tests of field work."""
 
+from functools import cache
+
 from shapely import Polygon
 
 from agrobot_mj.extensions.fields.drive import planning_scenario
 from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.rig import rig_of
 
 RECTANGLE = Field("rectangle", Polygon([(0, 0), (60, 0), (60, 40), (0, 40)]))
@@ -17,3 +20,9 @@ def machine(width=3.0, turn="clothoid", **path):
     """Return the compact tractor with an implement of a given width [m]."""
     keys = {"transition": "none" if turn == "omega" else "clothoid", "speed_m_s": 2.0, **path}
     return rig_of(planning_scenario("field", keys, {}), width)
+
+
+@cache
+def default_plan(field, width=3.0):
+    """The plan of a field by default, which several tests examine."""
+    return make_plan(field, machine(width), Options())

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
+from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, default_plan, machine
 from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError
@@ -31,8 +31,7 @@ def planned(plan, field, sections=1):
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
 def test_planned_work_covers_all_but_the_corners(field):
-    rig = machine()
-    found = planned(make_plan(field, rig, Options()), field)
+    found = planned(default_plan(field), field)
     assert found["body"]["missed_percent"] < 0.05
     assert found["field"]["missed_percent"] < 3.0
 
@@ -111,8 +110,7 @@ def test_sections_leave_less_overlap_at_oblique_ends():
 
 @pytest.mark.parametrize(("field", "width"), [*((field, 3.0) for field in FIELDS), (SLANTED, 1.8), (L_SHAPE, 6.0)])
 def test_machine_stays_inside_on_default_headlands(field, width):
-    rig = machine(width)
-    plan = make_plan(field, rig, Options())
+    rig, plan = machine(width), default_plan(field, width)
     x, y, yaw = plan.course.divided().joints()
     tractor, implement = area_of(field, 0, rig).outside(x, y, yaw).max(axis=1)
     assert tractor <= TOLERANCE_M
@@ -157,7 +155,7 @@ def test_radius_below_the_machine_is_an_error():
 
 
 def test_file_gives_the_same_plan(tmp_path):
-    plan = make_plan(RECTANGLE, machine(), Options())
+    plan = default_plan(RECTANGLE)
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(plan)))
     assert plan_of(stamped(str(file), (), MAX_BYTES)) == plan

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from field_shapes import RECTANGLE, machine
+from field_shapes import RECTANGLE, default_plan, machine
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.field import Leg
 from agrobot_mj.extensions.fields.given_plan import given_plan, plan_of_legs, stored_plan
 from agrobot_mj.extensions.fields.plan import to_json
-from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 
 EAST = Leg(np.array([[10.0, 10.0], [40.0, 10.0]]))
 WEST = Leg(np.array([[40.0, 13.0], [10.0, 13.0]]))
@@ -56,7 +55,7 @@ def test_bend_too_tight_for_the_machine_is_named():
 
 def test_stored_plan_of_a_nimbler_machine_is_an_error(tmp_path):
     file = tmp_path / "plan.json"
-    file.write_text(json.dumps(to_json(make_plan(RECTANGLE, machine(), Options()))))
+    file.write_text(json.dumps(to_json(default_plan(RECTANGLE))))
     slow = replace(machine(), tightest=9.0)
     with pytest.raises(ScenarioError, match=r"--plan plan.json: the bend of radius .* is tighter than the machine"):
         given_plan(file, stored_plan(file), RECTANGLE, slow, 1)
@@ -64,7 +63,7 @@ def test_stored_plan_of_a_nimbler_machine_is_an_error(tmp_path):
 
 def test_stored_plan_of_another_width_is_an_error(tmp_path):
     file = tmp_path / "plan.json"
-    file.write_text(json.dumps(to_json(make_plan(RECTANGLE, machine(), Options()))))
+    file.write_text(json.dumps(to_json(default_plan(RECTANGLE))))
     with pytest.raises(ScenarioError, match=r"--width 4: the plan plan.json is for 3 m; leave out --width"):
         given_plan(file, stored_plan(file), RECTANGLE, machine(4.0), 1)
 
