@@ -25,6 +25,16 @@ def columns(fault, *names, **more):
     return [log.column(name) for name in names]
 
 
+STILL = {"estimator.terrain_compensation": False}
+"""The same motion with and without a fault of the unit, which the estimator then does not use."""
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Time, roll and pitch without a fault."""
+    return dict(zip(("t", "roll", "pitch"), columns(None, "t", "imu_roll", "imu_pitch", **STILL), strict=True))
+
+
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 @pytest.mark.parametrize(
     ("keys", "expected"),
@@ -36,18 +46,15 @@ def columns(fault, *names, **more):
         ({"effect": "loss"}, lambda sound, t: np.nan * sound),
     ],
 )
-def test_fault_of_one_imu_axis_changes_that_axis_only(axis, keys, expected):
-    keys = dict(keys)
-    name, other = f"imu_{axis}", "imu_pitch" if axis == "roll" else "imu_roll"
+def test_fault_of_one_imu_axis_changes_that_axis_only(sound, axis, keys, expected):
+    keys, other = dict(keys), "pitch" if axis == "roll" else "roll"
+    name, t, right = f"imu_{axis}", sound["t"], sound[axis]
     fault = {"kind": f"{name}_{keys.pop('effect')}", "start_s": 5.0, "end_s": 8.0, **keys}
-    # the same motion, since the estimator does not use the unit
-    still = {"estimator.terrain_compensation": False}
-    t, sound, sound_other = columns(None, "t", name, other, **still)
-    _, faulty, faulty_other = columns(fault, "t", name, other, **still)
+    faulty, faulty_other = columns(fault, name, f"imu_{other}", **STILL)
     during = (t > 5.01) & (t < 7.99)
-    assert faulty[during] == pytest.approx(expected(sound[during], t[during]), abs=2e-3, nan_ok=True)
-    assert np.array_equal(faulty_other, sound_other)
-    assert np.array_equal(faulty[t < 4.99], sound[t < 4.99])
+    assert faulty[during] == pytest.approx(expected(right[during], t[during]), abs=2e-3, nan_ok=True)
+    assert np.array_equal(faulty_other, sound[other])
+    assert np.array_equal(faulty[t < 4.99], right[t < 4.99])
 
 
 def test_stuck_roll_sensor_repeats_its_last_measurement():

@@ -28,12 +28,18 @@ def fine_way(path: Any) -> tuple[Any, Any]:
     return fine, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points[:, :2], axis=0).T))))
 
 
-def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
-    """Ticks, and points at signed distance `left` from the path, `ahead` metres along it from the reference."""
+@cache
+def points_ahead(path: Any, ahead: Any) -> tuple[Any, Any]:
+    """Ticks, and the references `ahead` metres along the path from those of the ticks."""
     t = np.arange(0, path.duration_s, 0.05)
     fine, way = fine_way(path)
     there = np.interp(np.clip(np.interp(t, fine, way) + ahead, 1e-3, None), way, fine)
-    r = np.array([path.at(s) for s in there.tolist()])
+    return t, np.array([path.at(s) for s in there.tolist()])
+
+
+def points_beside(path: Any, ahead: Any, left: Any) -> tuple[Any, Any, Any]:
+    """Ticks, and points at signed distance `left` from the path, `ahead` metres along it from the reference."""
+    t, r = points_ahead(path, ahead)
     return t, r[:, 0] - left * np.sin(r[:, 4]), r[:, 1] + left * np.cos(r[:, 4])
 
 

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import mujoco
 import numpy as np
 import pytest
+from turns import by_turns
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.errors import CommandError, ScenarioError
@@ -55,17 +56,16 @@ def equal(one, two):
     return all(map(lambda a, b: np.array_equal(a, b, equal_nan=True), one, two))
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
+@pytest.mark.parametrize(("case", "way"), by_turns(CASES, WAYS))
 def test_copies_of_a_simulation_continue_bit_identically(case, way):
     expected, original = driven(begun(case)), begun(case)
-    one, two = way(original), way(original)
+    one, two = WAYS[way](original), WAYS[way](original)
     for _ in range(5):
         two.step(steer=0.4)
     assert equal(driven(one), expected)
     assert equal(driven(original), expected)
     original = begun(case)
-    three = way(original)
+    three = WAYS[way](original)
     del original, one, two
     gc.collect()
     assert equal(driven(three), expected)
