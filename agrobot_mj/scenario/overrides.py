@@ -134,8 +134,9 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """Return the explicitly set values of a spec and its key `kind` as plain data, without defaults."""
-    fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in (*spec.model_fields_set, "kind")}
+    """Return the explicitly set values of a spec as plain data. Defaults are excluded, the keys `kind` are included."""
+    explicit = spec.model_fields_set | {"kind"}
+    fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in explicit}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
 

@@ -32,7 +32,7 @@ from agrobot_mj.core.resources import installed, is_file
 from agrobot_mj.core.spec import Spec, members
 from agrobot_mj.core.walk import Key, keys
 from agrobot_mj.metrics import METRICS, Metric
-from agrobot_mj.scenario.schema import Scenario
+from agrobot_mj.scenario.schema import Scenario, compact
 from agrobot_mj.sensors import Sensor, Sensors
 
 Member = TypeVar("Member", bound=type[Spec])
@@ -104,6 +104,7 @@ def _add_sensor(name: str, member: type[Spec], default: Spec) -> None:
     _rebuild(Scenario, {Sensors}, {})
     Scenario.model_fields["sensors"].default = Sensors()
     Scenario.model_rebuild(force=True)
+    compact.cache_clear()
 
 
 def _add_metric(metric: Metric) -> None:

@@ -6,7 +6,7 @@
 import json
 from collections.abc import Mapping
 from copy import deepcopy
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path as FilePath
 from types import MappingProxyType
 from typing import Any
@@ -101,11 +101,17 @@ def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingPr
     """
     name = overrides.get("machine", data.get("machine", COMPACT))
     if not isinstance(name, str) or (found := machine_file(name)) is None:
-        return Scenario.model_construct()
+        return compact()
     laws = (data.get("guidance"), overrides.get("guidance"))
     named = "guidance.kind" in overrides or any(isinstance(law, Mapping) and "kind" in law for law in laws)
     inner = any(key.partition(".")[0] == "controller" for key in (*data, *overrides))
     return _on_machine(inner and not named, *found)
+
+
+@cache
+def compact() -> Scenario:
+    """Return the default scenario of the default machine."""
+    return Scenario.model_construct()
 
 
 @lru_cache(maxsize=64)

@@ -1,6 +1,7 @@
 """Confidence intervals of a success rate, valid for small samples."""
 
 from bisect import bisect_left
+from functools import cache
 from math import log
 
 import numpy as np
@@ -23,6 +24,7 @@ def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[f
     return _lower(successes, failures, confidence), 1.0 - _lower(failures, successes, confidence)
 
 
+@cache
 def _lower(successes: int, failures: int, confidence: float) -> float:
     """Return the lower end of the sequential interval: the rate with just enough evidence for higher rates."""
     from scipy.optimize import brentq

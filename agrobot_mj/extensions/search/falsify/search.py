@@ -184,13 +184,11 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Run combinations and report each of them; store them if `noted` is true."""
-        rises = Rises(Closeness(self.q.until, self.q.score))
+        """Run combinations and report each; store them if `noted`."""
+        task = Task.of(self.scenario, measure=Rises(Closeness(self.q.until, self.q.score)))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
-            Task.of(self.scenario, {**each, "seed": self.scenario.seed + k}, measure=rises)
-            for each in values
-            for k in range(seeds)
+            task._replace(overrides={**each, "seed": self.scenario.seed + k}) for each in values for k in range(seeds)
         ]
         rows = iter(self.do(tasks))
         found = [self._tried(each, [next(rows) for _ in range(seeds)]) for each in values]

@@ -152,7 +152,8 @@ class _Search:
 
 def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: int, do: RunTasks) -> list[Numbers]:
     seeds = range(scenario.seed + first, scenario.seed + first + count)
-    return [*do([Task.of(scenario, {**overrides, "seed": seed}) for seed in seeds])]
+    task = Task.of(scenario)
+    return [*do([task._replace(overrides={**overrides, "seed": seed}) for seed in seeds])]
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
