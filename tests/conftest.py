@@ -5,6 +5,7 @@ import json
 import os
 import sys
 from functools import cache
+from importlib import import_module
 from math import inf
 
 import pytest
@@ -66,6 +67,12 @@ def call(monkeypatch, capsys, tmp_path):
         return leaving.value.code or 0, output.out, output.err
 
     return command
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Comparisons leave no figures: a second each, which other tests look at."""
+    monkeypatch.setattr(import_module("agrobot_mj.studies.report"), "write_figures", lambda runs, folder: [])
 
 
 @pytest.fixture

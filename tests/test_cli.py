@@ -221,7 +221,7 @@ def test_quiet_option_prints_nothing_for_a_successful_run(call, arguments):
 # --- runs that end otherwise --------------------------------------------------------------------------------------
 
 
-def test_run_with_its_expected_outcome_gives_exit_status_0(call):
+def test_run_with_its_expected_outcome_gives_exit_status_0(call, undrawn):
     off = ("--no-rrd", "--set", "terrain.half_size_m=2", "--set", "plant.kind=bicycle", "--out", "out")
     expected = ("--set", "expected_outcome=left_terrain")
     status, out, err = call("run", "straight_line", *off, *expected)
@@ -420,14 +420,14 @@ def test_comparison_of_one_run_writes_folder_rows_and_figures(call):
     assert "pd" in out
 
 
-def test_comparison_with_a_failed_run_gives_exit_status_1(call):
+def test_comparison_with_a_failed_run_gives_exit_status_1(call, undrawn):
     arguments = ("--controllers", "pd", "--plants", "bicycle", "--no-rrd", "--set", "terrain.half_size_m=2.0")
     status, _, _ = call("compare", "straight_line", *arguments, "--out", "cmp")
     assert status == 1
     assert json.loads(Path("cmp/comparison.json").read_text())[0]["outcome"] == "left_terrain"
 
 
-def test_unsupported_plants_are_skipped_unless_specified(call):
+def test_unsupported_plants_are_skipped_unless_specified(call, undrawn):
     arguments = ("side_slope_5", "--controllers", "pd", "--no-rrd", "--set", "duration_s=1", "--out", "cmp")
     status, out, err = call("compare", *arguments)
     assert status == 0
@@ -441,7 +441,7 @@ def test_unsupported_plants_are_skipped_unless_specified(call):
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_comparison_results_equal_those_of_single_runs(call, jobs):
+def test_comparison_results_equal_those_of_single_runs(call, undrawn, jobs):
     """Processes by default: a killed sweep, in tests/studies/sweep."""
     arguments = ("--controllers", "pd,pd_t1fnn", "--plants", "mujoco", "--seeds", "2", "--no-rrd", "--jobs", jobs)
     assert call("compare", "circle", *arguments, "--set", "duration_s=1", "--out", "cmp")[0] == 0

@@ -105,7 +105,7 @@ def test_interrupted_command_is_reported_in_json(asked, monkeypatch):
     assert err == "interrupted before the end\n"
 
 
-def test_json_output_of_a_comparison_has_the_rows_of_its_file(asked, call):
+def test_json_output_of_a_comparison_has_the_rows_of_its_file(asked, call, undrawn):
     words = ("compare", "circle", "--controllers", "pd,pi", "--plants", "bicycle", *QUICK, "--jobs", 1, "--out", "out")
     found, _ = asked(*words)
     assert found["rows"] == json.loads(Path("out/comparison.json").read_text())

@@ -108,7 +108,7 @@ DRIVING = [
 
 
 @pytest.mark.parametrize("command", [each for each in DRIVING if is_there(each[0])], ids=lambda command: command[0])
-def test_every_simulating_command_prints_each_hint_once(call, command, tmp_path):
+def test_every_simulating_command_prints_each_hint_once(call, undrawn, command, tmp_path):
     common = '"plant.kind" = "bicycle"\nduration_s = 1\nfault = [{ kind = "gnss_loss", start_s = 60 }]'
     (tmp_path / "late.toml").write_text(f'base = "circle"\n[set]\n{common}\n[axes]\n"path.radius_m" = [9, 12]\n')
     _, _, err = call(*command, "--out", "out")

@@ -8,6 +8,8 @@ import pyarrow.parquet as pq
 import pytest
 from standing import AWAY, standing
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture
 def plugin(tmp_path, request):

@@ -19,6 +19,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.identity import code_text, read_identity
 from agrobot_mj.studies.engine import Task, perform, resume, tasks, workers
 
+pytestmark = pytest.mark.usefixtures("undrawn")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BICYCLE = ("--no-rrd", "--jobs", 1, "--plants", "bicycle", "--set", "duration_s=1.5")
 COMPARE = ("compare", "mine.toml", "--guidance", "stanley", *BICYCLE, "--out", "out")

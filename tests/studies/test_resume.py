@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from importlib import import_module
 
 import pyarrow.parquet as pq
 import pytest
@@ -14,12 +13,6 @@ COMPARE = ("compare", "circle", "--guidance", "stanley,lqr", "--plants", "bicycl
 @pytest.fixture
 def driven(monkeypatch, tmp_path):
     return counted(monkeypatch, tmp_path)
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Comparisons leave no figures: a second each, which other tests look at."""
-    monkeypatch.setattr(import_module("agrobot_mj.studies.report"), "write_figures", lambda runs, folder: [])
 
 
 def test_interrupted_comparison_resumes(call, driven, undrawn, tmp_path):
