@@ -4,6 +4,7 @@
 with relaxation by scipy's solver. `mistold` changes what the log contains about the steering.
 """
 
+from functools import cache
 from math import pi, radians
 
 import numpy as np
@@ -28,6 +29,7 @@ def excitation(seed):
     return steer, lambda t: 2.6 + 1.2 * np.sin(2 * pi * t / 23)
 
 
+@cache
 def log_of(seed, duration=60.0, **keys):
     """Return the signals of the simulator's bicycle with other stiffnesses, steered by the excitation."""
     given = {

@@ -1,5 +1,6 @@
 """Sensor calibration from simulated logs; logs without sufficient information are rejected."""
 
+from functools import cache
 from math import radians
 
 import numpy as np
@@ -25,6 +26,7 @@ def log():
     return log_of(3, plant__front_cornering_stiffness_n_rad=11_000.0, plant__rear_cornering_stiffness_n_rad=24_000.0)
 
 
+@cache
 def gyro_log(h, age, cruise=None, swing=1.0):
     """Log of a stranger's machine with a gyro and one antenna; the steering sensor is late, off and an eighth large."""
     fine = np.arange(0, 140, STEP_S / 2)

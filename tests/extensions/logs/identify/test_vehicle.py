@@ -36,6 +36,12 @@ def hidden():
     return log_of(3, **HIDDEN)
 
 
+@pytest.fixture(scope="module")
+def steady(hidden):
+    """What is identified from `hidden` without relaxation."""
+    return identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
+
+
 def test_bicycle_is_identified_despite_backlash_offset_and_delay(hidden):
     log = mistold(hidden.signals, np.radians(1.0), np.radians(0.5), 0.1)
     found = identify_vehicle(log, None, BICYCLE, STEADY).found
@@ -64,8 +70,8 @@ def test_identified_stiffness_of_mujoco_tractor_equals_its_linear_tyres():
         assert result.found[key].value == pytest.approx(2 * each, rel=0.25)
 
 
-def test_log_without_backlash_gives_zero_backlash(hidden):
-    result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
+def test_log_without_backlash_gives_zero_backlash(steady):
+    result = steady
     assert not result.found["backlash_deg"].identified
     assert result.found["backlash_deg"].high < 0.25
     assert result.explained > 0.98
@@ -74,9 +80,8 @@ def test_log_without_backlash_gives_zero_backlash(hidden):
     assert "and the scale of the wheel angle, which `agrobot-mj twin --only calibrate` checks; " in said(result)
 
 
-def test_effect_of_uncertain_machine_size_is_reported_with_intervals(hidden):
-    result = identify_vehicle(hidden.signals, None, BICYCLE, STEADY)
-    t, change = BICYCLE.tractor, "10 % more yaw inertia"
+def test_effect_of_uncertain_machine_size_is_reported_with_intervals(hidden, steady):
+    result, t, change = steady, BICYCLE.tractor, "10 % more yaw inertia"
     other = {"yaw_inertia_kg_m2": 1.1 * t.yaw_inertia_kg_m2, "front_load_fraction": t.front_load_fraction}
     given = identify_vehicle(hidden.signals, None, BICYCLE.changed({"tractor": other}), STEADY)
     for axle, ratio in zip(("front", "rear"), result.moved[change], strict=True):
