@@ -43,6 +43,7 @@ def present_code() -> str:
     return digest_of((path.relative_to(ROOT).as_posix(), path.read_bytes()) for path in files)
 
 
+@cache
 def code_of(commit: str) -> str:
     """Return the source hash of a commit (12 hexadecimal digits). Raises `subprocess.CalledProcessError` if missing."""
     archive = subprocess.run(("git", "archive", commit, *PARTS), cwd=ROOT, capture_output=True, check=True).stdout
