@@ -71,7 +71,7 @@ class Scaled(LineFault):
 
 
 class Stuck(LineFault):
-    """Signal stuck at its last value or at zero, caused by a frozen bus message, a broken shaft or a jammed spool.
+    """Stuck signal, at its last value or at zero, caused by a frozen bus message, a broken shaft or a jammed spool.
 
     A line that is stuck from the start of a run repeats the first value. A valve with a stuck line keeps its spool
     position; at zero it has no flow.
@@ -97,7 +97,7 @@ class Stuck(LineFault):
 
 
 class Delayed(LineFault):
-    """Delayed signal: a loaded bus, a filter, cold oil, a sticking pilot valve.
+    """Delayed signal, caused by a loaded bus, a filter, cold oil or a sticking pilot valve.
 
     At the start of the delay the last value is repeated.
     """
@@ -172,7 +172,7 @@ class GyroBias(Bias):
 
 
 class AttitudeBias(Bias):
-    """Offset of the measured roll or pitch, caused by an accelerometer during warm-up or a displaced bracket.
+    """Offset of the signal, caused by an accelerometer during warm-up or a displaced bracket.
 
     With a ramp the measurement drifts.
     """

@@ -232,7 +232,7 @@ def test_implement_resistance_vanishes_at_standstill_without_push_back():
 
 def test_pull_above_the_grip_stops_the_tractor_with_spinning_wheels():
     under = Under(NOMINAL._replace(drawbar=8000.0), settled=NOMINAL)
-    trace = under.drive(1.2, 12.0)
+    trace = under.drive(1.2, 18.0)  # the last tyres slide after 10 s
     late = trace["x"][-100:]
     assert np.ptp(late) < 0.1
     assert under.report()[SLIP_RATIO, 2] > 0.9

@@ -123,7 +123,7 @@ def test_list_of_kinds_has_one_line_per_kind():
 def test_description_of_each_signal_fault_names_its_signal():
     told = {kind.kind: kind.text for kind in known_kinds() if kind.table == "fault"}
     lines = [kind for kind, part in members(Fault).items() if issubclass(part, LineFault)]
-    assert len({told[kind] for kind in lines}) == len(lines) == 30
+    assert len({told[kind] for kind in lines}) == len(lines) == 34
     assert told["imu_pitch_loss"].startswith("Missing pitch of the inertial unit")
     assert told["gnss_float"].endswith("a weak correction signal.")
 
