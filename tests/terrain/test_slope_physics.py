@@ -67,7 +67,10 @@ def test_wheel_loads_on_a_slope_equal_those_under_tilted_gravity(tyre, uphill_de
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [180.0, 90.0, 125.0])
 def test_coasting_on_a_slope_equals_coasting_under_tilted_gravity(tyre, uphill_deg):
-    """In neutral, launched at 1 m/s: distance down the slope and drift across it after 4 s agree within 1 %."""
+    """In neutral, launched at 1 m/s: distance down the slope and drift across it after 4 s agree within 1 %.
+
+    The headings after settling on soft tyres differ by some hundredths of a degree.
+    """
     ways = []
     for make in (on_slope, under_tilted_gravity):
         plant = settled(make, tyre, uphill_deg, NEUTRAL)
@@ -77,7 +80,7 @@ def test_coasting_on_a_slope_equals_coasting_under_tilted_gravity(tyre, uphill_d
             plant.advance(Drive(NEUTRAL_V, NEUTRAL_V))
         ways.append(in_the_plane(plant) - start)
     slope, gravity = ways
-    assert slope[:2] == pytest.approx(gravity[:2], rel=0.01, abs=0.002)
+    assert slope[:2] == pytest.approx(gravity[:2], rel=0.01, abs=8e-4 * abs(gravity[0]))
     assert abs(gravity[0]) > 1.0
     if uphill_deg != 180.0:
         assert gravity[1] < -0.02

@@ -49,17 +49,17 @@ SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale"
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
 slip, corrections of 0.7 deg on a line give an error of 0.13 m in the antenna position, bends of 3 deg 0.016 m."""
-LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.025, 0.04
-"""Half widths of the interval of a latency due to unmodelled tyre lag [s]: relative to a gyro, and relative to the
-steering. Assumed values, derived from other models."""
+LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
+"""Half widths of the interval of a latency due to unmodelled lag of tyres and body sway [s]: relative to a gyro, and to
+the steering. The first, times the speed, is that of the distance ahead. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0
 """Minimum difference of two scales, divided by its standard error [-]."""
 RIGHT_SIGMA = 0.3
 """Prior standard deviation of the scale to the right per scale to the left [-]."""
 ONE_SPEED = 3.0
 """Factor on intervals if the log has a single speed, which confounds scale, tyres and antenna [-]. Assumed value."""
-SPREAD = {"position.ahead_m": 1.4, "speed.delay_s": 1.4}
-"""Factors on intervals of quantities that depend on body sway and slip [-]. Assumed values, from synthetic machines."""
+SPREAD = {"speed.delay_s": 1.4}
+"""Factors on intervals of quantities that depend on slip [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2
 """Half width of the interval of tyre scrub per scrub of the plant [-]: from none to about twice. Assumed value."""
 SLIP_LEAD = 1 / 30
@@ -82,6 +82,8 @@ class _Drive(NamedTuple):
     """Half width of the interval of a wheel speed's latency due to slip [s]."""
     gyro: bool
     """Whether latencies are relative to a gyro."""
+    lag_m: float
+    """Half width of the interval of the distance ahead due to the lag of tyres and body sway [m]."""
 
 
 class Calibration(NamedTuple):
@@ -186,9 +188,9 @@ def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
                 f"the value of the map; set {part}.delay_s closer to the true value and calibrate again"
             )
     slow, fast = slow_and_fast(cut.kept)
-    lead = SLIP_LEAD * (slow + fast) / 2 if log_map.speed.of == "wheel" else 0.0
+    lead, lag_m = (each * (slow + fast) / 2 for each in (SLIP_LEAD * (log_map.speed.of == "wheel"), LAG_OF_TYRES_S))
     bends, gyro = _spread(angles) > BENDS_RAD, "yaw_rate" in data.channels
-    drive = _Drive(_wander(data), bends, fast < TWO_SPEEDS * slow, scrub(scenario), lead, gyro)
+    drive = _Drive(_wander(data), bends, fast < TWO_SPEEDS * slow, scrub(scenario), lead, gyro, lag_m)
     found = _found(result, rough, log_map, drive)
     centres = tuple(
         centre for half in split(cut.kept, 0.5) if (centre := centre_of(half, t.wheelbase_m, rough)) is not None
@@ -207,7 +209,7 @@ def _names(data: VehicleData) -> tuple[str, ...]:
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
         ages |= {"speed_delay_s": "position"}
-    place = ("ahead_m", "left_m") if "position" in channels else ()
+    place = ("ahead_m", "left_m", "lean_s2") if "position" in channels else ()
     return ("steer_offset", "steer_scale", *(age for age, needs in ages.items() if needs in channels), *place, *TYRES)
 
 
@@ -302,6 +304,8 @@ def _quantity(
     if name == "delay_s":
         lag = LAG_OF_TYRES_S if drive.gyro and key != "steer.delay_s" else LAG_OF_MACHINE_S
         half = hypot(half, lag, drive.slip_lead if key == "speed.delay_s" else 0.0)
+    if name == "ahead_m":
+        half = hypot(half, drive.lag_m)
     half *= SPREAD.get(key, 1.0)
     if name in ("scale", "scale_right"):
         middle, half = middle / (1 - drive.scrub), hypot(half, MOST_SCRUB * middle * drive.scrub)

@@ -321,7 +321,7 @@ def test_rollover_during_replay_gives_exit_status_1(driven, tmp_path, call):
         "--set",
         "terrain.grade_deg=44",
         "--set",
-        "terrain.direction_deg=0",
+        "terrain.direction_deg=90",
     )
     status, _, err = call("twin", "--only", "replay", "run", "--out", "r", "--to", "5", *tall)
     assert status == 1

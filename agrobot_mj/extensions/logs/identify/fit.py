@@ -302,6 +302,9 @@ DELAY_S = 0.3
 """Prior standard deviation of a latency [s]."""
 PLACE_M = 0.5
 """Prior standard deviation of the antenna position relative to its position in the map [m]."""
+LEAN_S2 = Prior(0.02, 0.03)
+"""Outward shift of the antenna by roll, per lateral acceleration [s2]: 0 with tilt correction, 0.014 for the compact
+and 0.045 for a narrow tractor."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
 """Steering centre [rad] and scale [-] relative to the regression without slip."""
 
@@ -319,6 +322,7 @@ def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
     found |= {name: Prior(0.0, PLACE_M) for name in ("ahead_m", "left_m")}
     return found | {
         "backlash": BACKLASH,
+        "lean_s2": LEAN_S2,
         "speed_error": SPEED_ERROR,
         "speed_delay_s": Prior(0.0, DELAY_S),
         "steer_offset": CENTRE,

@@ -248,8 +248,10 @@ SENSORS = {
     "position_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
     "ahead_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
+    "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Parameters that do not affect the motion. The antenna position (relative to the map) does if its speed is used."""
+"""Parameters that do not affect the motion. The antenna position (relative to the map) does if its speed is used. In a
+bend the roll of the body moves the antenna outwards by `lean_s2` per lateral acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -329,7 +331,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
         found["heading"] = yaw + (channel.value[piece.windows] - yaw).mean(axis=1, keepdims=True)
     if channel := data.channels.get("position"):
         t, turned = channel.t[piece.windows] - p.get("position_delay_s", 0.0), "heading" in found
-        points = _dead_reckoned(p, piece, m) if turned else _point(p, piece, m.rear_x, m.rear_y, m.yaw)
+        points = _dead_reckoned(p, piece, m) if turned else _point(p, piece, m, m.rear_x, m.rear_y, m.yaw)
         at = np.stack([np.interp(t, piece.t, each) for each in points], axis=2)
         found["position"] = laid(at, channel.value[piece.windows], not turned)
     return found
@@ -341,13 +343,16 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
-    return _point(p, piece, x, y, yaw)
+    return _point(p, piece, m, x, y, yaw)
 
 
-def _point(p: Mapping[str, float], piece: FitPiece, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
+def _point(
+    p: Mapping[str, float], piece: FitPiece, m: LateralMotion, x: Array, y: Array, yaw: Array
+) -> tuple[Array, Array]:
     """Return east and north of the antenna for positions x, y of the rear axle with headings `yaw` [rad] [m]."""
     (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
-    return x + ahead * c - left * s, y + ahead * s + left * c
+    beside = left - p.get("lean_s2", 0.0) * speed(p, piece) * m.yaw_rate
+    return x + ahead * c - beside * s, y + ahead * s + beside * c
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:

@@ -213,5 +213,5 @@ def test_calibrate_command_writes_the_calibrated_map(log, tmp_path, call):
     assert (status, err) == (0, "")
     text = (tmp_path / "found" / "map.toml").read_text()
     assert text.strip() in out
-    assert " to " in text.partition("scale = ")[2].splitlines()[0]
+    assert " to " in text.partition("offset = ")[2].splitlines()[0]
     assert (tmp_path / "found" / "calibration.json").is_file()
