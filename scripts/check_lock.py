@@ -62,7 +62,7 @@ def optional(text: str) -> set[str]:
 
 
 def faults(root: Path) -> list[str]:
-    """Return one line of text for each difference."""
+    """Return a line for each difference between the lock file and the declared dependencies."""
     texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
     pins = {name: exported(texts[name]) for name in EXPORTS}
     lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])

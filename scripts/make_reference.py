@@ -111,7 +111,7 @@ class Number(NamedTuple):
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:
-    """Return the numeric keys for each table that a page marks."""
+    """Return the numeric keys of each table that has a placeholder in the page."""
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
     apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
     for name, brackets, table, kinds in marks:
@@ -133,7 +133,7 @@ def with_numbers(text: str) -> str:
 
 
 def _default(brackets: str, table: str, kind: str) -> Any:
-    """Return the part of the default scenario that a mark refers to."""
+    """Return the part of the default scenario to which a placeholder refers."""
     tables, item = table.split("."), {"kind": kind} if kind else {}
     inner: Any = [item] if brackets == "[[" else item
     data: Any = reduce(lambda below, name: {name: below}, reversed(tables), inner)

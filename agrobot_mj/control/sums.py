@@ -81,7 +81,7 @@ class Sums(NamedTuple):
     bent: complex = 0j
     """Derivative h of the path with respect to the tyre compliance [m2/s2]."""
     sideslip: float = 0.0
-    """Accumulated variance of the random walk of the sideslip kappa [rad2]."""
+    """Accumulated variance of the random walk of the sideslip parameter kappa [rad2]."""
     slip: float = 0.0
     """Accumulated variance of the random walk of the wheel scale k [-]."""
     lever: complex = 0j
@@ -109,7 +109,7 @@ class Sums(NamedTuple):
     gyro_s: float = 0.0
     """Accumulated time with gyro measurements, during which the gyro bias rotates theta [s]."""
     turning: float = 0.0
-    """Variance of theta accumulated without a gyro [rad2]."""
+    """Variance of the heading change theta accumulated without a gyro [rad2]."""
     blind: bool = False
     """Whether the gyro measurement was missing in the last tick."""
 

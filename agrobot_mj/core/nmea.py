@@ -35,7 +35,7 @@ class Solution(NamedTuple):
     course: float
     """Direction of motion, from east, counter-clockwise [rad]."""
     quality: int = RTK_FIX
-    """Quality number of GGA."""
+    """Fix quality indicator of the GGA sentence."""
     satellites: int = 14
     """Number of satellites in use [-]. Assumed value."""
     hdop: float = 0.7

@@ -28,7 +28,7 @@ class LineFault(Scripted):
         "valve": "voltage of the steering valve",
         "pedal_valve": "voltage of the pedal valve",
     }
-    """Description of the signal on each line, for lists of kinds."""
+    """Description of the signal on each line, shown in lists of fault kinds."""
 
     @property
     def line(self) -> str:

@@ -46,7 +46,7 @@ MAX_ROWS = 20_000
 
 
 class Track(NamedTuple):
-    """Waypoints of a file."""
+    """Waypoints read from a file."""
 
     points: Array
     """Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""

@@ -108,7 +108,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete the named files if their names are in the mark of `folder`."""
+    """Delete the named files that the marker file of `folder` lists."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:

@@ -37,7 +37,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the logarithm of the likelihood ratio of higher success rates, averaged, to `rate`."""
+    """Return the log likelihood ratio of higher success rates (averaged over these rates) to `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES

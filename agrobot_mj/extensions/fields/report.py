@@ -24,7 +24,7 @@ EFFORT = (
 )
 """Key, text and unit of each row about effort."""
 HEAD = 2
-"""Number of parts at the start of a page that come before the coverage: title and facts."""
+"""Number of elements of a page before the coverage section: title and facts."""
 
 
 def field_page(folder: Path) -> Document:

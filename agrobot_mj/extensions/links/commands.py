@@ -163,7 +163,7 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """Run with an external program and return the result; `given` are scenario, keys and command-line overrides."""
+    """Run a scenario with an external program; return the result. `given`: scenario, keys, overrides."""
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.simulation.results import remove, results
     from agrobot_mj.simulation.storage import RECORDING, files_of_run

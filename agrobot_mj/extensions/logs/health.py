@@ -60,7 +60,7 @@ class LogHealth(NamedTuple):
 
     @property
     def centre(self) -> float:
-        """Mean steering centre of all parts [unit of the sensor]."""
+        """Reading of the steering sensor straight ahead, mean over all parts of the log [unit of the sensor]."""
         return float(np.mean([part.centre for part in self.parts]))
 
     @property

@@ -48,7 +48,7 @@ class Quantity(NamedTuple):
 
 
 Found = Mapping[str, Quantity]
-"""Quantities by key."""
+"""Identified quantities by key."""
 HEAD = ("quantity", "value", "from", "to", "unit", "identified")
 """Column heads of the table of quantities."""
 UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")

@@ -21,7 +21,7 @@ class Adjustment(NamedTuple):
     kind: str
     """Kind of the faults that implement the adjustment."""
     key: str
-    """Key of the fault that contains the value."""
+    """Key in the table of the fault whose value is adjusted."""
     others: tuple[Mapping[str, Any], ...] = ({},)
     """Further keys of each fault; one fault per item."""
     step: float = 0.001

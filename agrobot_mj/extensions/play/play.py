@@ -29,7 +29,7 @@ SHOW_S = 0.04
 BEHIND_S = 0.25
 """Delay above which a drive continues slower than real time instead of catching up [s]."""
 CLOSE_S = 1.0
-"""Maximum time for which the command waits until the viewer has ended, after the files are written [s]."""
+"""Maximum time to wait for the viewer to exit after the files are written [s]."""
 RATE_S = 1.0
 """Time over which the ratio of simulated to wall time is measured [s]."""
 

@@ -207,7 +207,7 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
 def _without_empty(
     faults: list[dict[str, Any]], still: Mapping[str, int]
 ) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """Return the faults without those that end before they begin, and the renumbered open faults."""
+    """Return the faults that do not end before they begin, and the new indices of the active faults."""
     kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
     return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
 

@@ -61,7 +61,7 @@ class Part(NamedTuple):
 
 
 class Sprung(NamedTuple):
-    """All springs and dampers at the same points in one direction."""
+    """All springs and dampers that act in one direction at the same attachment points."""
 
     axis: int
     """Direction: 0 forward, 1 to the left, 2 up."""
@@ -193,7 +193,7 @@ class Built(NamedTuple):
     tyres: TyreSet
     hitched: HitchedBody | None
     attached: Attached
-    """Implement as input of the compiled kernels."""
+    """Data of the implement for the compiled kernels."""
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]

@@ -146,7 +146,7 @@ def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Return the style of a plot: names, colours and widths of its lines. Zooming out keeps spikes visible."""
+    """Return names, colours and widths of the lines of a plot. Spikes remain visible when the plot is zoomed out."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

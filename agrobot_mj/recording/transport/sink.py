@@ -91,7 +91,7 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Create an empty file in place of a link or recording. Raises OSError, `ScenarioError` for a foreign file."""
+    """Replace a link or recording by an empty file. Raises OSError, or `ScenarioError` for a foreign file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])

@@ -149,7 +149,7 @@ class _Work:
         return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
 
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
-        """Return the completed plan. The notes become its first warnings."""
+        """Return the completed plan, whose first warnings are the notes of the planner."""
         crossing = [
             f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings

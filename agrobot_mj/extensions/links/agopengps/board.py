@@ -130,7 +130,7 @@ class BoardState(NamedTuple):
     """Whether the watchdog time has passed since the last message."""
     engaged: bool = False
     steer: float = 0.0
-    """Measured true steering angle, left positive [rad]."""
+    """Steering angle measured by the board, left positive [rad]."""
     pwm: int = 0
     """Motor output of the board's proportional law, left positive [PWM counts]."""
     reported_at: float = -inf

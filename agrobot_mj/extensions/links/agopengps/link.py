@@ -55,7 +55,7 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario with a host and write into `folder`. Raises `ScenarioError`, or `NoHostError` without a host."""
+    """Run a scenario steered by a host and write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
     done = _connected(scenario, options, watchers, should_stop)
     table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
@@ -73,7 +73,7 @@ def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bo
 def _connected(
     scenario: Scenario, o: LinkOptions, watchers: tuple[Watcher, ...], should_stop: Callable[[], bool]
 ) -> LinkRun:
-    """Open the channel and run."""
+    """Open the channel to the host and run the scenario."""
     own = LOOPBACK
     _keys(scenario)
     with ExitStack() as stack:

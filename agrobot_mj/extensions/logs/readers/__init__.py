@@ -47,7 +47,7 @@ class OpenedLog(NamedTuple):
     """Map tables of the columns, as a template for a user's map; empty for free columns."""
 
     def checked_map(self) -> LogMap:
-        """Return `log_map`. Raises `FieldLogError` that names the missing quantities if there is no map."""
+        """Return `log_map`. Without a map, raises a `FieldLogError` that names the missing quantities."""
         if self.log_map is None:
             more = "; twin --describe lists its content" if self.tables else ""
             raise FieldLogError(f"{self.name}: {self.missing}{more}")
