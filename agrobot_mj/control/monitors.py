@@ -38,9 +38,9 @@ Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
 """Speed below which the course limit is proportional to 1 / speed, for antenna oscillation [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Distances for a tractor that has never been within `max_cross_track_m` of the path [m]: decrease of the minimum
-distance from the path that counts as an approach, at most half of `max_cross_track_m`, and tolerated increase from the
-minimum distance. Assumed values."""
+"""Limits for a tractor that has not yet been within `max_cross_track_m` of the path [m]: decrease of its minimum
+distance from the path that counts as an approach (at most half of `max_cross_track_m`), and tolerated increase above
+the minimum. Assumed values."""
 TURNED_AWAY = 0.3
 """Additional tolerated increase after a start at 45 deg to the path, divided by the minimum turning radius [-]."""
 DRIFT_SIGMAS = 2.5

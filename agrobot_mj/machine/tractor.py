@@ -48,6 +48,8 @@ class AxleWheel(NamedTuple):
 
 DAMPING_RATIO = 0.15
 """Damping of a tyre under its static load divided by critical damping [-]. Assumed value (0.05-0.2)."""
+AntennaPlace = Annotated[float, Field(ge=-20, le=20)]
+"""Horizontal distance of an antenna from the rear axle [m]."""
 AXLES = ("front", "rear")
 """Axles of a tractor, as the beginnings of their keys."""
 TyreCode = Annotated[str, Field(min_length=1, max_length=40)]
@@ -128,9 +130,9 @@ class TractorParameters(Spec):
     """Maximum angle of the virtual front wheel of the bicycle model, in both directions [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
-    antenna_ahead_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    antenna_ahead_m: AntennaPlace = 0.0
     """Distance of the GNSS antenna ahead of the rear axle [m]. Paper, section V-A; up to 1 on a cab roof."""
-    antenna_left_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
+    antenna_left_m: AntennaPlace = 0.0
     """Lateral offset of the GNSS antenna, left positive [m]. Paper, section V-A; up to 0.5 on a cab roof."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""

@@ -19,12 +19,12 @@ from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stre
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.core.vectors import Vector
+from agrobot_mj.machine.tractor import AntennaPlace
 from agrobot_mj.sensors.base import Noise, SensedMotion, Sensor, motion_of
 from agrobot_mj.sensors.canopy import Canopy, CanopyState
 from agrobot_mj.sensors.dual_antenna import DualAntenna, DualAntennaLaw, antenna_heading
 
 FLOAT = Quality.FLOAT
-AntennaPlace = Annotated[float, Field(ge=-20, le=20)]
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:

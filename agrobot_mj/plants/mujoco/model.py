@@ -22,6 +22,7 @@ from agrobot_mj.plants.mujoco.bodywork import dress, undress
 from agrobot_mj.plants.mujoco.mechanism import in_unit_of
 from agrobot_mj.plants.mujoco.own_body import own_spec
 from agrobot_mj.plants.mujoco.own_contract import STEERS
+from agrobot_mj.plants.mujoco.views import DISABLED
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
@@ -271,8 +272,7 @@ def simulation_model(
     contact = native or NativeContact()
     spec.option.timestep = physics_dt
     spec.option.impratio = contact.impratio
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # a diverged run must not restart
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # skip the search: all bodies are one island
+    spec.option.disableflags |= DISABLED
     for wheel in WHEELS:
         tyre = spec.geom(f"tyre_{wheel}")
         tyre.contype = tyre.conaffinity = int(native is not None)

@@ -12,7 +12,7 @@ CHASSIS = 1
 """Body id of the chassis, the first body after the world."""
 IMPLEMENT = "implement"
 DISABLED = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
-"""Features of MuJoCo that `model` disables."""
+"""Features of MuJoCo that `model` disables: restart of a diverged run, and search for islands (all bodies are one)."""
 
 
 class Coupling(NamedTuple):

@@ -45,7 +45,7 @@ CUSP_M = 5.0
 GENTLE = (2.0, 3.0)
 """Radii of gentle bends [turn radii]."""
 FORWARD_TRIED = 3
-"""Maximum number of forward connections that are evaluated."""
+"""Maximum number of forward connections of two swaths that are evaluated."""
 STEPS, STEP = 13, 0.5
 """Number of points of a lap at which a route may join or leave it [-], and their spacing [turn radii]."""
 ROUTES_TRIED = 8

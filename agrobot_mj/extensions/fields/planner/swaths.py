@@ -44,7 +44,7 @@ class Swath(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """Swaths of an area, in one direction."""
+    """Parallel swaths that cover an area."""
 
     angle: float
     """Direction of the swaths, counter-clockwise from east [rad]."""

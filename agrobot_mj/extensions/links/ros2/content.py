@@ -138,7 +138,7 @@ def stamp(t: float) -> Content:
 
 
 def nanoseconds(t: float) -> int:
-    """Return the UTC time at `t` since the start [s], in nanoseconds since 1970, rounded to microseconds."""
+    """Return the UTC time `t` [s] after the start, in nanoseconds since 1970, rounded to microseconds."""
     return EPOCH_NS + round(t * 1e6) * 1000
 
 

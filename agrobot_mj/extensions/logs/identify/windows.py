@@ -331,7 +331,11 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
         found["heading"] = yaw + (channel.value[piece.windows] - yaw).mean(axis=1, keepdims=True)
     if channel := data.channels.get("position"):
         t, turned = channel.t[piece.windows] - p.get("position_delay_s", 0.0), "heading" in found
-        points = _dead_reckoned(p, piece, m) if turned else _point(p, piece, m, m.rear_x, m.rear_y, m.yaw)
+        points = (
+            _dead_reckoned(p, piece, m)
+            if turned
+            else _point(p, piece, speed(p, piece) * m.yaw_rate, m.rear_x, m.rear_y, m.yaw)
+        )
         at = np.stack([np.interp(t, piece.t, each) for each in points], axis=2)
         found["position"] = laid(at, channel.value[piece.windows], not turned)
     return found
@@ -343,15 +347,16 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
     x, y = (cumulative_trapezoid(v, dx=STEP_S, initial=0) for v in (u * c - m.side * s, u * s + m.side * c))
-    return _point(p, piece, m, x, y, yaw)
+    return _point(p, piece, u * m.yaw_rate, x, y, yaw)
 
 
-def _point(
-    p: Mapping[str, float], piece: FitPiece, m: LateralMotion, x: Array, y: Array, yaw: Array
-) -> tuple[Array, Array]:
-    """Return east and north of the antenna for positions x, y of the rear axle with headings `yaw` [rad] [m]."""
+def _point(p: Mapping[str, float], piece: FitPiece, side: Array, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
+    """Return east and north of the antenna [m] for positions x, y of the rear axle [m] with headings `yaw` [rad].
+
+    `side` is the lateral acceleration [m/s2].
+    """
     (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
-    beside = left - p.get("lean_s2", 0.0) * speed(p, piece) * m.yaw_rate
+    beside = left - p.get("lean_s2", 0.0) * side
     return x + ahead * c - beside * s, y + ahead * s + beside * c
 
 
