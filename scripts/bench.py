@@ -11,7 +11,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from copy import copy
 from pathlib import Path
@@ -23,7 +23,6 @@ import mujoco
 import numpy as np
 
 from agrobot_mj import load_scenario, run
-from agrobot_mj.control.pid import SpeedLoop, SteeringLoop
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.signals import TICK_S, Drive
 from agrobot_mj.core.spec import every
@@ -35,24 +34,40 @@ from agrobot_mj.plants.mujoco.model import simulation_model, tractor_spec
 from agrobot_mj.plants.mujoco.saving import MujocoState
 from agrobot_mj.recording import Recording
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation import loop as simulate
-from agrobot_mj.simulation import stepping
 from agrobot_mj.simulation.log import Rows
+from agrobot_mj.simulation.loop import Loop
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
-AIM_RATIO, AIM_RECORDING, AIM_PYTHON = 1.9, 0.05, 18.0
-"""Targets [-]: closed loop per bare step, relative cost of recording, and tick without plant per bare step."""
-AIM_REAL_TIME, AIM_FAST = 160.0, 250.0
-"""Targets for simulated time divided by wall time on one core, with standard steps and with `physics = "fast"` [-]."""
+AIM_RATIO, AIM_RECOMMENDED_RATIO, AIM_RECORDING = 1.35, 2.0, 0.05
+"""Targets [-]: closed loop per bare step, the same for the recommended stack, and relative cost of recording."""
+AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
+"""Targets for simulated divided by processor time [-]: standard steps, `physics = "fast"`, recommended stack."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
 """Targets for physics with tyres per bare step, on firm ground and on soft soil [-], and grid nodes per side."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
 """Command lines and targets for their wall times [s]."""
-PARTS, UNDISTURBED = ("plant", "sensors", "estimator", "guidance and control", "log"), 10
-"""Timed parts of a tick, and percentile of the tick times that counts as undisturbed by other processes [%]."""
+PARTS = {
+    "plant": (Loop, "advance"),
+    "sensors and estimator": (Loop, "sense"),
+    "guidance and supervisor": (Loop, "decide"),
+    "low-level loops": (Loop, "act"),
+    "log": (Rows, "append"),
+}
+"""Timed parts of a tick: class and method."""
+RECOMMENDED = {
+    "guidance.kind": "lqr",
+    "estimator.kind": "ekf_full",
+    "sensors.imu.enabled": True,
+    "sensors.gyro.enabled": True,
+    "sensors.wheel_speed.enabled": True,
+    "physics": "fast",
+}
+"""Overrides for the recommended stack with large steps."""
+UNDISTURBED = 10
+"""Percentile of the tick times that counts as undisturbed by other processes [%]."""
 HELD_STEPS, MOVING_S = 500, 12.0
 """Number of steps after which the bare model restarts, because it would fall over, and time of acceleration [s]."""
 NO_IMPLEMENT, ROUNDS = NoImplement(), 15
@@ -63,7 +78,7 @@ class BareModel:
     """MuJoCo model of a run in which the tractor moves, supported by constant tyre forces."""
 
     def __init__(self, scenario: Scenario) -> None:
-        loop = simulate.Loop(scenario)
+        loop = Loop(scenario)
         if not isinstance(loop.plant, MujocoPlant):
             raise TypeError("the bare step is that of a MuJoCo plant")
         for _ in range(round(MOVING_S / TICK_S)):
@@ -144,20 +159,24 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
             rounds.append((one_by_one, whole, plain, recorded, thread))
             file.unlink()
     bares, wholes, plains, recordings, threads = (np.array(column) for column in zip(*rounds[1:], strict=True))
-    (tick, python), fastest, us = undisturbed_tick(scenario), plains.min(), 1e6 / steps
-    fast, step = undisturbed_tick(scenario.changed({"physics": "fast"}))[0], bare.undisturbed(in_a_tick) / in_a_tick
+    tick, fastest, us = undisturbed_tick(scenario), plains.min(), 1e6 / steps
+    fast, step = undisturbed_tick(scenario.changed({"physics": "fast"})), bare.undisturbed(in_a_tick) / in_a_tick
+    recommended = scenario.changed(RECOMMENDED)
+    large = undisturbed_tick(recommended)
+    large_steps = BareModel(recommended).undisturbed(recommended.steps_per_tick)
     own, all_of = "bare `mj_step` of the same model", "of the model with all visual geoms"
     rows = [
         (f"closed loop, no recording, divided by {own}", f"{np.median(plains / bares):.2f}", f"at most {AIM_RATIO}"),
         (f"the same, divided by the step {all_of}", f"{np.median(plains / wholes):.2f}"),
         (f"undisturbed tick, divided by its undisturbed steps, {own}", f"{tick / (in_a_tick * step):.2f}"),
         (f"the same, divided by undisturbed steps {all_of}", f"{tick / drawn.undisturbed(in_a_tick):.2f}"),
-        ("undisturbed tick without plant, divided by one step", f"{python / step:.0f}", f"at most {AIM_PYTHON:.0f}"),
+        ("the same, recommended stack, 5 ms steps", f"{large / large_steps:.2f}", f"at most {AIM_RECOMMENDED_RATIO}"),
         ("added by recording, thread of the run", f"{np.median(threads) - 1:.0%}", f"at most {AIM_RECORDING:.0%}"),
         ("added by recording, in all threads", f"{np.median(recordings / plains) - 1:.0%}"),
         ("simulated divided by processor time, fastest run", f"{run_s / fastest:.0f}", f"at least {AIM_REAL_TIME:.0f}"),
         ("simulated divided by processor time, undisturbed ticks", f"{TICK_S / tick:.0f}"),
         ('the same with `physics = "fast"`', f"{TICK_S / fast:.0f}", f"at least {AIM_FAST:.0f}"),
+        ("the same, recommended stack", f"{TICK_S / large:.0f}", f"at least {AIM_RECOMMENDED:.0f}"),
         ("complete physics step in the run", f"{fastest * us:.1f} us"),
         (own, f"{bares.min() * us:.1f} us"),
         (f"`mj_step` {all_of}", f"{wholes.min() * us:.1f} us"),
@@ -165,22 +184,19 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
     return markdown_table(("quantity", "measured", "target"), [(*row, "")[:3] for row in rows])
 
 
-def undisturbed_tick(scenario: Scenario) -> tuple[float, float]:
-    """Return the processor times of a tick, and of a tick without its plant, as tenth percentiles [s]."""
-    simulation, found = Simulation(scenario), list[tuple[float, float]]()
+def undisturbed_tick(scenario: Scenario) -> float:
+    """Return the processor time of a tick, as tenth percentile [s]."""
+    simulation, found = Simulation(scenario), list[float]()
     simulation.reset()
-    with stopwatches(scenario, ("plant",)) as spent:
-        while not simulation.done:
-            spent["plant"], began = 0.0, time.thread_time()
-            simulation.step()
-            tick = time.thread_time() - began
-            found.append((tick, tick - spent["plant"]))
-    tick, python = np.percentile(found, UNDISTURBED, axis=0).tolist()
-    return tick, python
+    while not simulation.done:
+        began = time.thread_time()
+        simulation.step()
+        found.append(time.thread_time() - began)
+    return float(np.percentile(found, UNDISTURBED))
 
 
 @contextmanager
-def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[dict[str, float]]:
+def stopwatches() -> Iterator[dict[str, float]]:
     """Measure the time of parts of a tick within the block. Yields the seconds by name of the part."""
     spent: dict[str, float] = defaultdict(float)
 
@@ -193,23 +209,8 @@ def stopwatches(scenario: Scenario, parts: Sequence[str] = PARTS) -> Iterator[di
 
         return call
 
-    plant = MujocoPlant if scenario.plant.kind == "mujoco" else simulate.BicyclePlant
-    places: list[tuple[str, Any, str]] = [
-        ("plant", plant, "advance"),
-        ("sensors", type(scenario.sensors), "measure"),
-        ("estimator", type(scenario.estimator), "update"),
-        ("guidance and control", type(scenario.path), "at"),
-        ("guidance and control", simulate.Loop, "decide"),
-        ("guidance and control", SpeedLoop, "update"),
-        ("guidance and control", SteeringLoop, "update"),
-        ("log", stepping, "row"),
-        ("log", plant, "wheels"),
-        ("log", plant, "poses"),
-        ("log", plant, "actuation"),
-        ("log", Rows, "append"),
-    ]
     with ExitStack() as stack:
-        for part, owner, name in (place for place in places if place[0] in parts):
+        for part, (owner, name) in PARTS.items():
             stack.enter_context(patch.object(owner, name, timed(part, getattr(owner, name))))
         yield spent
 
@@ -218,7 +219,7 @@ def tick_parts(scenario: Scenario) -> str:
     """Return a table of the processor time of each part of an undisturbed tick."""
     simulation, ticks = Simulation(scenario), list[dict[str, float]]()
     simulation.reset()
-    with stopwatches(scenario) as spent:
+    with stopwatches() as spent:
         while not simulation.done:
             spent.clear()
             began = time.thread_time()
