@@ -240,15 +240,23 @@ class TractorParameters(Spec):
 
     def _wheel(self, axle: str, load: float) -> AxleWheel:
         radius, width, mass = (getattr(self, f"{axle}_wheel_{key}") for key in ("radius_m", "width_m", "mass_kg"))
-        keys = ("tyre", "tyre_pressure_bar", "tyre_stiffness_n_m", "tyre_damping_n_s_m")
-        code, bar, k, c = (getattr(self, f"{axle}_{key}") for key in keys)
+        code, k, c = (getattr(self, f"{axle}_{key}") for key in ("tyre", "tyre_stiffness_n_m", "tyre_damping_n_s_m"))
         size = None if code is None else tyre_size(code)
         if k is None:
-            fitted = size or nominal_size(radius, width)
-            k = fitted.stiffness(fitted.pressure(load) if bar is None else bar)
+            k = self._fitted(axle).stiffness(self.tyre_pressure(axle, load))
         if c is None:
             c = 2 * DAMPING_RATIO * sqrt(k * load / GRAVITY)
         return AxleWheel(axle, radius, width, mass, load, k, c, size)
+
+    def _fitted(self, axle: str) -> TyreSize:
+        """Return the tyre of an axle, without a size code that of the dimensions of the wheel."""
+        code, radius, width = (getattr(self, f"{axle}_{key}") for key in ("tyre", "wheel_radius_m", "wheel_width_m"))
+        return nominal_size(radius, width) if code is None else tyre_size(code)
+
+    def tyre_pressure(self, axle: str, load: float) -> float:
+        """Return the tyre pressure [bar] of the axle "front" or "rear", by default for a load per wheel [N]."""
+        bar: float | None = getattr(self, f"{axle}_tyre_pressure_bar")
+        return self._fitted(axle).pressure(load) if bar is None else bar
 
     @property
     def antenna(self) -> tuple[float, float, float]:

@@ -51,6 +51,17 @@ STEEPEST_DEG = 40.0
 """Maximum slope grade that the panel can set [deg]."""
 
 
+class NextStart(NamedTuple):
+    """Settings that need a new start."""
+
+    grade_deg: float
+    """Grade of the slope [deg]; level ground becomes a slope."""
+    tyre: str = ""
+    """Kind of the tyre law; empty to keep it."""
+    pressure_bar: float | None = None
+    """Pressure of all tyres [bar]; None to keep it."""
+
+
 def fault_kinds() -> list[str]:
     """Return the kinds of faults that a driver can inject. Kinds used by adjustments are excluded."""
     used = {each.kind for each in ADJUSTMENTS.values()}
@@ -68,16 +79,15 @@ def tyre_kind(scenario: Scenario) -> str:
     return scenario.plant.tyre.kind
 
 
-def restarted(scenario: Scenario, grade_deg: float, tyre: str) -> Scenario:
-    """Return a scenario with another slope grade [deg] and tyre kind.
-
-    Level ground becomes a slope; an empty tyre kind keeps the tyre. Raises `ScenarioError`.
-    """
+def restarted(scenario: Scenario, settings: NextStart) -> Scenario:
+    """Return a scenario with these settings. Raises `ScenarioError`."""
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):
-        keys["terrain.grade_deg"] = grade_deg
-    elif grade_deg:
-        keys["terrain"] = {"kind": "slope", "grade_deg": grade_deg}
-    if tyre and tyre != tyre_kind(scenario):
-        keys["plant.tyre"] = {"kind": tyre}
+        keys["terrain.grade_deg"] = settings.grade_deg
+    elif settings.grade_deg:
+        keys["terrain"] = {"kind": "slope", "grade_deg": settings.grade_deg}
+    if settings.tyre and settings.tyre != tyre_kind(scenario):
+        keys["plant.tyre"] = {"kind": settings.tyre}
+    if settings.pressure_bar is not None:
+        keys |= {f"tractor.{axle}_tyre_pressure_bar": settings.pressure_bar for axle in ("front", "rear")}
     return scenario.changed(keys)

@@ -13,8 +13,9 @@ from mujoco.studio import messages, plugin
 from mujoco.studio.dear_imgui import dear_imgui as imgui
 from mujoco.studio.implot import implot
 
-from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, STEEPEST_DEG
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, STEEPEST_DEG, NextStart
 from agrobot_mj.extensions.play.driver import FASTEST_M_S, REVERSE_M_S, Keys
+from agrobot_mj.machine.tyre_size import LEAST_BAR, MOST_BAR
 
 KEY = imgui.Key
 HELD = {
@@ -65,6 +66,13 @@ class Press(messages.Event):  # type: ignore[misc, unused-ignore]
 
 
 @dataclass(frozen=True)
+class Restart(messages.Event):  # type: ignore[misc, unused-ignore]
+    """Message that requests a new start."""
+
+    settings: NextStart
+
+
+@dataclass(frozen=True)
 class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     """Message with the keys that are pressed now."""
 
@@ -94,6 +102,8 @@ class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     values: dict[str, float] = field(default_factory=dict)
     grade: float = 0.0
     tyre: int = 0
+    pressure: float = 0.0
+    """Pressure of the rear tyres [bar]."""
     times: Sequence[float] = ()
     cross_tracks: Sequence[float] = ()
     rolls: Sequence[float] = ()
@@ -148,7 +158,8 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
             self.send(name, 0.0, self.status.faults[self.fault] if self.status.faults else "")
         elif name == "restart":
             tyre = self.status.tyres[self.tyre] if self.tyre is not None else ""
-            self.send(name, self.edited.get("grade", self.status.grade), tyre)
+            grade = self.edited.get("grade", self.status.grade)
+            self.viewer.send_to_sim(Restart(NextStart(grade, tyre, self.edited.get("pressure"))))
         else:
             self.send(name)
 
@@ -178,6 +189,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         self._button("recall", "Restore (R)")
         imgui.SeparatorText("Applied at the next start")
         self._slider("grade", "grade [deg]", s.grade, -STEEPEST_DEG, STEEPEST_DEG, kept=True)
+        self._slider("pressure", "tyre pressure [bar]", s.pressure, LEAST_BAR, MOST_BAR, kept=True)
         imgui.SetNextItemWidth(LABEL)
         changed, tyre = imgui.Combo("tyre law", s.tyre if self.tyre is None else self.tyre, list(s.tyres) or ["-"])
         self.tyre = tyre if changed else self.tyre

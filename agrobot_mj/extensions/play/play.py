@@ -14,9 +14,17 @@ from mujoco.studio import messages, plugin
 from agrobot_mj.core.errors import CommandError, ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play import web
-from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, FAULT_S, fault_kinds, restarted, tyre_kind, tyre_kinds
+from agrobot_mj.extensions.play.adjustments import (
+    ADJUSTMENTS,
+    FAULT_S,
+    NextStart,
+    fault_kinds,
+    restarted,
+    tyre_kind,
+    tyre_kinds,
+)
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
-from agrobot_mj.extensions.play.panel import SHOWN_S, DrivePanel, HeldKeys, PlayStatus, Press
+from agrobot_mj.extensions.play.panel import SHOWN_S, DrivePanel, HeldKeys, PlayStatus, Press, Restart
 from agrobot_mj.extensions.play.session import PlaySession
 from agrobot_mj.extensions.play.view import PlayView
 from agrobot_mj.scenario.schema import Scenario
@@ -50,13 +58,18 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
     """Inbox of the simulation for messages of the panel."""
 
     def __init__(self) -> None:
-        self.presses: list[Press] = []
+        self.presses: list[Press | Restart] = []
         self.keys = Keys()
 
     @messages.handler
     def on_press(self, press: Press) -> None:
         """Store the message of a key, button or slider."""
         self.presses.append(press)
+
+    @messages.handler
+    def on_restart(self, restart: Restart) -> None:
+        """Store the request of a new start."""
+        self.presses.append(restart)
 
     @messages.handler
     def on_held(self, held: HeldKeys) -> None:
@@ -82,18 +95,21 @@ class Play:
         self.cross_tracks: list[float] = []
         self.rolls: list[float] = []
 
-    def restart(self, grade_deg: float, tyre: str) -> None:
-        """Save the drive and start another one with this slope grade [deg] and tyre kind, where "" keeps the tyre."""
+    def restart(self, settings: NextStart) -> None:
+        """Save the drive and start another one with these settings."""
         before = self.session
         try:
-            self.start(restarted(before.base, grade_deg, tyre))
+            self.start(restarted(before.base, settings))
         except ScenarioError as error:
             before.message = str(error)
         else:
             self.keep(before)
 
-    def obey(self, press: Press) -> None:
+    def obey(self, press: Press | Restart) -> None:
         """Execute the request of a key, button or slider."""
+        if isinstance(press, Restart):
+            self.restart(press.settings)
+            return
         session, driver = self.session, self.driver
         actions: dict[str, Callable[[], Any]] = {
             "steer": lambda: driver.set_angle(radians(press.value)),
@@ -106,7 +122,6 @@ class Play:
             "recall": self._recall,
             "inject": lambda: session.inject(press.text, FAULT_S),
             "pause": lambda: setattr(self, "paused", not self.paused),
-            "restart": lambda: self.restart(press.value, press.text),
             **{name: lambda: session.adjust(press.name, press.value) for name in ADJUSTMENTS},
         }
         actions[press.name]()
@@ -165,6 +180,7 @@ class Play:
             values=dict(session.values),
             grade=float(getattr(base.terrain, "grade_deg", 0.0)),
             tyre=self.tyres.index(tyre_kind(base)),
+            pressure=base.tractor.tyre_pressure("rear", base.tractor.rear_axle_load / 2),
             times=tuple(self.times),
             cross_tracks=tuple(self.cross_tracks),
             rolls=tuple(self.rolls),

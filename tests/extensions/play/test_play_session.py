@@ -5,7 +5,7 @@ from math import radians
 import pytest
 
 from agrobot_mj.core.errors import CommandError, ScenarioError
-from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, fault_kinds, restarted
+from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS, NextStart, fault_kinds, restarted
 from agrobot_mj.extensions.play.driver import Keys, PlayDriver
 from agrobot_mj.extensions.play.play import save
 from agrobot_mj.extensions.play.session import PlaySession
@@ -76,7 +76,7 @@ def test_a_standing_driver_stays_where_he_is():
 
 
 def test_a_fast_turn_on_25_degrees_tips_the_tractor(tmp_path):
-    session = PlaySession(restarted(load_scenario("side_slope_10"), 25.0, ""))
+    session = PlaySession(restarted(load_scenario("side_slope_10"), NextStart(25.0)))
     drive(session, 20, speed=0.0)
     assert not session.sim.done
     drive(session, 120, radians(-40), 4.0)
@@ -90,10 +90,20 @@ def test_a_fast_turn_on_25_degrees_tips_the_tractor(tmp_path):
 
 
 def test_a_tractor_falls_over_on_35_degrees_before_it_is_driven():
-    session = PlaySession(restarted(load_scenario("side_slope_10"), 35.0, ""))
+    session = PlaySession(restarted(load_scenario("side_slope_10"), NextStart(35.0)))
     drive(session, 2, speed=0.0)
     assert session.sim.outcome == "rolled_over"
     assert session.ticks == 1
+
+
+def test_tractor_leans_less_on_a_slope_with_higher_tyre_pressure():
+    scenario = load_scenario("side_slope_10", {"machine": "utility"})
+    rolls = []
+    for bar in (0.8, 1.6):
+        session = PlaySession(restarted(scenario, NextStart(15.0, pressure_bar=bar)))
+        assert session.base.tractor.tyre_pressure("rear", 1.0) == bar
+        rolls.append(abs(session.sim.truth.roll))
+    assert radians(0.1) < rolls[0] - rolls[1] < radians(3.0)
 
 
 def test_a_law_returns_to_the_path_after_a_driver_has_left_it(session):
