@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 @jit
 def prior(P: Array, F: Array, Q: Array) -> Matrix:
     """Return the predicted covariance F P F' + Q for the transition F (n, n) and the process noise Q (n, n)."""
-    found = times(times(F, P), F.T)
+    found = times(F, times(F, P).T.copy()).T.copy()
     for i in range(found.shape[0]):
         for j in range(found.shape[1]):
             found[i, j] += Q[i, j]
@@ -28,12 +28,13 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
     H (m, n) is the Jacobian of the measurement and R (m, m) the covariance of its noise. Raise `LinAlgError` if the
     innovation covariance is singular.
     """
-    PHT = times(P, H.T)
+    PHT = times(H, P.T.copy()).T.copy()
     SI = inverse(times(H, PHT) + R)
     K = times(PHT, SI)
-    I_KH = np.eye(x.size) - times(K, H)
+    KT = K.T.copy()
+    I_KH = np.eye(x.size) - times(H.T, KT).T
     # Joseph form: symmetric and positive definite despite rounding
-    P_post = times(times(I_KH, P), I_KH.T) + times(times(K, R), K.T)
+    P_post = times(times(I_KH, P), I_KH.T.copy()) + times(times(R.T, KT).T, KT)
     return x + applied(K, y), P_post, (y * applied(SI, y)).sum()
 
 
@@ -55,12 +56,14 @@ def applied(A: Array, x: Array) -> Vector:
 
 @jit
 def times(A: Array, B: Array) -> Matrix:
-    """Return the product of two matrices."""
+    """Return the product of two matrices; fastest for zeros in A and rows of B in contiguous memory."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):
-            for j in range(B.shape[1]):
-                C[i, j] += A[i, k] * B[k, j]
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(B.shape[1]):
+                    C[i, j] += a * B[k, j]
     return C
 
 

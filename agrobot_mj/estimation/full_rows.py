@@ -168,6 +168,8 @@ def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> f
     """Return the NIS of the measurement rows `a` and `a` + 1, for the state covariance (n, n) [-]."""
     s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
     for i in range(P.shape[0]):
+        if H[a, i] == 0.0 and H[a + 1, i] == 0.0:
+            continue
         for j in range(P.shape[0]):
             s_aa += H[a, i] * H[a, j] * P[i, j]
             s_ab += H[a, i] * H[a + 1, j] * P[i, j]
