@@ -13,10 +13,11 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.random import Generator, SeedSequence
 
+from agrobot_mj.core.held import Reference
 from agrobot_mj.core.spec import Spec
 
 T = TypeVar("T")
-ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_})
+ATOMS = frozenset({float, int, bool, str, bytes, complex, NoneType, np.float64, np.int64, np.bool_, Reference})
 """Immutable types, which need no copy."""
 
 

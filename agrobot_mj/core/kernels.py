@@ -1,21 +1,25 @@
 """Compilation of scalar kernels, without the GIL and with a disk cache; plain Python with `NUMBA_DISABLE_JIT=1`."""
 
+import copyreg
 import os
 from collections.abc import Callable
 from functools import cache, wraps
-from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numba import config, njit, typeof, types
 from numba.core.codegen import JITCodeLibrary
 from numba.extending import overload_method, register_jitable
+from numba.np.numpy_support import from_dtype
 
 from agrobot_mj.core import geometry
 from agrobot_mj.core.boxing import box_in_c
+from agrobot_mj.core.held import KINDS, HeldType, Reference, number_of, with_references
 from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 
 F = TypeVar("F", bound=Callable[..., object])
+T = TypeVar("T")
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(2)  # as fast as level 3, which duplicates loops and compiles half as fast
 box_in_c()
@@ -63,38 +67,99 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
     """Return `function` compiled for the types of these arguments, without numba's type dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
-    return cast(Callable[..., Any], function.compile(tuple(typeof(argument) for argument in arguments)))
+    return _entry(function, *map(typeof, arguments))
 
 
 def stage(function: F) -> F:
     """Return `function`, compiled on its first call for its annotated types, without numba's type dispatch.
 
-    Arguments are numbers, C-contiguous arrays (`Vector`, `Matrix`), and tuples and named tuples of them.
+    Arguments are numbers, C-contiguous arrays (`Vector`, `Matrix`), tuples and named tuples of them, and references to
+    named tuples (`Held`).
     """
     if config.DISABLE_JIT:
         return function
-    compiled: Any = _compiled(function)
     entries: list[Callable[..., object]] = []
+    hints = [hint for name, hint in function.__annotations__.items() if name != "return"]
+    places = [k for k, hint in enumerate(hints) if get_origin(hint) is Annotated]
 
     @wraps(function)
     def call(*arguments: object) -> object:
+        for k in places:
+            if type(arguments[k]) is not Reference:  # compiled code would read any memory
+                raise TypeError(f"{function.__name__}: argument {k + 1} must be a held state, got {arguments[k]!r:.80}")
         if not entries:
-            hints = get_type_hints(function)
-            entries.append(compiled.compile(tuple(declared(hints[name]) for name in hints if name != "return")))
+            known = get_type_hints(function, include_extras=True)
+            results = _references(known.pop("return"))
+            kinds, compiled = {name: declared(hint) for name, hint in known.items()}, _compiled(cast(Any, function))
+            if results or any(isinstance(kind, HeldType) for kind in kinds.values()):
+                compiled = _compiled(with_references(compiled, kinds, results))
+            entries.append(_entry(compiled, *kinds.values()))
         return entries[0](*arguments)
 
     return cast(F, call)
+
+
+def _entry(compiled: Any, *kinds: types.Type) -> Callable[..., Any]:
+    """Return the compiled function for arguments of these types, without numba's type dispatch."""
+    _KEPT.append(compiled)  # the machine code is freed with its dispatcher
+    return cast(Callable[..., Any], compiled.compile(kinds))
+
+
+_KEPT: list[Any] = []
+
+
+def _references(hint: Any) -> Any:
+    """Return the types of references in the result of a stage, as for `with_references`."""
+    if get_origin(hint) is tuple:
+        kinds = tuple(_references(part) for part in get_args(hint))
+        return kinds if any(kinds) else None
+    return declared(hint) if get_origin(hint) is Annotated else None
 
 
 def declared(hint: Any) -> types.Type:
     """Return numba's type for the annotation of an argument of a `stage`."""
     if hint in NUMBERS:
         return NUMBERS[hint]
+    if get_origin(hint) is Annotated:
+        return HeldType(declared(hint.__origin__))
     if get_origin(hint) is np.ndarray:
-        return types.Array(types.float64, len(get_args(get_args(hint)[0])), "C")
+        shape, kind = get_args(hint)
+        return types.Array(from_dtype(np.dtype(get_args(kind)[0])), len(get_args(shape)), "C")
     if get_origin(hint) is tuple:
         return types.BaseTuple.from_types([declared(part) for part in get_args(hint)])
     return types.BaseTuple.from_types([declared(part) for part in get_type_hints(hint).values()], hint)
+
+
+def held(value: T) -> T:
+    """Return a reference to a copy of a named tuple, for arguments annotated `Held`."""
+    return value if config.DISABLE_JIT else cast(T, _holder(cast(Any, type(value)))(value))
+
+
+def fetched(value: T) -> T:
+    """Return the named tuple of a reference; other values are returned unchanged."""
+    return cast(T, _fetcher(number_of(value))(value)) if type(value) is Reference else value
+
+
+@cache
+def _holder(kind: type) -> Callable[..., object]:
+    value = declared(kind)
+    return _entry(_compiled(with_references(_compiled(_same), {"value": value}, HeldType(value))), value)
+
+
+@cache
+def _fetcher(number: int) -> Callable[..., object]:
+    return _entry(_compiled(_same_of), HeldType(KINDS[number]))
+
+
+def _same(value: T) -> T:
+    return value
+
+
+def _same_of(reference: Any) -> Any:
+    return reference.value
+
+
+copyreg.pickle(Reference, lambda reference: (held, (fetched(reference),)))
 
 
 NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean, complex: types.complex128}

@@ -7,6 +7,7 @@ seed gives the same numbers in every process, unlike Python's salted `hash`.
 import ctypes
 import io
 import pickle
+from collections.abc import Iterable
 from functools import lru_cache
 from hashlib import blake2b
 from math import exp, sqrt
@@ -32,6 +33,11 @@ else:
 def address(generator: Generator) -> int:
     """Return the address of a generator, valid as long as the generator exists."""
     return int(ctypes.cast(generator.bit_generator.ctypes.bit_generator, ctypes.c_void_p).value or 0)
+
+
+def addresses(generators: Iterable[Generator]) -> Any:
+    """Return the addresses of generators, as a tuple."""
+    return tuple(map(address, generators))
 
 
 def stream(seed: int, name: str) -> Generator:

@@ -32,7 +32,7 @@ Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 """C-contiguous arrays of compiled stages, of one and two dimensions."""
-Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 
 class Column(NamedTuple):

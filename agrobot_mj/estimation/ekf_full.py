@@ -14,14 +14,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import held
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
-from agrobot_mj.estimation.full_model import AHEAD, B_G, MOUNT, C, D, FixNoise, FullLevels, K, N, S
-from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Horizon, Readings, Settings, estimated
+from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
+from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Errors, Horizon, Readings, Settings, estimated
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -40,7 +42,7 @@ COLUMNS = (
 class FullState(NamedTuple):
     """State of the estimator `EkfFull`."""
 
-    settings: Settings
+    settings: Held[Settings]
     """Constant parameters of the estimator, computed by `init`."""
     horizon: Horizon
     """Filter state at the newest fix, and newer measurements."""
@@ -50,6 +52,8 @@ class FullState(NamedTuple):
     """Smoothed roll and pitch of the last tick; NaN before the first tick."""
     estimate: Estimate | None = None
     """Estimate of the last tick; None before the first tick."""
+    errors: Errors = (nan,) * 6
+    """Logged errors and counts of the last tick; NaN before the first tick."""
 
 
 class EkfFull(StateEstimator):
@@ -198,8 +202,8 @@ class EkfFull(StateEstimator):
         cg = tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m
         slip = WheelSlip(memory=self.unseen_slip_walk_rt_s**2)
         return FullState(
-            settings=Settings(full, cg, self.terrain_compensation, self.gyro_axes == "body"),
-            horizon=Horizon(Core(mean, np.diag(np.square(sigmas)), slip=slip)),
+            settings=held(Settings(full, cg, self.terrain_compensation, self.gyro_axes == "body")),
+            horizon=Horizon(held(Core(mean, np.diag(np.square(sigmas)), slip=slip))),
             health=Health(),
         )
 
@@ -240,24 +244,21 @@ class EkfFull(StateEstimator):
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
-        core, queue, tilt, health, estimate = estimated(
-            *(state.settings, horizon.core, horizon.waiting, state.tilt, state.health),
+        core, seen_t, queue, tilt, health, estimate, errors = estimated(
+            *(state.settings, horizon.held, horizon.waiting, state.tilt, state.health),
             *(Readings(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch), ticks, fix, m.quality, dt),
         )
-        history = (*horizon.history[-HISTORY_TICKS:], (horizon.core, queue[:ticks]))
-        horizon = Horizon(core, queue[ticks:], history)
-        return FullState(state.settings, horizon, health, tilt, estimate), estimate
+        estimate.covariance.flags.writeable = False
+        history = (*horizon.history[-HISTORY_TICKS:], (horizon.held, horizon.seen_t, queue[:ticks]))
+        horizon = Horizon(core, seen_t, queue[ticks:], history)
+        return FullState(state.settings, horizon, health, tilt, estimate, errors), estimate
 
     def report(self, state: FullState) -> tuple[float, ...]:
         """Return the values of `columns` after a tick."""
-        core, e = state.horizon.core, state.estimate
+        e = state.estimate
         if e is None:
             return (nan,) * len(self.columns)
-        return (
-            *(e.fix_age, e.position_sigma, e.nis_mean, float(e.aligned), e.sideslip),
-            *(float(core.mean[B_G]), float(core.mean[MOUNT]) if len(core.mean) > N else nan, float(core.mean[K])),
-            *(float(core.rejections.positions), float(core.rejections.velocities), float(core.rejections.restarts)),
-        )
+        return e.fix_age, e.position_sigma, e.nis_mean, float(e.aligned), e.sideslip, *state.errors
 
 
 def _fix_noise(sigma: float, fraction: float, lean: float, correlation_time: float) -> FixNoise:

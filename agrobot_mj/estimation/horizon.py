@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, jit, stage
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix
 from agrobot_mj.estimation.base import Health, largest_sigma
@@ -22,10 +23,12 @@ from agrobot_mj.estimation.full_filter import FullFilter, step
 from agrobot_mj.estimation.full_model import (
     B_G,
     B_S,
+    MOUNT,
     OMEGA,
     PSI,
     FullLevels,
     K,
+    N,
     S,
     SideLoad,
     V,
@@ -46,26 +49,33 @@ HISTORY_TICKS = 110
 class Horizon(NamedTuple):
     """Filter state at the newest fix, measurements since then, and previous states."""
 
-    core: Core
+    held: Held[Core]
     """Filter state at the time of the newest fix."""
+    seen_t: float = -1.0
+    """Time of the newest fix [s]."""
     waiting: Matrix = np.zeros((0, 8))
     """Measurements after the time of the core, oldest first: rows of `Inputs`, shape (n, 8)."""
-    history: tuple[tuple[Core, Matrix], ...] = ()
-    """Core before each tick, and measurements used in the tick, oldest first."""
+    history: tuple[tuple[Held[Core], float, Matrix], ...] = ()
+    """Core before each tick, time of its newest fix and measurements used in the tick, oldest first."""
+
+    @property
+    def core(self) -> Core:
+        """Filter state at the time of the newest fix, as a named tuple."""
+        return fetched(self.held)
 
     def back(self, ticks: int) -> "Horizon":
         """Return the filter state at least `ticks` ticks earlier, with all later measurements queued again."""
-        core, waiting, history = self
+        core, seen_t, waiting, history = self
         while ticks > 0 and history:
-            core, used = history[-1]
+            core, seen_t, used = history[-1]
             waiting, history, ticks = np.concatenate((used, waiting)), history[:-1], ticks - len(used)
-        return Horizon(core, waiting, history)
+        return Horizon(core, seen_t, waiting, history)
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
         """Return the state before a fix that arrives at `t` [s], the ticks up to the fix, and the fix (NaN if old)."""
         late = max(0, round((t - fix.t) / dt)) if isfinite(fix.t) else 0
-        queued, past = len(self.waiting) + 1, sum(len(used) for _, used in self.history) if late else 0
-        if late >= queued + past or t - late * dt < self.core.seen.t + 0.5 * dt:
+        queued, past = len(self.waiting) + 1, sum(len(used) for _, _, used in self.history) if late else 0
+        if late >= queued + past or t - late * dt < self.seen_t + 0.5 * dt:
             return self, 1, NO_FIX
         horizon = self.back(late + 1 - queued)
         return horizon, len(horizon.waiting) + 1 - late, fix
@@ -120,14 +130,19 @@ class Present(NamedTuple):
     """Covariance of x, y and heading, shape (3, 3)."""
 
 
+Errors = tuple[float, float, float, float, float, float]
+"""Gyro bias [rad/s], mounting error [rad], wheel-speed error [-], numbers of rejected positions and velocities and of
+restarts."""
+
+
 @stage
 def estimated(
-    s: Settings, core: Core, waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int, fix: Fix,
-    quality: int, dt: float,
-) -> tuple[Core, Matrix, SmoothedTilt, Health, Estimate]:  # fmt: skip
-    """Return core, queue, tilt, health and estimate after a tick. The core advances by `ticks`, the last with the fix.
+    s: Held[Settings], core: Held[Core], waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int,
+    fix: Fix, quality: int, dt: float,
+) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Estimate, Errors]:  # fmt: skip
+    """Return core, time of its newest fix, queue, tilt, health, estimate and errors after a tick.
 
-    The returned queue begins with the measurements that these ticks have used.
+    The core advances by `ticks`, the last with the fix. The queue begins with the measurements of these ticks.
     """
     roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)
     first = isnan(tilt.roll)
@@ -161,7 +176,10 @@ def estimated(
         largest_sigma(now.covariance),
         health.nis,
     )
-    return core, queue, tilt, health, estimate
+    r, mount = core.rejections, core.mean[MOUNT] if core.mean.size > N else nan
+    counts = float(r.positions), float(r.velocities), float(r.restarts)
+    errors = (core.mean[B_G], mount, core.mean[K], counts[0], counts[1], counts[2])
+    return core, core.seen.t, queue, tilt, health, estimate, errors
 
 
 @jit

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from numpy.random import Generator
 
-from agrobot_mj.core.randomness import address
+from agrobot_mj.core.randomness import addresses
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Conditions, Truth
 from agrobot_mj.core.vectors import Vector
@@ -55,11 +55,6 @@ class Noise(NamedTuple):
     values: Any
     """Named tuple of the numbers that change in each tick."""
 
-    @property
-    def addresses(self) -> tuple[int, ...]:
-        """Addresses of the random streams."""
-        return tuple(map(address, self.generators))
-
 
 class Sensor(Reporting):
     """Base class of all sensors, which override `init` and `measure`, and for the log `columns` and `report`."""
@@ -93,7 +88,7 @@ class CompiledSensor(Sensor):
         if not self.enabled:
             return state, self.absent
         law = type(self).law
-        values, reading = law(self.parameters(dt), state.values, state.addresses, motion_of(truth))
+        values, reading = law(self.parameters(dt), state.values, addresses(state.generators), motion_of(truth))
         return state._replace(values=values), reading
 
 

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, Field
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.randomness import GaussMarkov, Shares, normal, shares, stream, wandered, wandered_plane
+from agrobot_mj.core.randomness import GaussMarkov, Shares, addresses, normal, shares, stream, wandered, wandered_plane
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Column, Conditions, Fix, Frozen, Quality, Truth, worse
 from agrobot_mj.core.spec import Fraction, Latency, NonNegative, Positive
 from agrobot_mj.core.vectors import Vector
@@ -271,7 +271,7 @@ class Gnss(Sensor):
         """Return the new state and the solution delivered in this tick."""
         noise, delivery = state
         delivery, sky = self.sky(delivery, truth, conditions, dt)
-        streams = Streams(*noise.addresses)
+        streams = Streams(*addresses(noise.generators))
         errors, found = solution(self.parameters(dt), noise.values, streams, motion_of(truth), sky)
         delivery, reading = self.deliver(delivery, *found, sky.quality, conditions, dt)
         return GnssState(noise._replace(values=errors), delivery), reading

@@ -7,7 +7,7 @@ and outputs are in radians or pedal positions, samples in degrees. A tick may ha
 
 from functools import lru_cache
 from math import pi, radians
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.randomness import address, normal, stream
-from agrobot_mj.core.signals import Array, Conditions, Index, Truth
+from agrobot_mj.core.signals import Array, Conditions, Index, Matrix, Truth, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
@@ -28,9 +28,9 @@ class PotentiometerLaw(NamedTuple):
 
     before: Index
     """Index of the physics step before each sample, shape (samples,)."""
-    shares: Array
+    shares: Matrix
     """Interpolation weights of this physics step and the next one in each sample, shape (samples, 2) [-]."""
-    weights: Array
+    weights: Vector
     """Weight of each sample in the measurement, shape (samples,) [-]."""
     counts: float
     """Resolution steps (counts) per unit of the measured signal."""
@@ -39,7 +39,7 @@ class PotentiometerLaw(NamedTuple):
 
 
 @jit
-def rounded_mean(p: PotentiometerLaw, generator: int, history: Array) -> float:
+def rounded_mean(p: PotentiometerLaw, generator: int, history: Vector) -> float:
     """Return the weighted mean of noisy samples of `history` (n,), each rounded to a count, in the same unit."""
     total, last = 0.0, history.size - 1
     for i in range(p.weights.size):
@@ -77,7 +77,7 @@ class Potentiometer(Sensor):
         return self
 
     @property
-    def weights(self) -> Array:
+    def weights(self) -> Vector:
         """Weights of filter and mean, with a sum of 1: the measurement is `weights @ samples`, shape (samples,) [-]."""
         return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
 
@@ -101,7 +101,7 @@ class Potentiometer(Sensor):
 
     def read(self, history: Array, generator: Generator) -> float:
         """Return the measurement in a tick with the true signal `history` (n,) after each physics step."""
-        return rounded_mean(self.parameters(len(history)), address(generator), history)
+        return rounded_mean(self.parameters(len(history)), address(generator), cast(Vector, history))
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
         """Return the random stream and the measurement."""
@@ -166,7 +166,7 @@ class PedalPotentiometer(Potentiometer):
 
 
 @lru_cache(maxsize=16)
-def _resampling(n: int, samples: int) -> tuple[Index, Array]:
+def _resampling(n: int, samples: int) -> tuple[Index, Matrix]:
     """Return the linear interpolation from `n` to `samples` even samples of a tick, constant before the first value.
 
     The result is the index (samples,) of the preceding value, and the weights (samples, 2) of this and the next one.
@@ -177,9 +177,9 @@ def _resampling(n: int, samples: int) -> tuple[Index, Array]:
 
 
 @lru_cache(maxsize=16)
-def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Array:
+def _mean_of_savgol(samples: int, window: int, polyorder: int) -> Vector:
     """Return the weight of each sample in the mean of the filtered samples, shape (samples,), read-only."""
-    found: Array = savgol_matrix(samples, window, polyorder).mean(axis=0)
+    found: Vector = savgol_matrix(samples, window, polyorder).mean(axis=0)
     found.setflags(write=False)
     return found
 

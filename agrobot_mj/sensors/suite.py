@@ -7,19 +7,17 @@ have separate fields of `Measurement`.
 
 from functools import lru_cache
 from math import nan
-from typing import Any, NamedTuple, cast
-
-import numpy as np
-from numpy.random import Generator
+from typing import Any, NamedTuple
 
 from agrobot_mj.core.contracts import check_pair
-from agrobot_mj.core.kernels import bound, jit
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import held, stage
 from agrobot_mj.core.lines import SignalLine
-from agrobot_mj.core.randomness import address
-from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Array, Column, Conditions, Measurement, Truth
+from agrobot_mj.core.randomness import address, addresses
+from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Column, Conditions, Measurement, Truth, Vector
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.sensors.base import CompiledSensor, SensedMotion, Sensor, motion_of
-from agrobot_mj.sensors.gnss import CLEAR, Delivery, FixErrors, Gnss, GnssLaw, Sky, Solved, Streams, solution
+from agrobot_mj.sensors.gnss import Delivery, FixErrors, Gnss, GnssLaw, Sky, Solved, Streams, solution
 from agrobot_mj.sensors.gyro import Gyro, GyroLaw, GyroValues, gyro_rate
 from agrobot_mj.sensors.implement_gnss import (
     ImplementFix,
@@ -75,7 +73,7 @@ class Values(NamedTuple):
 
 
 class Generators(NamedTuple):
-    """Random streams of the compiled sensors, or their addresses."""
+    """Random streams of the compiled sensors."""
 
     steering_pot: Any
     pedal_pot: Any
@@ -85,6 +83,19 @@ class Generators(NamedTuple):
     wheel_speed: Any
     radar_speed: Any
     implement_gnss: Any
+
+
+class Addresses(NamedTuple):
+    """Addresses of the random streams."""
+
+    steering_pot: int
+    pedal_pot: int
+    gnss: Streams
+    gyro: tuple[int, int]
+    imu: tuple[int]
+    wheel_speed: tuple[int]
+    radar_speed: tuple[int]
+    implement_gnss: tuple[int]
 
 
 class SensorReadings(NamedTuple):
@@ -101,22 +112,19 @@ class SensorReadings(NamedTuple):
     implement_gnss: ImplementFix
 
 
-_NOWHERE = (nan, nan, nan)
-AT_REST = SensedMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, _NOWHERE, _NOWHERE, 0.0, _NOWHERE, _NOWHERE, (nan, nan))
-"""Motion used to determine the argument types of the compiled call."""
 NO_ATTITUDE, NO_PLACE = Imu.absent, ImplementGnss.absent
 
 
-@jit
+@stage
 def sense(
-    p: Laws,
-    s: Values,
-    streams: Generators,
+    p: Held[Laws],
+    s: Held[Values],
+    streams: Held[Addresses],
     motion: SensedMotion,
     sky: Sky,
-    steer: Array,
-    pedal: Array,
-) -> tuple[Values, SensorReadings]:
+    steer: Vector,
+    pedal: Vector,
+) -> tuple[Held[Values], SensorReadings]:
     """Return the numbers after a tick and the measurements; `steer` and `pedal` (n,) are potentiometer signals."""
     steer_angle = rounded_mean(p.steering_pot, streams.steering_pot, steer)
     pedal_place = rounded_mean(p.pedal_pot, streams.pedal_pot, pedal)
@@ -146,7 +154,7 @@ class SensorState(NamedTuple):
     """State of all sensors between two ticks."""
 
     generators: Generators
-    values: Values
+    values: Held[Values]
     delivery: Delivery
     """State of the GNSS receiver except its errors."""
     states: dict[str, Any]
@@ -196,7 +204,7 @@ class Sensors(Spec):
         generators = {name: noise.generators for name, noise in noises.items()}
         return SensorState(
             Generators(steering_pot, pedal_pot, **generators),
-            Values(**{name: noise.values for name, noise in noises.items()}),
+            held(Values(**{name: noise.values for name, noise in noises.items()})),
             gnss.delivery,
             {name: sensor.init(seed) for name, sensor in others.items()},
             {},
@@ -238,8 +246,8 @@ class Suite:
         compiled, self.others = _split(sensors)
         self.compiled: dict[str, Any] = compiled
         self.gnss, self.steering_pot, self.pedal_pot = compiled["gnss"], compiled["steering_pot"], compiled["pedal_pot"]
-        self._prepared: tuple[int, Any, Any] = 0, None, None
-        self._streams: tuple[Any, Any] = None, None
+        self._prepared: tuple[int, Laws] | None = None
+        self._streams: tuple[Generators, Addresses] | None = None
         """Random streams, and their addresses."""
         self.absent = {name: self.compiled[name].absent for name in NOISY if not self.compiled[name].enabled}
         self.present = {
@@ -253,10 +261,9 @@ class Suite:
     def measure(self, state: SensorState, truth: Truth, conditions: Conditions) -> tuple[SensorState, Measurement]:
         """Return the new state and the measurement at the end of a tick."""
         delivery, sky = self.gnss.sky(state.delivery, truth, conditions, self.dt)
-        run, laws = self._law(len(truth.steer_samples), state)
         steer, pedal = self.steering_pot.seen(truth), self.pedal_pot.seen(truth)
-        streams = self._addresses(state.generators)
-        values, found = run(laws, state.values, streams, motion_of(truth), sky, steer, pedal)
+        streams, laws = self._addresses(state.generators), self._laws(len(truth.steer_samples))
+        values, found = sense(laws, state.values, streams, motion_of(truth), sky, steer, pedal)
         (solved, heading), steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
         delivery, gnss = self.gnss.deliver(delivery, solved, heading, sky.quality, conditions, self.dt)
         readings = {
@@ -300,25 +307,24 @@ class Suite:
             values += report(readings[name])
         return tuple(values)
 
-    def _law(self, steps: int, state: SensorState) -> tuple[Any, Laws]:
-        """Return the compiled `sense` and its parameters for ticks with `steps` physics steps."""
-        if steps != self._prepared[0]:
+    def _laws(self, steps: int) -> Held[Laws]:
+        """Return the parameters of `sense` for ticks with `steps` physics steps."""
+        if self._prepared is None or steps != self._prepared[0]:
             noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
             present: Any = tuple(sensor.enabled for sensor in noisy.values())
             pots = self.steering_pot.parameters(steps), self.pedal_pot.parameters(steps)
             laws = {name: sensor.parameters(self.dt) for name, sensor in noisy.items()}
-            law = Laws(*pots, present, self.gnss.parameters(self.dt), **laws)
-            streams, samples = self._addresses(state.generators), np.zeros(steps)
-            run = bound(sense, law, state.values, streams, AT_REST, CLEAR, samples, samples)
-            self._prepared = steps, run, law
-        return self._prepared[1:]
+            self._prepared = steps, held(Laws(*pots, present, self.gnss.parameters(self.dt), **laws))
+        return self._prepared[1]
 
-    def _addresses(self, generators: Generators) -> Generators:
+    def _addresses(self, generators: Generators) -> Held[Addresses]:
+        """Return the addresses of the random streams."""
         known = self._streams
-        if known[0] is not generators:
-            found = Generators(*(_addresses(part) for part in generators))
-            self._streams = known = generators, found._replace(gnss=Streams(*found.gnss))
-        return cast(Generators, known[1])
+        if known is None or known[0] is not generators:
+            pots, others = map(address, generators[:2]), map(addresses, generators[3:])
+            found = Addresses._make((*pots, Streams(*addresses(generators.gnss)), *others))
+            self._streams = known = generators, held(found)
+        return known[1]
 
     def _measure_others(
         self, state: SensorState, readings: dict[str, Any], truth: Truth, conditions: Conditions
@@ -331,11 +337,6 @@ class Suite:
             found = sensor.measure(states[name], truth, conditions, self.dt)
             states[name], readings[name] = check_pair(found, "its state and measurement", "the sensor", name, "measure")
         return states
-
-
-def _addresses(part: Any) -> Any:
-    """Return the address of a generator, or the addresses of a tuple of generators."""
-    return address(part) if isinstance(part, Generator) else tuple(map(address, part))
 
 
 @lru_cache(maxsize=8)

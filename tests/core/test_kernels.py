@@ -1,6 +1,7 @@
 """Kernels do without references to arrays, and can be bound to the types of their arguments."""
 
 import os
+import pickle
 import signal
 import sys
 from collections import namedtuple
@@ -17,8 +18,9 @@ from numba.core.runtime import _nrt_python, rtsys
 from agrobot_mj import load_scenario
 from agrobot_mj.core import interrupts
 from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.held import Held, Reference
 from agrobot_mj.core.kernel_cache import CACHE
-from agrobot_mj.core.kernels import bound, jit, stage
+from agrobot_mj.core.kernels import bound, fetched, held, jit, stage
 from agrobot_mj.core.signals import NOMINAL, Drive, Vector
 from agrobot_mj.core.spec import every
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
@@ -170,3 +172,44 @@ def test_signal_during_code_generation_is_raised_afterwards(function, monkeypatc
             with pytest.raises(StoppedError):
                 jit(function)(1.5)
     assert jit(function)(1.5) == wanted
+
+
+class Pair(NamedTuple):
+    number: float
+    numbers: Vector
+
+
+@stage
+def scaled(pair: Held[Pair], by: float) -> tuple[Held[Pair], float]:
+    return Pair(by * pair.number, by * pair.numbers), by + pair.number
+
+
+def test_a_held_state_does_not_change_and_survives_pickling():
+    first = held(Pair(2.0, np.array([1.0, 4.0])))
+    second, total = scaled(first, 3.0)
+    assert total == 5.0
+    for reference, number, numbers in ((first, 2.0, [1.0, 4.0]), (second, 6.0, [3.0, 12.0])):
+        for same in (reference, pickle.loads(pickle.dumps(reference))):
+            assert fetched(same).number == number
+            assert fetched(same).numbers.tolist() == numbers
+
+
+@compiled
+def test_a_stage_rejects_a_state_that_is_not_held():
+    with pytest.raises(TypeError, match="scaled: argument 1 must be a held state, got Pair"):
+        scaled(Pair(2.0, np.zeros(3)), 3.0)
+
+
+@compiled
+def test_a_stage_returns_a_reference_and_frees_unused_states():
+    state = held(Pair(2.0, np.zeros(3)))
+    assert type(scaled(state, 3.0)[0]) is Reference
+    _nrt_python.memsys_enable_stats()
+    try:
+        before = rtsys.get_allocation_stats()
+        for _ in range(20):
+            state, _ = scaled(state, 0.5)
+        after = rtsys.get_allocation_stats()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert after.alloc - before.alloc == after.free - before.free == 40

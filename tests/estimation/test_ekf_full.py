@@ -23,6 +23,7 @@ from recorded_drives import (
 
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import NOMINAL, Fix, Measurement, Quality
 from agrobot_mj.estimation import EkfFull
@@ -87,7 +88,7 @@ def test_keys_in_degrees_set_the_initial_uncertainty_in_radians():
     assert np.degrees(sigma[[B_G, B_S]]) == pytest.approx([0.4, 1.5])
     assert 0.1 < degrees(sigma[OMEGA]) < 10.0  # at rest
     assert sigma[PSI] > 1.5  # unknown
-    levels = state.settings.filter.levels
+    levels = fetched(state.settings).filter.levels
     assert degrees(levels.sideslip_sigma) == pytest.approx(3.0)
     assert np.degrees([levels.gyro_sigma, levels.steer_sigma, levels.heading_sigma]) == pytest.approx([0.1, 1.0, 0.25])
     assert degrees(levels.sideslip_walk) == pytest.approx(0.1)
