@@ -38,6 +38,28 @@ class Health(NamedTuple):
 kernel_method("after")
 
 
+class Readings(NamedTuple):
+    """Measurements of a tick except the fix; a missing measurement is NaN."""
+
+    t: float
+    """Time of the measurements [s]."""
+    gyro: float
+    """Yaw rate [rad/s]."""
+    wheel: float
+    """Wheel speed [m/s]."""
+    steer: float
+    """Steering angle [rad]."""
+    roll: float
+    """Roll [rad]."""
+    pitch: float
+    """Pitch [rad]."""
+
+    @classmethod
+    def of(cls, m: Measurement) -> "Readings":
+        """Return the numbers of a measurement."""
+        return cls(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch)
+
+
 @shared
 def largest_sigma(covariance: Array) -> float:
     """Return the maximum standard deviation of the position in any direction [m], for a covariance (n >= 2, n)."""

@@ -10,61 +10,82 @@ potentiometer) appear in the random walk of the yaw and cause a constant heading
 correlated part of the GNSS error as motion, so that its covariance includes only the white part.
 """
 
-from functools import lru_cache
-from math import cos, radians, sin, tan
-from typing import Literal
+from math import cos, nan, radians, sin, tan
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.pose_estimator import PoseEstimator
-from agrobot_mj.estimation.position_ekf import FixEkf
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.signals import Array, Estimate, Fix, Matrix, Vector
+from agrobot_mj.estimation.base import Readings
+from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, PoseState, finished, prepared
+from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, corrected
 from agrobot_mj.machine.tractor import TractorParameters
 
-H = np.eye(2, 3)
-"""Jacobian of the measured x and y with respect to the pose [-]."""
+
+class PoseEkfLaw(NamedTuple):
+    """Parameters of `PoseEkf`."""
+
+    wheelbase: float
+    """Wheelbase L [m]."""
+    walks: tuple[float, float, float]
+    """Random walks of x, y [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
 
 
-def f(pose: Array, speed: float, steer: float, wheelbase: float, dt: float) -> Array:
+@jit
+def f(pose: Vector, speed: float, steer: float, wheelbase: float, dt: float) -> Vector:
     """Return the pose (3,) after `dt` [s] at `speed` [m/s] and steering angle `steer` [rad]; `wheelbase` in [m]."""
-    (x, y, psi), T_s, u, delta, L = pose.tolist(), dt, speed, steer, wheelbase
+    (x, y, psi), T_s, u, delta, L = (pose[0], pose[1], pose[2]), dt, speed, steer, wheelbase
     yaw = psi + T_s * u * tan(delta) / L
     return np.array((x + T_s * u * cos(psi), y + T_s * u * sin(psi), yaw))  # [agrobots: kinematicmodelEKF]
 
 
-def jacobian(yaw: float, speed: float, dt: float) -> Array:
+@jit
+def jacobian(yaw: float, speed: float, dt: float) -> Matrix:
     """Return the derivative of `f` with respect to the pose, shape (3, 3)."""
     psi, T_s, u = yaw, dt, speed
     return np.array(((1.0, 0.0, -T_s * u * sin(psi)), (0.0, 1.0, T_s * u * cos(psi)), (0.0, 0.0, 1.0)))
+
+
+@jit
+def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
+    """Return the model at the pose `mean` (3,); see `FixEkf.linearised`."""
+    speed, steer, dt = inputs
+    Q, R = np.zeros((3, 3)), np.zeros((2, 2))
+    for k in range(3):
+        Q[k, k] = dt * (p.walks[k] * p.walks[k])
+    R[0, 0] = R[1, 1] = sigma * sigma
+    x = f(mean, speed, steer, p.wheelbase, dt)  # [agrobots: generalmodelEKF]
+    return Linearised(x, jacobian(mean[2], speed, dt), Q, np.eye(2, 3), R)
+
+
+@stage
+def _tick(
+    s: Held[PoseSettings], p: Held[PoseEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
+) -> tuple[Held[PoseState], Estimate]:
+    """Return the result of `PoseEstimator.update`."""
+    now = prepared(s, state, m, fix, quality, 0.0, dt)
+    model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
+    return finished(s, state, now, corrected(model, state.pose_covariance, now.fix), m, nan, dt)
 
 
 class PoseEkf(FixEkf):
     """Pose EKF for a given wheelbase [m] and given process noise of position and yaw [m/sqrt(s), rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
-        super().__init__(wheelbase)
-        self.walk = np.diag(np.square((position_walk, position_walk, yaw_walk)))
+        self.law = PoseEkfLaw(wheelbase, (position_walk, position_walk, yaw_walk))
 
-    def step(
-        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
-    ) -> tuple[Array, Array, float]:
-        """Return mean (3,), covariance (3, 3) and NIS; see `FixEkf.step`."""
-        speed, steer, dt = inputs
-        F, Q = jacobian(float(mean[2]), speed, dt), dt * self.walk
-        x = f(mean, speed, steer, self.wheelbase, dt)  # [agrobots: generalmodelEKF]
-        return self.corrected(x, covariance, F, Q, fix, x[:2], H, _noise(sigma))
-
-
-@lru_cache(maxsize=8)
-def _noise(sigma: float) -> Array:
-    """Return the covariance of a fix, shape (2, 2) [m2]."""
-    return np.diag(np.square((sigma, sigma)))
+    def linearised(self, mean: Array, inputs: Inputs, sigma: float) -> Linearised:
+        """Return the model at `mean` (3,); see `FixEkf.linearised`."""
+        return linearised(self.law, mean, inputs, sigma)  # type: ignore[arg-type]
 
 
 class Ekf(PoseEstimator):
     """Estimator of the paper for x, y and yaw; `[estimator] kind = "ekf"`."""
 
     kind: Literal["ekf"] = "ekf"
+    compiled = staticmethod(_tick)
 
     def pose_filter(self, tractor: TractorParameters) -> PoseEkf:
         """Return the pose EKF of the paper."""

@@ -17,16 +17,18 @@ difference of front and rear slip angles on a side slope. The bias is observable
 without a correlated part, the filter equals the filter of `ekf`.
 """
 
-from functools import lru_cache
 from math import cos, exp, radians, sin, sqrt, tan
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.signals import Array, Estimate, Fix, Matrix, Vector
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.estimation.pose_estimator import PoseEstimator
-from agrobot_mj.estimation.position_ekf import FixEkf
+from agrobot_mj.estimation.base import Readings
+from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, PoseState, finished, prepared
+from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, corrected
 from agrobot_mj.machine.tractor import TractorParameters
 
 BIAS = 3
@@ -48,59 +50,76 @@ class Levels(NamedTuple):
     """Correlation time of the time-correlated fix error [s]."""
 
 
-def f(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
+@jit
+def f(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Vector:
     """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay factor of g."""
-    (x, y, chi, b, g_x, g_y), T_s, u, L = state.tolist(), dt, speed, wheelbase
+    x, y, chi, b, g_x, g_y = state[0], state[1], state[2], state[BIAS], state[4], state[5]
+    T_s, u, L = dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L
     return np.array((x + T_s * u * cos(chi), y + T_s * u * sin(chi), turned, b, phi * g_x, phi * g_y))
 
 
-def jacobian(state: Array, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Array:
+@jit
+def jacobian(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Matrix:
     """Return the derivative of `f` with respect to the state, shape (6, 6)."""
     chi, b, T_s, u, L = state[2], state[BIAS], dt, speed, wheelbase
-    F = np.diag((1.0, 1.0, 1.0, 1.0, phi, phi))
+    F, angle = np.eye(6), steer - b
+    F[4, 4] = F[5, 5] = phi
     F[0, 2], F[1, 2] = -T_s * u * sin(chi), T_s * u * cos(chi)
-    F[2, BIAS] = -T_s * u / (L * cos(steer - b) ** 2)
+    F[2, BIAS] = -T_s * u / (L * (cos(angle) * cos(angle)))
     return F
+
+
+class BiasEkfLaw(NamedTuple):
+    """Parameters of `BiasEkf`."""
+
+    wheelbase: float
+    """Wheelbase L [m]."""
+    levels: Levels
+
+
+@jit
+def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
+    """Return the model at `mean` (6,); see `FixEkf.linearised`."""
+    (speed, steer, dt), s = inputs, p.levels
+    phi = exp(-dt / s.correlation_time)
+    wander, scale = sqrt((1.0 - phi * phi) / dt), s.correlated_share * sigma
+    Q, H, R = np.zeros((6, 6)), np.eye(2, 6), np.zeros((2, 2))
+    for k, walk in enumerate((s.position_walk, s.position_walk, s.yaw_walk, s.bias_walk, wander, wander)):
+        Q[k, k] = dt * (walk * walk)
+    H[0, 4] = H[1, 5] = scale
+    R[0, 0] = R[1, 1] = sigma * sigma * (1.0 - s.correlated_share * s.correlated_share)
+    x = f(mean, speed, steer, p.wheelbase, dt, phi)
+    return Linearised(x, jacobian(mean, speed, steer, p.wheelbase, dt, phi), Q, H, R)
+
+
+@stage
+def _tick(
+    s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
+) -> tuple[Held[PoseState], Estimate]:
+    """Return the result of `PoseEstimator.update`."""
+    now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
+    model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
+    found = corrected(model, state.pose_covariance, now.fix)
+    return finished(s, state, now, found, m, found[0][BIAS], dt)
 
 
 class BiasEkf(FixEkf):
     """Pose EKF for a given wheelbase [m] and given noise levels, with states for steering bias and GNSS error."""
 
     def __init__(self, wheelbase: float, levels: Levels) -> None:
-        super().__init__(wheelbase)
-        self.levels = levels
+        self.law = BiasEkfLaw(wheelbase, levels)
 
-    def step(
-        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
-    ) -> tuple[Array, Array, float]:
-        """Return mean (6,), covariance (6, 6) and NIS; see `FixEkf.step`."""
-        speed, steer, dt = inputs
-        phi, Q = _noise(self.levels, dt)
-        F, x = (part(mean, speed, steer, self.wheelbase, dt, phi) for part in (jacobian, f))
-        H, R = _measuring(self.levels.correlated_share, sigma)
-        return self.corrected(x, covariance, F, Q, fix, H @ x, H, R)
-
-
-@lru_cache(maxsize=8)
-def _noise(levels: Levels, dt: float) -> tuple[float, Array]:
-    """Return the decay factor of the GNSS error states in `dt` [s], and the process-noise covariance (6, 6)."""
-    phi = exp(-dt / levels.correlation_time)
-    p, yaw, b, g = levels.position_walk, levels.yaw_walk, levels.bias_walk, sqrt((1.0 - phi * phi) / dt)
-    return phi, dt * np.diag(np.square((p, p, yaw, b, g, g)))
-
-
-@lru_cache(maxsize=8)
-def _measuring(fraction: float, sigma: float) -> tuple[Array, Array]:
-    """Return the measurement Jacobian (2, 6) of a fix and the covariance (2, 2) of its white error."""
-    H = np.hstack([np.eye(2, 4), fraction * sigma * np.eye(2)])
-    return H, sigma**2 * (1.0 - fraction**2) * np.eye(2)
+    def linearised(self, mean: Array, inputs: Inputs, sigma: float) -> Linearised:
+        """Return the model at `mean` (6,); see `FixEkf.linearised`."""
+        return linearised(self.law, mean, inputs, sigma)  # type: ignore[arg-type]
 
 
 class EkfBias(PoseEstimator):
     """Estimator of x, y, course, steering bias and correlated GNSS error; `[estimator] kind = "ekf_bias"`."""
 
     kind: Literal["ekf_bias"] = "ekf_bias"
+    compiled = staticmethod(_tick)
     turning_velocity: bool = True
     """Whether the velocity estimate rotates with the yaw, so that the speed remains valid in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1

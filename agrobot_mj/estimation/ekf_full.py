@@ -19,11 +19,11 @@ from agrobot_mj.core.kernels import held
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, StateEstimator
+from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, Readings, StateEstimator
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
-from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Errors, Horizon, Readings, Settings, estimated
+from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Errors, Horizon, Settings, estimated
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -246,7 +246,7 @@ class EkfFull(StateEstimator):
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
         core, seen_t, queue, tilt, health, estimate, errors = estimated(
             *(state.settings, horizon.held, horizon.waiting, state.tilt, state.health),
-            *(Readings(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch), ticks, fix, m.quality, dt),
+            *(Readings.of(m), ticks, fix, m.quality, dt),
         )
         estimate.covariance.flags.writeable = False
         history = (*horizon.history[-HISTORY_TICKS:], (horizon.held, horizon.seen_t, queue[:ticks]))

@@ -16,7 +16,7 @@ from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, jit, stage
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix
-from agrobot_mj.estimation.base import Health, largest_sigma
+from agrobot_mj.estimation.base import Health, Readings, largest_sigma
 from agrobot_mj.estimation.equations import times
 from agrobot_mj.estimation.full_core import Core, Inputs, side_of
 from agrobot_mj.estimation.full_filter import FullFilter, step
@@ -92,23 +92,6 @@ class Settings(NamedTuple):
     """Whether measured roll and pitch are used (terrain compensation)."""
     body: bool
     """Whether the gyro axis is fixed to the tractor."""
-
-
-class Readings(NamedTuple):
-    """Measurements of a tick except the fix; a missing measurement is NaN."""
-
-    t: float
-    """Time of the measurements [s]."""
-    gyro: float
-    """Yaw rate [rad/s]."""
-    wheel: float
-    """Wheel speed [m/s]."""
-    steer: float
-    """Steering angle [rad]."""
-    roll: float
-    """Roll [rad]."""
-    pitch: float
-    """Pitch [rad]."""
 
 
 class Present(NamedTuple):

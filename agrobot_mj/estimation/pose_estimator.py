@@ -6,55 +6,171 @@ are used to transform the fix to R and to compute the tilted position of the CG.
 along the estimated heading, which has a sign, and no bias at standstill. Subclasses define their keys and pose filter.
 """
 
-from functools import lru_cache
-from math import cos, exp, isfinite, nan, radians, sin, tan
-from typing import ClassVar, Literal, NamedTuple
+from math import cos, exp, isfinite, isnan, nan, radians, sin, tan
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, jit
+from agrobot_mj.core.signals import NO_FIX, Array, Estimate, Fix, Matrix, Measurement, Quality, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.estimation.base import Health, StateEstimator, largest_sigma
+from agrobot_mj.estimation.base import Health, Readings, StateEstimator, largest_sigma
 from agrobot_mj.estimation.kalman import filterpy_ekf, filterpy_kf
-from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
+from agrobot_mj.estimation.lever_arm import UNKNOWN, Lever, at_foot, offset
 from agrobot_mj.estimation.position_ekf import FixEkf
-from agrobot_mj.estimation.velocity_kf import VelocityKf, turned
+from agrobot_mj.estimation.velocity_kf import VelocityKf, turned, velocity_step
 from agrobot_mj.machine.tractor import TractorParameters
 
+SOURCES = ("ekf", "kinematic", "gyro")
+"""Values of `yaw_rate_source`, in the order of their numbers."""
+KINEMATIC, GYRO = 1, 2
+FIXED = Quality.FIX
+"""Quality of an RTK-fixed position, as a number for kernels."""
 
-class EstimatorState(NamedTuple):
-    """State of a `PoseEstimator`, with the filters (which have no internal state) and the constant lever arms."""
 
-    velocity_kf: VelocityKf
-    """Filter of the antenna's position and velocity."""
-    pose_filter: FixEkf
-    """Filter of the pose."""
+class PoseSettings(NamedTuple):
+    """Parameters of a `PoseEstimator`, as numbers for kernels; its keys describe the fields without a description."""
+
     cg: tuple[float, float, float]
     """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
     antenna: tuple[float, float, float]
     """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
-    motion: Array
+    wheelbase: float
+    """Wheelbase L [m]."""
+    source: int
+    """Number of `yaw_rate_source` in `SOURCES`."""
+    tilts: bool
+    """Whether measured roll and pitch are used (terrain compensation)."""
+    turns: bool
+    """Whether the velocity estimate rotates with the yaw."""
+    swing_filter_s: float
+    yaw_rate_filter_s: float
+    sigmas: tuple[float, float, float]
+    """Standard deviations of fixed and float positions [m] and of the GNSS velocity [m/s]."""
+    velocity_walk: float
+
+
+class PoseState(NamedTuple):
+    """Numbers of a `PoseEstimator` that change in each tick."""
+
+    motion: Vector
     """Mean position and velocity (x, vx, y, vy) of the antenna, shape (4,) [m, m/s]."""
-    motion_covariance: Array
+    motion_covariance: Matrix
     """Covariance of `motion`, shape (4, 4)."""
-    pose: Array
+    pose: Vector
     """Mean x, y, yaw (not wrapped) of the rear axle and other pose-filter states, shape (n,) [m, rad, ...]."""
-    pose_covariance: Array
+    pose_covariance: Matrix
     """Covariance of `pose`, shape (n, n)."""
-    yaw_rate: float
+    yaw_rate: float = 0.0
     """Low-pass filtered rate of the estimated yaw [rad/s]."""
-    lever: Lever | None = None
-    """Lever arm of the tilted antenna; None before the first tick and without compensation."""
+    lever: Lever = UNKNOWN
+    """Lever arm of the tilted antenna; NaN before the first tick and without compensation."""
     health: Health = Health()
     """Diagnostics that do not need the true state."""
+
+
+class EstimatorState(NamedTuple):
+    """State of a `PoseEstimator`."""
+
+    settings: Held[PoseSettings]
+    """Parameters of the estimator."""
+    law: Held[Any]
+    """Parameters of the compiled pose filter."""
+    numbers: Held[PoseState]
+    """Means, covariances and diagnostics."""
+    filters: tuple[VelocityKf, FixEkf] | None
+    """Filters of velocity and pose that are evaluated in Python; None if the tick is compiled."""
+
+
+class Prepared(NamedTuple):
+    """Inputs of the pose filter in one tick."""
+
+    fix: Fix
+    """Fix of the rear-axle point R; NaN without a fix."""
+    sigma: float
+    """Standard deviation of its position [m]."""
+    lever: Lever
+    motion: Vector
+    motion_covariance: Matrix
+    """New values of the fields of `PoseState`."""
+    speed: float
+    """Velocity along the estimated heading [m/s]."""
+
+
+@jit
+def measured(
+    s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
+) -> tuple[Prepared, Matrix]:
+    """Return the inputs of the velocity filter, with the previous motion, and the noise of the fix, shape (4, 4)."""
+    sigma, v = s.sigmas[0] if quality == FIXED else s.sigmas[1], s.sigmas[2]
+    lever, noise = state.lever, np.zeros((4, 4))
+    if s.tilts and isfinite(m.roll + m.pitch):
+        lever = lever.after(offset(s.antenna, m.roll, m.pitch, state.pose[2]), dt, s.swing_filter_s)
+    if not (isnan(fix.x) or isnan(lever.offset[0])):
+        fix = at_foot(fix, lever)
+    for place in (0, 2):
+        noise[place, place], noise[place + 1, place + 1] = sigma * sigma, v * v
+    motion, P, speed = state.motion, state.motion_covariance, along(state.pose[2], state.motion)
+    if s.turns:
+        motion, P = turned(motion, P, speed * tan(m.steer - bias) / s.wheelbase * dt)
+    return Prepared(fix, sigma, lever, motion, P, speed), noise
+
+
+@jit
+def prepared(
+    s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
+) -> Prepared:
+    """Return the inputs of the pose filter for the steering bias `bias` [rad]; a missing fix is NaN."""
+    now, noise = measured(s, state, m, fix, quality, bias, dt)
+    motion, P = velocity_step(s.velocity_walk, now.motion, now.motion_covariance, now.fix, noise, dt)
+    return Prepared(now.fix, now.sigma, now.lever, motion, P, along(state.pose[2], motion))
+
+
+@jit
+def finished(
+    s: PoseSettings, state: PoseState, now: Prepared, found: tuple[Vector, Matrix, float], m: Readings, bias: float,
+    dt: float,
+) -> tuple[PoseState, Estimate]:  # fmt: skip
+    """Return state and estimate for the result of the pose filter; `bias` [rad] is NaN if not estimated."""
+    pose, P, nis = found
+    x, y, psi = pose[0], pose[1], pose[2]
+    keep = exp(-dt / s.yaw_rate_filter_s) if s.yaw_rate_filter_s > 0.0 else 0.0
+    yaw_rate = keep * state.yaw_rate + (1.0 - keep) * (psi - state.pose[2]) / dt
+    accepted = nan if isnan(now.fix.x) else now.fix.t if isfinite(now.fix.t) else m.t
+    health, covariance = state.health.after(nis, accepted, dt), np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] = P[i, j]
+    u, gamma = along(psi, now.motion), yaw_rate
+    if s.source == KINEMATIC:
+        delta, L = m.steer - (0.0 if isnan(bias) else bias), s.wheelbase
+        gamma = u * tan(delta) / L  # [agrobots: kinematicmodeltractor]
+    elif s.source == GYRO and isfinite(m.gyro):
+        gamma = m.gyro
+    known = s.tilts and isfinite(m.roll + m.pitch)
+    roll, pitch = (m.roll, m.pitch) if known else (0.0, 0.0)
+    east, north = offset(s.cg, roll, pitch, psi)
+    age, sigma = m.t - health.fix_t, largest_sigma(P)
+    return PoseState(now.motion, now.motion_covariance, pose, P, yaw_rate, now.lever, health), Estimate(
+        x + east, y + north, wrap(psi), u, gamma, x, y, covariance, nis, bias, 0.0, True, age, sigma, health.nis
+    )
+
+
+@jit
+def along(yaw: float, motion: Vector) -> float:
+    """Return the component of the estimated velocity along the heading [m/s]."""
+    return float(motion[1] * cos(yaw) + motion[3] * sin(yaw))
 
 
 class PoseEstimator(StateEstimator):
     """Velocity KF and pose filter; subclasses define `pose_filter`, and `beliefs` for additional states."""
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
+    compiled: ClassVar[Any] = None
+    """Compiled tick with the parameters of the pose filter; None if the filters are evaluated in Python."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
     """Implementation of both filters: compiled, or `KalmanFilter` and `ExtendedKalmanFilter` of filterpy."""
@@ -118,111 +234,43 @@ class PoseEstimator(StateEstimator):
         if self.backend == "filterpy":
             required("filterpy", "filters", 'estimator.backend = "filterpy"')
             velocity_kf.tick, pose_filter.tick = filterpy_kf, filterpy_ekf
-        return EstimatorState(
-            velocity_kf=velocity_kf,
-            pose_filter=pose_filter,
-            cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
-            antenna=(0.0, 0.0, tractor.antenna_height_m),
+        numbers = PoseState(
             motion=np.array((x, 0.0, y, 0.0)),
             motion_covariance=np.diag(np.square((s, v, s, v))),
             pose=np.array((x, y, yaw, *further)),
             pose_covariance=np.diag(np.square((s, s, s_yaw, *sigmas))),
-            yaw_rate=0.0,
+        )
+        is_compiled = self.compiled is not None and self.backend == "compiled"
+        law, filters = getattr(pose_filter, "law", None), None if is_compiled else (velocity_kf, pose_filter)
+        return EstimatorState(held(self._settings(tractor)), law and held(law), held(numbers), filters)
+
+    def _settings(self, tractor: TractorParameters) -> PoseSettings:
+        return PoseSettings(
+            cg=(tractor.cg_to_rear_axle, 0.0, tractor.cg_height_m),
+            antenna=(0.0, 0.0, tractor.antenna_height_m),
+            wheelbase=tractor.wheelbase_m,
+            source=SOURCES.index(self.yaw_rate_source),
+            tilts=self.terrain_compensation,
+            turns=self.turning_velocity,
+            swing_filter_s=self.swing_filter_s,
+            yaw_rate_filter_s=self.yaw_rate_filter_s,
+            sigmas=(self.gnss_sigma_m, self.gnss_float_sigma_m, self.gnss_velocity_sigma_m_s),
+            velocity_walk=self.velocity_walk_m_s_rt_s,
         )
 
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
-        sigma = self.gnss_sigma_m if measurement.quality == Quality.FIX else self.gnss_float_sigma_m
-        lever = self._lever(state, measurement, dt)
-        fix = measurement.fix if measurement.fix is None or lever is None else at_foot(measurement.fix, lever)
-        noise = _fix_noise(sigma, self.gnss_velocity_sigma_m_s)
-        motion, motion_covariance = state.motion, state.motion_covariance
-        if self.turning_velocity:
-            motion, motion_covariance = turned(motion, motion_covariance, self._turn(state, measurement.steer, dt))
-        motion, motion_covariance = state.velocity_kf.step(motion, motion_covariance, fix, noise, dt)
-        yaw = float(state.pose[2])
-        inputs = (_along(yaw, motion), measurement.steer, dt)
-        pose, pose_covariance, nis = state.pose_filter.step(state.pose, state.pose_covariance, inputs, fix, sigma)
-        keep = exp(-dt / self.yaw_rate_filter_s) if self.yaw_rate_filter_s > 0.0 else 0.0
-        yaw_rate = keep * state.yaw_rate + (1.0 - keep) * (float(pose[2]) - yaw) / dt
-        state = EstimatorState(
-            velocity_kf=state.velocity_kf,
-            pose_filter=state.pose_filter,
-            cg=state.cg,
-            antenna=state.antenna,
-            motion=motion,
-            motion_covariance=motion_covariance,
-            pose=pose,
-            pose_covariance=pose_covariance,
-            yaw_rate=yaw_rate,
-            lever=lever,
-            health=state.health.after(nis, nan if fix is None else _time_of(fix, measurement), dt),
-        )
-        return state, self._estimate(state, measurement, nis)
-
-    def _turn(self, state: EstimatorState, steer: float, dt: float) -> float:
-        """Return the change of yaw in `dt` [s] computed from the measured steering angle [rad]."""
-        delta, u = steer - (self.steer_bias(state.pose) or 0.0), _along(state.pose[2], state.motion)
-        return u * tan(delta) / state.pose_filter.wheelbase * dt
-
-    def _attitude(self, measurement: Measurement) -> tuple[float, float]:
-        """Return roll and pitch [rad]; zero without compensation or measurement."""
-        known = self.terrain_compensation and isfinite(measurement.roll + measurement.pitch)
-        return (measurement.roll, measurement.pitch) if known else (0.0, 0.0)
-
-    def _lever(self, state: EstimatorState, measurement: Measurement, dt: float) -> Lever | None:
-        """Return the lever arm of the tilted antenna at the end of a tick; None without compensation."""
-        if not self.terrain_compensation:
-            return None
-        if not isfinite(measurement.roll + measurement.pitch):
-            return state.lever
-        now = offset(state.antenna, measurement.roll, measurement.pitch, state.pose[2])
-        return state.lever.after(now, dt, self.swing_filter_s) if state.lever else Lever(now)
-
-    def _estimate(self, state: EstimatorState, measurement: Measurement, nis: float) -> Estimate:
-        x, y, psi = state.pose[:3].tolist()
-        covariance = state.pose_covariance[:3, :3]  # view of the filter's array: read-only
-        covariance.flags.writeable = False
-        bias, u = self.steer_bias(state.pose), _along(psi, state.motion)
-        match self.yaw_rate_source:
-            case "ekf":
-                gamma = state.yaw_rate
-            case "kinematic":
-                delta, L = measurement.steer - (bias or 0.0), state.pose_filter.wheelbase
-                gamma = u * tan(delta) / L  # [agrobots: kinematicmodeltractor]
-            case "gyro":
-                gamma = measurement.gyro if isfinite(measurement.gyro) else state.yaw_rate
-        east, north = offset(state.cg, *self._attitude(measurement), psi)
-        return Estimate(
-            x=x + east,
-            y=y + north,
-            yaw=wrap(psi),
-            speed=u,
-            yaw_rate=gamma,
-            rear_x=x,
-            rear_y=y,
-            covariance=covariance,
-            nis=nis,
-            steer_bias=nan if bias is None else bias,
-            fix_age=measurement.t - state.health.fix_t,
-            position_sigma=largest_sigma(state.pose_covariance),
-            nis_mean=state.health.nis,
-        )
-
-
-def _time_of(fix: Fix, measurement: Measurement) -> float:
-    """Return the time of a fix, or its arrival time if the receiver reports no time [s]."""
-    return fix.t if isfinite(fix.t) else measurement.t
-
-
-def _along(yaw: float, motion: Array) -> float:
-    """Return the component of the estimated velocity along the heading [m/s]."""
-    _, vx, _, vy = motion.tolist()
-    return float(vx * cos(yaw) + vy * sin(yaw))
-
-
-@lru_cache(maxsize=8)
-def _fix_noise(position_sigma: float, velocity_sigma: float) -> Array:
-    """Return the covariance of a fix (x, vx, y, vy), shape (4, 4)."""
-    s, v = position_sigma, velocity_sigma
-    return np.diag(np.square((s, v, s, v)))
+        settings, law, numbers, filters = state
+        m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
+        if filters is None:
+            numbers, estimate = self.compiled(settings, law, numbers, m, fix, quality, dt)
+            return EstimatorState(settings, law, numbers, None), estimate
+        s, before, (velocity_kf, pose_filter) = fetched(settings), fetched(numbers), filters
+        now, noise = measured(s, before, m, fix, quality, self.steer_bias(before.pose) or 0.0, dt)
+        foot = measurement.fix and now.fix
+        motion: Any = velocity_kf.step(now.motion, now.motion_covariance, foot, noise, dt)
+        now = Prepared(now.fix, now.sigma, now.lever, motion[0], motion[1], along(before.pose[2], motion[0]))
+        found: Any = pose_filter.step(before.pose, before.pose_covariance, (now.speed, m.steer, dt), foot, now.sigma)
+        bias = self.steer_bias(found[0])
+        after, estimate = finished(s, before, now, found, m, nan if bias is None else bias, dt)
+        return EstimatorState(settings, law, held(after), filters), estimate

@@ -1,34 +1,56 @@
-"""Base class of the pose filters: an extended Kalman filter step corrected by the position of a fix."""
+"""Extended Kalman filter step of the pose filters, corrected by the position of a fix."""
+
+from math import isnan, nan
+from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array, Fix
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import Array, Fix, Matrix, Vector
+from agrobot_mj.estimation.equations import applied, prior, tick
 from agrobot_mj.estimation.kalman import Filter
+
+Inputs = tuple[float, float, float]
+"""Speed [m/s], steering angle [rad] and dt [s]."""
+
+
+class Linearised(NamedTuple):
+    """Model of a pose filter with n states in one tick."""
+
+    x: Vector
+    """Predicted mean, shape (n,)."""
+    F: Matrix
+    """Transition, shape (n, n)."""
+    Q: Matrix
+    """Process noise, shape (n, n)."""
+    H: Matrix
+    """Jacobian of the position of a fix, shape (2, n)."""
+    R: Matrix
+    """Noise of this position, shape (2, 2) [m2]."""
+
+
+@jit
+def corrected(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float]:
+    """Return the result of `FixEkf.step` for the previous covariance P; a missing fix is NaN."""
+    if isnan(fix.x):
+        return m.x, prior(P, m.F, m.Q), nan
+    return tick(m.x, P, m.F, m.Q, np.array((fix.x, fix.y)) - applied(m.H, m.x), m.H, m.R)
 
 
 class FixEkf(Filter):
-    """Pose filter whose first states are x, y and yaw of the rear axle; subclasses define `step`."""
+    """Pose filter whose first states are x, y and yaw of the rear axle; subclasses define `linearised` or `step`."""
 
-    def __init__(self, wheelbase: float) -> None:
-        """Create the filter for a `wheelbase` L [m]."""
-        self.wheelbase = wheelbase
+    def linearised(self, mean: Array, inputs: Inputs, sigma: float) -> Linearised:
+        """Return the model at `mean` (n,) for these inputs and the standard deviation `sigma` of a fix [m]."""
+        raise NotImplementedError
 
     def step(
-        self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
+        self, mean: Array, covariance: Array, inputs: Inputs, fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
         """Return mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
 
-        NIS is the normalised innovation squared of the position, NaN without a fix. `inputs` are speed [m/s], steering
-        angle [rad] and dt [s]; `sigma` is the standard deviation of the fix [m].
+        NIS is the normalised innovation squared of the position, NaN without a fix.
         """
-        raise NotImplementedError
-
-    def corrected(
-        self, x: Array, P: Array, F: Array, Q: Array, fix: Fix | None, expected: Array, H: Array, R: Array
-    ) -> tuple[Array, Array, float]:
-        """Return the result of `step` for the predicted mean `x`, the previous covariance P and the fix.
-
-        The fix has the noise R (2, 2) [m2], the Jacobian H (2, n) and the expected value `expected` (2,) [m].
-        """
-        y = None if fix is None else np.array((fix.x, fix.y)) - expected
-        return self.tick(x, P, F, Q, y, H, R)
+        x, F, Q, H, R = self.linearised(mean, inputs, sigma)
+        y = None if fix is None else np.array((fix.x, fix.y)) - applied(H, x)
+        return self.tick(x, covariance, F, Q, y, H, R)

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.ekf import H, PoseEkf, f
+from agrobot_mj.estimation.ekf import PoseEkf, f
 from agrobot_mj.estimation.pose_estimator import PoseEstimator
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -40,11 +40,11 @@ class PoseUkf(PoseEkf):
             dim_x=3,
             dim_z=2,
             dt=dt,
-            hx=lambda x: H @ x,
-            fx=lambda x, dt: f(x, speed, steer, self.wheelbase, dt),
+            hx=lambda x: x[:2],
+            fx=lambda x, dt: f(x, speed, steer, self.law.wheelbase, dt),
             points=points,
         )
-        ukf.x, ukf.P, ukf.Q, ukf.R = mean, covariance, dt * self.walk, sigma**2 * np.eye(2)
+        ukf.x, ukf.P, ukf.Q, ukf.R = mean, covariance, dt * np.diag(np.square(self.law.walks)), sigma**2 * np.eye(2)
         ukf.predict()
         if fix is None:
             return ukf.x, ukf.P, nan

@@ -5,38 +5,61 @@ The paper gives the transition `kinematicmodelKF` but no noise. The process nois
 so that the covariance is independent of the tick length.
 """
 
-from functools import lru_cache
-from math import cos, sin
+from math import cos, isnan, sin
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array, Fix
-from agrobot_mj.estimation.equations import applied
+from agrobot_mj.core.kernels import jit
+from agrobot_mj.core.signals import NO_FIX, Array, Fix, Matrix, Vector
+from agrobot_mj.estimation.equations import applied, prior, tick, times
 from agrobot_mj.estimation.kalman import Filter
 
-ALL = np.eye(4)
-"""Jacobian of the measured positions and velocities [-]."""
 
-
-def transition(dt: float) -> Array:
+@jit
+def transition(dt: float) -> Matrix:
     """Return the state transition matrix Phi for `dt` [s], shape (4, 4)."""
     T_s = dt
-    Phi = [[1, T_s, 0, 0], [0, 1, 0, 0], [0, 0, 1, T_s], [0, 0, 0, 1]]  # [agrobots: kinematicmodelKF]
-    return np.array(Phi, dtype=float)
+    Phi = np.eye(4)
+    Phi[0, 1] = Phi[2, 3] = T_s  # [agrobots: kinematicmodelKF]
+    return Phi
 
 
-def process_noise(velocity_walk: float, dt: float) -> Array:
+@jit
+def process_noise(velocity_walk: float, dt: float) -> Matrix:
     """Return the process-noise covariance for `dt` [s], shape (4, 4); `velocity_walk` in [m/s/sqrt(s)]."""
-    axis = velocity_walk**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    return np.asarray(np.kron(np.eye(2), axis), dtype=np.float64)
+    Q, variance = np.zeros((4, 4)), velocity_walk * velocity_walk
+    for place in (0, 2):
+        Q[place, place], Q[place + 1, place + 1] = variance * (dt * dt * dt / 3), variance * dt
+        Q[place, place + 1] = Q[place + 1, place] = variance * (dt * dt / 2)
+    return Q
 
 
-def turned(mean: Array, covariance: Array, angle: float) -> tuple[Array, Array]:
+@jit
+def turned(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matrix]:
     """Return mean (4,) and covariance (4, 4) with the velocity rotated to the left by `angle` [rad]."""
     M = np.eye(4)
     M[1, 1] = M[3, 3] = cos(angle)
     M[3, 1], M[1, 3] = sin(angle), -sin(angle)
-    return M @ mean, M @ covariance @ M.T
+    return applied(M, mean), times(times(M, covariance), M.T.copy())
+
+
+@jit
+def predicted(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
+    """Return the mean (4,) after `dt` [s], and the innovation of a fix, NaN without one."""
+    x = applied(transition(dt), mean)
+    return x, np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
+
+
+@jit
+def velocity_step(
+    velocity_walk: float, mean: Vector, covariance: Matrix, fix: Fix, noise: Matrix, dt: float
+) -> tuple[Vector, Matrix]:
+    """Return the result of `VelocityKf.step`; a missing fix is NaN."""
+    (x, y), Phi, Q = predicted(mean, fix, dt), transition(dt), process_noise(velocity_walk, dt)
+    if isnan(fix.x):
+        return x, prior(covariance, Phi, Q)
+    x, P, _ = tick(x, covariance, Phi, Q, y, np.eye(4), noise)
+    return x, P
 
 
 class VelocityKf(Filter):
@@ -45,17 +68,10 @@ class VelocityKf(Filter):
     def __init__(self, velocity_walk: float) -> None:
         self.velocity_walk = velocity_walk
 
-    def step(self, mean: Array, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
+    def step(self, mean: Vector, covariance: Array, fix: Fix | None, noise: Array, dt: float) -> tuple[Array, Array]:
         """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at that time.
 
         `noise` (4, 4) is the covariance of the fix (x, vx, y, vy).
         """
-        Phi, Q = _model(self.velocity_walk, dt)
-        x = applied(Phi, mean)
-        y = None if fix is None else np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
-        return self.tick(x, covariance, Phi, Q, y, ALL, noise)[:2]
-
-
-@lru_cache(maxsize=8)
-def _model(velocity_walk: float, dt: float) -> tuple[Array, Array]:
-    return transition(dt), process_noise(velocity_walk, dt)
+        (x, y), Q = predicted(mean, fix or NO_FIX, dt), process_noise(self.velocity_walk, dt)
+        return self.tick(x, covariance, transition(dt), Q, y if fix else None, np.eye(4), noise)[:2]

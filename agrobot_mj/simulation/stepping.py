@@ -173,7 +173,7 @@ class Simulation:
         if loop.stop_reason:
             self.outcome, self.reason = "stopped", loop.stop_reason
             return
-        if rows.filled == self.scenario.ticks or (led and past_end(self.scenario.path, t)):
+        if rows.filled == len(rows.values) or (led and past_end(self.scenario.path, t)):
             self._complete()
             return
         loop.advance(tick.drive)

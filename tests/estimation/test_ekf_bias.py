@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from agrobot_mj import load_scenario, run
+from agrobot_mj.core.kernels import fetched, held
 from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.estimation import Ekf, EkfBias
+from agrobot_mj.estimation.pose_estimator import PoseState
 from agrobot_mj.estimation.velocity_kf import turned
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -133,11 +135,13 @@ def test_velocity_without_fixes_rotates_with_the_corrected_angle(side):
     estimator, radius, bias = EkfBias(), 10.0, radians(4.0)
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
     pose, P = np.array([0.0, 0.0, 0.0, bias, 0.0, 0.0]), np.diag([1e-6, 1e-6, 1e-6, 1e-9, 1e-6, 1e-6])
-    state = state._replace(pose=pose, pose_covariance=P, motion=np.array([0.0, 1.2, 0.0, 0.0]))
+    start = PoseState(np.array([0.0, 1.2, 0.0, 0.0]), fetched(state.numbers).motion_covariance, pose, P)
+    state = state._replace(numbers=held(start))
     for measurement in measurements(51, side * radius, lost=range(51)):
         biased = measurement._replace(steer=measurement.steer + bias)
         state, estimate = estimator.update(state, biased, DT)
     turned_by = side * 1.2 * 50 * DT / radius
-    assert np.arctan2(state.motion[3], state.motion[1]) == pytest.approx(turned_by, rel=0.01)
+    _, vx, _, vy = fetched(state.numbers).motion
+    assert np.arctan2(vy, vx) == pytest.approx(turned_by, rel=0.01)
     assert estimate.yaw == pytest.approx(turned_by, rel=0.01)
     assert estimate.speed == pytest.approx(1.2, rel=1e-3)

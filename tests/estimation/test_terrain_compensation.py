@@ -7,6 +7,7 @@ import pytest
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import Fix, Measurement, Quality
 from agrobot_mj.estimation import Ekf, EkfBias
 from agrobot_mj.estimation.lever_arm import Lever, at_foot, offset
@@ -91,7 +92,7 @@ def test_roll_without_a_pitch_measurement_is_ignored(kind, attitude):
     after, e = estimator.update(state, Measurement(2 * DT, None, Quality.NONE, 0.0, 0.0, 0.0, *attitude), DT)
     level = TRACTOR.cg_to_rear_axle * np.array([cos(e.yaw), sin(e.yaw)])
     assert (e.x - e.rear_x, e.y - e.rear_y) == pytest.approx(level)
-    assert after.lever == state.lever
+    assert fetched(after.numbers).lever == fetched(state.numbers).lever
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 180.0, 270.0])
