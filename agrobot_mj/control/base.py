@@ -101,7 +101,7 @@ class GuidanceLaw(Learner):
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
     """Keys that can be tuned, with their search ranges in the unit of the key. Default: none."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Tuned gains in addition to those of `control.gains`, in the same format."""
+    """Tuned gains by law and dotted scenario key, in addition to `control.gains.TUNED`."""
     timed: ClassVar[bool] = True
     """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference."""
     holds_lane_change: ClassVar[bool] = False
@@ -109,7 +109,7 @@ class GuidanceLaw(Learner):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the scenario must enable, each mapped to the key to name in error messages."""
+        """Sensors that the law requires, each mapped to the scenario key that error messages name."""
         return {}
 
     def init(self) -> Any:
@@ -131,7 +131,7 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Subcommand of the command line that runs this law in an external program; empty for all other laws."""
+        """Command-line subcommand that runs this law in an external program; empty if the law needs no program."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
@@ -163,7 +163,7 @@ YAW_COLUMNS = (
     Column("tau_n", "rad", "output of the network, or of the integral that replaces it; steer = tau_c - tau_n"),
     Column("q", "-", "weight of the lower firing level in the network's output; null without a network"),
 )
-"""Log columns of the paper's cascade, present in every log."""
+"""Log columns of the cascade of guidance law and yaw controller, present in every log."""
 
 
 class YawCommand(NamedTuple):
@@ -174,13 +174,13 @@ class YawCommand(NamedTuple):
     tau_c: float = 0.0
     """Output of the conventional (PD) controller [rad]."""
     tau_n: float = 0.0
-    """Output of the network, or of the integral that replaces it; `steer` is tau_c - tau_n, limited [rad]."""
+    """Output tau_n of the network or of the integral term [rad]; `steer` is tau_c - tau_n, limited to the maximum."""
     q: float = nan
-    """Weight q of the lower firing strength in the network output; NaN without a network [-]."""
+    """Weight of the lower firing strengths in the output of a type-2 fuzzy network [-]; NaN without a network."""
 
 
 class YawController(Reporting):
-    """Base class of the yaw controllers, which map the yaw-rate error to a steering angle; `[controller] kind`."""
+    """Base class of yaw controllers (`[controller] kind`), which map the yaw-rate error to a steering angle."""
 
     kind: str
     closed_loop: ClassVar[bool] = True
@@ -205,14 +205,14 @@ class YawController(Reporting):
     def relieve(self, state: Any, excess: float) -> Any:
         """Return the state after anti-windup. Controllers without an integral return `state` unchanged.
 
-        `excess` is the part of the total command, including feed-forward, above the steering limit or, while the wheels
-        lag, above the measured angle [rad].
+        `excess` [rad] is the total steering command, including feed-forward, minus the steering limit or, while the
+        wheels lag behind the command, minus the measured steering angle.
         """
         return state
 
 
 class AngleLoop(Learner):
-    """Base class of the steering loops, which map the steering angle to a valve voltage; `[steering.loop] kind`.
+    """Base class of steering loops (`[steering.loop] kind`), which map a commanded angle to a valve voltage.
 
     The state has the attribute `reference`, the current reference angle [rad].
     """

@@ -103,5 +103,4 @@ class Cascade(GuidanceLaw):
 
 
 def _large_lag(lag: float) -> float:
-    """Return the steering lag if it exceeds WHEEL_LAG, else 0 [rad]."""
     return lag if abs(lag) > WHEEL_LAG else 0.0

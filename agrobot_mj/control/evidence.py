@@ -16,47 +16,47 @@ from agrobot_mj.core.signals import NO_FIX, Fix, Measurement, Quality
 from agrobot_mj.machine.tractor import GRAVITY
 
 DRIFT_TIME_S = 60.0
-"""Time constant of the exponential forgetting of the drift [s]. Assumed value: the accumulated error of white velocity
-noise of 3 cm/s is 4 cm at 20 Hz and 7 cm at 5 Hz, and a drift of 7 mm/s eventually reaches the limit."""
+"""Time constant of the exponential forgetting of the drift [s]. Assumed value: white velocity noise of 3 cm/s causes an
+accumulated error of 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
-"""Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: several
-periods of the antenna oscillation; a typical gyro bias of 0.3 deg/s causes 2.4 deg between the two means."""
+"""Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: the
+short one spans several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
 """Averaging time of the tilt derived from the specific force [s]. Assumed value: twice the duration of a start."""
 GAP_S = 0.5
 """Maximum time between two fixes over which their velocities are integrated [s]. Assumed value (10 missing fixes)."""
 BEND_ERROR = 0.25
-"""Integration error of the velocity, divided by time step and second difference of the velocity [-]. Assumed value,
-above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
+"""Error of the integration of velocities, divided by the time step and the second difference of the velocity [-].
+Assumed value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
 MOVING_M_S = 0.4
 """Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise."""
 COURSE_M_S = 0.25
 """Minimum speed for computing a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
-"""Time without a course after which the gyro comparison restarts [s]. Assumed value: a typical bias adds 1.5 deg."""
+"""Time without a valid course after which the gyro comparison restarts [s]. Assumed value: a gyro bias adds 1.5 deg."""
 
 
 RTK_FIXED = Quality.FIX
-"""Quality of an RTK-fixed position, as a number for kernels."""
+"""Quality of an RTK-fixed GNSS solution, as an integer for compiled kernels."""
 
 
 class Sensed(NamedTuple):
-    """Measurements of a tick without the fix, as numbers for kernels; a missing measurement is NaN."""
+    """Measurements of a tick except the GNSS fix, as numbers for compiled kernels; a missing measurement is NaN."""
 
     t: float
     """Time since the start [s]."""
     steer: float
-    """Steering angle [rad]."""
+    """Measured steering angle [rad]."""
     pedal: float
-    """Pedal position [-]."""
+    """Measured pedal position [-]."""
     gyro: float
-    """Yaw rate [rad/s]."""
+    """Yaw rate measured by the gyro [rad/s]."""
     roll: float
-    """Roll [rad]."""
+    """Roll measured by the inertial unit [rad]."""
     pitch: float
-    """Pitch [rad]."""
+    """Pitch measured by the inertial unit [rad]."""
     wheel_speed: float
-    """Wheel speed [m/s]."""
+    """Measured wheel speed [m/s]."""
     specific_force: tuple[float, float, float]
     """Specific force from the inertial unit, forward, left and up [m/s2]."""
 
@@ -70,7 +70,7 @@ def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
 
 
 class Evidence(NamedTuple):
-    """Consistency of consecutive fixes."""
+    """Consistency checks of consecutive fixes."""
 
     fix: Fix = NO_FIX
     """Last fix; NaN before the first fix."""
@@ -92,7 +92,7 @@ class Evidence(NamedTuple):
     """Time for which the measured position has been constant while the tractor was moving [s]."""
 
     def after(self, m: Sensed, fix: Fix, quality: int) -> "Evidence":
-        """Return the consistency after a tick, unchanged without a new fix."""
+        """Return the consistency checks after a tick; without a new fix they do not change."""
         last, t, fixed = self.fix, fix.t if isfinite(fix.t) else m.t, quality == RTK_FIXED
         time, speed = t - self.t, sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
         if isnan(fix.x) or (not isnan(last.x) and time <= 0.0):
@@ -168,7 +168,6 @@ class AttitudeEvidence(NamedTuple):
 
 @shared
 def _force_residual(m: Sensed) -> tuple[float, float]:
-    """Return forward and left specific force minus gravity and centripetal part, divided by g; 0 if unknown [-]."""
     x, y, _ = m.specific_force
     if not isfinite(x + y):
         return 0.0, 0.0
@@ -196,7 +195,7 @@ class TurnEvidence(NamedTuple):
     """Mean over TURN_TIME_S of the velocity rotated back by the gyro angle [m/s]."""
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the means after a tick of `dt` [s]; restart without a gyro or HELD_S after the last valid fix."""
+        """Return the means after a tick of `dt` [s]; reset without a gyro, and `HELD_S` after the last valid fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)
@@ -232,5 +231,5 @@ def tilt_error(attitude: AttitudeEvidence) -> float:
 
 @shared
 def course_error(turn: TurnEvidence) -> float:
-    """Return the absolute angle between the short-term and long-term mean velocities [rad]."""
+    """Return the absolute angle between the short-term and long-term means of the fix velocity [rad]."""
     return abs(phase(turn.late * turn.long.conjugate()))

@@ -32,7 +32,7 @@ values. Assumed values."""
 TURNING_S = 1.0
 """Time for the wheels to return from the steering limit to zero [s]. Assumed value, half the time from lock to lock."""
 STEEP = radians(10.0)
-"""Minimum heading error during an approach to the path [rad]; smaller errors are treated as tracking. Assumed value."""
+"""Heading error above which the tractor is approaching the path instead of tracking the path [rad]. Assumed value."""
 MAX_HEADING_CHANGE = radians(6.0)
 """Maximum heading change while the wheels turn to their command [rad]; limits the speed. Assumed value."""
 RISE_M_S2 = 1.0
@@ -52,11 +52,11 @@ class Following(GuidanceLaw):
     saturation_m_s: NonNegative = 0.6
     """Maximum speed correction towards the time-based reference [m/s]. Assumed value, as for `kinematic`."""
     gain_per_m: Positive = 0.4
-    """Slope of the speed correction, divided by its saturation [1/m]. Assumed value, as for `kinematic`."""
+    """Slope of the speed correction over the lag along the path, divided by `saturation_m_s` [1/m]. Assumed value."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5); the steering covers 63 % in 0.38 s."""
+    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5); 63 % of a steering step takes 0.38 s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
     """Maximum angle of approach to a distant path [deg]. Assumed value; larger angles require tighter turns."""
     compensate_steer_bias: bool = True
@@ -89,7 +89,7 @@ class Following(GuidanceLaw):
         )
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
-        """Return the command without feed-forward and steering-bias compensation [rad]."""
+        """Return the steering command without feed-forward and steering-bias compensation [rad]."""
         return command.steer - state.steer_ahead - state.bias
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
@@ -101,7 +101,6 @@ class Following(GuidanceLaw):
         return situation.machine.cg_to_rear_axle, situation.machine.wheelbase_m
 
     def _limits(self, machine: TractorParameters) -> "CommandLimits":
-        """Return the limits of steering angle and speed for a tractor, as numbers for kernels."""
         speed = self.saturation_m_s, self.gain_per_m, self.lateral_acceleration_m_s2
         return CommandLimits(*speed, machine.wheelbase_m, machine.steer_limit, MAX_HEADING_CHANGE)
 
@@ -160,7 +159,7 @@ class FollowingState(NamedTuple):
     heading: float = nan
     """Last heading error [rad]."""
     steer_ahead: float = nan
-    """Last feed-forward angle [rad]."""
+    """Last feed-forward steering angle [rad]."""
     bias: float = 0.0
     """Last steering-bias compensation [rad]."""
     speed: float | None = None
@@ -181,7 +180,7 @@ class PathDeviation(NamedTuple):
     speed: float
     """Estimated speed along the heading, with the sign of `direction` and a magnitude of at least SLOWEST_M_S [m/s]."""
     yaw: float
-    """Heading of an error-free tractor at the nearest path point [rad]."""
+    """Heading of the tractor that follows the path without error, at the nearest path point [rad]."""
     cross_track: float
     """Cross-track error of the CG, positive left of the heading [m]."""
     heading: float
@@ -197,16 +196,16 @@ class PathDeviation(NamedTuple):
 
 
 class CommandLimits(NamedTuple):
-    """Limits of steering angle and speed, as numbers for kernels."""
+    """Limits of steering angle and speed, as numbers for compiled kernels."""
 
     saturation: float
     """Maximum speed correction [m/s]."""
     gain: float
-    """Slope of the speed correction, divided by its saturation [1/m]."""
+    """Slope of the speed correction over the lag along the path, divided by `saturation` [1/m]."""
     lateral_acceleration: float
-    """Maximum lateral acceleration [m/s2]."""
+    """Maximum lateral acceleration of a command [m/s2]."""
     wheelbase: float
-    """Wheelbase [m]."""
+    """Wheelbase of the tractor [m]."""
     steer_limit: float
     """Maximum steering angle [rad]."""
     heading_change: float
@@ -221,7 +220,7 @@ def _direction(r: Reference, otherwise: float) -> float:
 
 @stage
 def _lookback(s: float, preview: float, direction: float, leg: tuple[float, float], length: float) -> Vector:
-    """Return the arc lengths [m] of the curvatures that determine the sideslip at `s`, and at `s` + `preview` [m]."""
+    """Return the arc lengths [m] whose curvatures give the sideslip at arc length `s` [m] and `preview` [m] later."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     for k, lag in enumerate(LOOKBACK):
         distances[k] = _behind(s, direction * lag * length, leg)
@@ -231,7 +230,7 @@ def _lookback(s: float, preview: float, direction: float, leg: tuple[float, floa
 
 @shared
 def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
-    """Return the arc length `lag` [m] behind `s`, limited to the leg; the first leg has no lower limit."""
+    """Return the arc length `lag` [m] behind the arc length `s` [m], limited to the leg (except for the first leg)."""
     return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
 
 
@@ -240,7 +239,10 @@ def _deviated(
     place: PathPoint, leg: tuple[float, float], direction: float, rolling: tuple[float, float], curvatures: Vector,
     yaw: float, speed: float, bias: float, limit: float,
 ) -> PathDeviation:  # fmt: skip
-    """Return the deviation from the path, with the curvatures at `_lookback`; `bias` [rad] is NaN if not estimated."""
+    """Return the deviation from the path.
+
+    `curvatures` are the path curvatures at the arc lengths from `_lookback`. The steering `bias` [rad] may be NaN.
+    """
     (l_r, L), n = rolling, len(LOOKBACK)
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
     bias = 0.0 if isnan(bias) else min(max(bias, -MAX_STEER_BIAS), MAX_STEER_BIAS)
@@ -306,10 +308,11 @@ def _limited(
 
 @jit
 def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
-    """Return the maximum speed u [m/s] at which the tractor can turn onto the path from a large angle theta.
+    """Return the maximum speed u [m/s] at which the tractor can turn onto the path from a large heading error theta.
 
     The arc at the lateral acceleration a, and the travel in the time T = TURNING_S in which the wheels turn, must fit
-    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The minimum is u at full lock.
+    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The result is at least the speed at
+    which the lateral acceleration at maximum steering angle is a.
     """
     theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
     if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
@@ -333,7 +336,8 @@ def _turning_speed(limits: CommandLimits, turning: float) -> float:
 def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
     """Return the lateral offset of a point of the tractor from its error-free position [m].
 
-    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. Left of `direction` [rad] is positive.
+    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. The offset is positive to the left of
+    the heading `direction` [rad].
     """
     (x, y, yaw), psi = pose, deviation.yaw
     east = x - deviation.place.x + ahead * (cos(yaw) - cos(psi))

@@ -117,9 +117,9 @@ def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
 def _feasible(yaw_rate: float, situation: Situation) -> float:
     """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and can end in time.
 
-    A tractor slower than its reference turns at a proportionally lower rate. A heading error e adds a yaw rate u e /
-    l_r and decays with the time constant l_r / u, which is limited to at least `MIN_CLOSING_S`. Wheels that return at
-    the rate r end a turn in time if the yaw rate is at most sqrt(2 u r e / L).
+    A tractor slower than its reference turns at a proportionally lower rate. At the speed u, a heading error e adds a
+    yaw rate u e / l_r and decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. Wheels that
+    return at the rate r end a turn in time if the yaw rate is at most sqrt(2 u r e / L), with the wheelbase L.
     """
     m, r, u = situation.machine, situation.reference, situation.estimate.speed
     turn = r.curvature * u

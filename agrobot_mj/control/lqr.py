@@ -45,9 +45,9 @@ class LqrState(NamedTuple):
     integral: float = 0.0
     """Integral of the cross-track error, stored as a steering angle [rad]."""
     delayed: Vector = np.zeros(0)
-    """Feedback parts of the commands delayed by the steering, oldest first [rad]."""
+    """Feedback parts of the last steering commands, which act after the steering delay, oldest first [rad]."""
     errors: Vector = np.zeros(0)
-    """States x in the last tick: path errors, steering angle and delayed commands; empty before the first tick."""
+    """Path errors, steering angle and delayed commands at the last tick; empty before the first tick."""
     table: Matrix = np.zeros((0, 0))
     """Gains by speed, see `_table`; empty before the first tick."""
 
@@ -98,19 +98,19 @@ class Lqr(Integrating):
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
-        """Return the new state and the steering angle, the sum of feed-forward, state feedback and integral [rad]."""
+        """Return the new state and the steering angle: the sum of feed-forward, state feedback and integral [rad]."""
         if not memory.table.size:
             memory = memory._replace(table=_table(self, situation.machine))
         limits, e = (radians(self.approach_deg), radians(self.integral_limit_deg)), situation.estimate
         return _lqr(limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains at a speed [m/s] for e_y, e_psi, delta, the delayed commands and the integral of e_y."""
+        """Return the gains at a speed [m/s] for cross-track error, heading error, steering, commands and integral."""
         found = _scheduled(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return slip length and effective wheelbase at the estimated speed [m]."""
+        """Return the distance from CG to the point without sideslip, and the effective wheelbase, at this speed [m]."""
         return _slip(self, situation.machine, situation.estimate.speed)
 
 
@@ -147,7 +147,7 @@ def _lqr(
 
 @jit
 def _scheduled(table: Matrix, speed: float) -> Vector:
-    """Interpolate gains and ratios P_qx / P_qq of the Riccati solution at a `speed` [m/s], negative in reverse."""
+    """Return gains and ratios P_qx / P_qq (see `_gains`), interpolated at a `speed` [m/s], negative in reverse."""
     n = len(SPEEDS)
     u, first = min(max(abs(speed), SPEEDS[0]), SPEEDS[-1]), n if speed < 0 else 0
     k = 1
@@ -169,12 +169,15 @@ def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, fl
 
 @lru_cache(maxsize=64)
 def _table(law: Lqr, machine: TractorParameters) -> Matrix:
-    """Return one row of gains and ratios P_qx / P_qq for each speed of the grid, first forward, then in reverse."""
+    """Return gains and ratios P_qx / P_qq (see `_gains`), one row per speed: forward speeds, then reverse speeds."""
     return np.array([np.concatenate(_gains(law, machine, sign * u)) for sign in (1, -1) for u in SPEEDS])
 
 
 def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array]:
-    """Return the gains (4 + n,) at the speed `u` [m/s], integral last, and the ratios P_qx / P_qq (3 + n,)."""
+    """Return the gains at the speed `u` [m/s], shape (4 + n,), and the ratios P_qx / P_qq, shape (3 + n,).
+
+    P is the Riccati solution, q the integral, x the other states with n delayed commands. The gain of q is last.
+    """
     from scipy.linalg import solve_discrete_are  # slow import (0.1 s), needed only by this law
 
     a, wheelbase = _slip(law, machine, u)
@@ -198,9 +201,10 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array
 
 
 def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array, Array]:
-    """Return the discrete state and input matrices of (e_y, e_psi, delta, n delayed commands, integral of e_y).
+    """Return the discrete state and input matrices of the lateral motion for a time step of one tick.
 
-    The time step is one tick; `turn` is gamma / delta [1/s].
+    States: cross-track error, heading error, steering angle, n delayed commands, integral of the cross-track error. `a`
+    is the distance from the CG to the point without sideslip [m], `turn` the yaw rate per steering angle [1/s].
     """
     from scipy.linalg import expm
 

@@ -31,18 +31,18 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 OVERSPEED_M_S = 0.15
-"""Tolerated absolute overspeed [m/s]. Assumed value: four times the measurement noise."""
+"""Tolerated difference between two speeds, independent of speed [m/s]. Assumed value: four times the noise."""
 AGREEING = 0.15
-"""Part of the maximum difference between agreeing wheel and fix speeds that is proportional to the wheel speed [-].
+"""Relative part of the maximum difference between wheel speed and fix speed that agree, divided by the wheel speed [-].
 Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed below which the course limit is proportional to 1 / speed, for antenna oscillation [m/s]. Assumed value."""
+"""Speed below which the course limit grows as 1 / speed, because of antenna oscillation [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Limits for a tractor that has not yet been within `max_cross_track_m` of the path [m]: decrease of its minimum
-distance from the path that counts as an approach (at most half of `max_cross_track_m`), and tolerated increase above
-the minimum. Assumed values."""
+"""Limits for a tractor that has not yet been within `max_cross_track_m` of the path [m]. `CLOSER_M`: decrease of the
+minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
+Assumed values."""
 TURNED_AWAY = 0.3
-"""Additional tolerated increase after a start at 45 deg to the path, divided by the minimum turning radius [-]."""
+"""Accepted increase of the path distance while turning towards the path, divided by the minimum turning radius [-]."""
 DRIFT_SIGMAS = 2.5
 """Number of standard deviations added to the drift limit [-]. Assumed value for slow receivers and ridges."""
 MAX_RATIO = 3.0
@@ -81,7 +81,7 @@ class MonitorSignals(NamedTuple):
     """Signals that the supervisor computes for its monitors."""
 
     fix_age: float = 0.0
-    """Age of the newest fix accepted by the estimator [s]."""
+    """Age of the newest fix that the estimator has accepted [s]."""
     place: float = 0.0
     """Arc length of the nearest path point [m]."""
     curvature: float = 0.0
@@ -89,11 +89,11 @@ class MonitorSignals(NamedTuple):
     offset: float = 0.0
     """Estimated distance from the path [m]."""
     closest: float = inf
-    """Minimum estimated distance from the path so far, accurate to `CLOSER_M` [m]."""
+    """Minimum estimated distance from the path so far, updated in steps of at least `CLOSER_M` [m]."""
     closing_s: float = 0.0
-    """Time since the last decrease of the minimum distance [s]."""
+    """Time since the minimum distance from the path last decreased [s]."""
     mismatch: float = 0.0
-    """Commanded minus measured steering angle; 0 while the wheels follow the command [rad]."""
+    """Commanded minus measured steering angle; 0 while the wheels turn towards the command [rad]."""
     evidence: Evidence = Evidence()
     """Consistency checks of consecutive fixes."""
     gyro: GyroEvidence = GyroEvidence()
@@ -103,11 +103,11 @@ class MonitorSignals(NamedTuple):
     attitude: AttitudeEvidence = AttitudeEvidence()
     """Consistency checks of the angles of the inertial unit."""
     pedal_mismatch: float = 0.0
-    """Pedal reference minus measured pedal; 0 while the pedal follows the reference [-]."""
+    """Pedal reference minus measured pedal position; 0 while the pedal moves towards the reference [-]."""
     pedal_rate: float = 0.0
-    """Rate of the measured pedal since the last tick [1/s]."""
+    """Rate of change of the measured pedal position since the last tick [1/s]."""
     allowed: float = 0.0
-    """Commanded speed, whose decrease is limited to the deceleration of the tractor [m/s]."""
+    """Commanded speed [m/s]; decreases at most as fast as the tractor can decelerate."""
     tracked: bool = False
     """Whether the heading has been known at least once."""
     aligning_s: float = 0.0
@@ -146,15 +146,15 @@ class SupervisorLimits(Reporting):
     overspeed_s: Positive = 0.3
     """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one period of oscillation on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15); 0.05 in speed ramps."""
+    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15); ramps cause 0.05."""
     pedal_mismatch_s: Positive = 0.14
-    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal reaches full in 0.5 s."""
+    """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal reaches its end in 0.5 s."""
     max_pedal_rate_per_s: Positive = 2.2
-    """Maximum plausible rate of the measured pedal [1/s]. Assumed value (2-5); the pedal moves at 1.5 1/s."""
+    """Maximum plausible rate of the measured pedal position [1/s]. Assumed value (2-5); the pedal moves at 1.5 1/s."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Maximum excess of fix speed over wheel speed [m/s]. Assumed value (0.2-0.5) for antenna oscillation."""
+    """Maximum deficit of wheel speed relative to fix speed [m/s]. Assumed value (0.2-0.5): antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Additional tolerated excess of fix speed, divided by fix speed [-]. Assumed value (0.2-0.4) for bumps."""
+    """Additional accepted wheel-speed deficit, divided by the fix speed [-]. Assumed value (0.2-0.4) for bumps."""
     wheel_lag_s: Positive = 0.3
     """Maximum duration of a low wheel speed [s]. Assumed value (0.2-0.5), half a period of antenna oscillation."""
     outvoted_s: Positive = 1.0
@@ -164,7 +164,7 @@ class SupervisorLimits(Reporting):
     """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
     value (6-15) for wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Additional tolerated difference, divided by the larger angle [-]. Assumed value (0.3-0.6) for sliding wheels."""
+    """Additional accepted angle mismatch, divided by the larger angle [-]. Assumed value (0.3-0.6): sliding wheels."""
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
@@ -174,11 +174,11 @@ class SupervisorLimits(Reporting):
     """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
     (0.2-1): real measurements have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the fixes' course relative to the gyro, mean of 2 s minus mean of 10 s; higher below 0.8 m/s
-    [deg]. Assumed value (6-15): 6 in fault-free runs (ridges at 3 m/s), 8 with a constant gyro bias of 1 deg/s."""
+    """Maximum rotation of the fixes' course relative to the gyro heading: mean of 2 s minus mean of 10 s [deg]. The
+    limit increases below 0.8 m/s. Assumed value (6-15): ridges at 3 m/s cause 6, a gyro bias of 1 deg/s causes 8."""
     max_fix_drift_m: Positive = 0.3
-    """Maximum difference between position and integrated velocity of the fixes in the last 60 s; higher for slow
-    receivers and rough ground [m]. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
+    """Maximum difference between fix position and integrated fix velocity in the last 60 s [m]. The limit is higher for
+    slow receivers and rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
     max_reckoning_sigma: Positive = 5.0
     """Maximum distance of a fix from the dead reckoning of the last 30 s, in standard deviations [-]. Assumed value
     (4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
@@ -186,12 +186,12 @@ class SupervisorLimits(Reporting):
     """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Maximum difference between roll or pitch and the tilt derived from the specific force, mean of 4 s [deg]. Assumed
-    value (4-10): an acceleration of 0.5 m/s2 at the start causes 3, and 3 cm ridges at 3 m/s cause up to 4.5."""
+    value (4-10): starting with 0.5 m/s2 causes 3, ridges of 3 cm at 3 m/s cause up to 4.5."""
     max_attitude_age_s: Positive = 2.0
     """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), short compared with a turn."""
 
     def limits(self, machine: TractorParameters) -> "Limits":
-        """Return the limits for a tractor, as numbers for kernels."""
+        """Return the limits for a tractor, as numbers for compiled kernels."""
         keys = (getattr(self, key) for key in SupervisorLimits.model_fields)
         return Limits._make((*keys, machine.tightest_radius, machine.wheelbase_m))
 
@@ -233,7 +233,7 @@ class Limits(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """Estimated state checked by the monitors, as numbers for kernels; see `Estimate`."""
+    """Estimated state that the monitors check, as numbers for compiled kernels; see `Estimate`."""
 
     x: float
     """East coordinate of the CG [m]."""
@@ -244,26 +244,27 @@ class Judged(NamedTuple):
     yaw_rate: float
     """Yaw rate [rad/s]."""
     aligned: bool
-    """Whether the yaw has been determined."""
+    """Whether the estimator has determined the yaw."""
     fix_age: float
-    """Age of the newest accepted fix [s]."""
+    """Age of the newest fix that the estimator has accepted [s]."""
     sigma: float
-    """Standard deviation of the position [m]."""
+    """Standard deviation of the estimated position [m]."""
     nis: float
-    """Smoothed NIS of the position [-]."""
+    """Smoothed normalised innovation squared (NIS) of the fix positions [-]."""
 
 
 Checks = tuple[tuple[float, float, float], ...]
-"""Signal, limit, and maximum duration above the limit [s] of several monitors; an unavailable signal is NaN."""
+"""Signal, limit, and maximum duration above the limit [s], one tuple for each monitor; an unavailable signal is NaN."""
 
 
 @jit
 def checks(
     most: Limits, w: MonitorSignals, e: Judged, m: Sensed, fix: Fix, steer: float, reckoned: tuple[float, float]
 ) -> Checks:
-    """Return all monitors in order of priority: the first one above its limit gives the reason for a stop.
+    """Return signal, limit and maximum duration of all monitors, in order of priority.
 
-    `reckoned` is the distance of a fix from dead reckoning and its standard deviation [m].
+    The first monitor above its limit gives the reason for a stop. `reckoned` is the distance of a fix from dead
+    reckoning and its standard deviation [m].
     """
     attitude = w.attitude
     return (
@@ -279,7 +280,7 @@ def checks(
 
 @jit
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
-    """Return the weighted time above the limit after `dt` [s], or 0 below the limit; unchanged for NaN signals [s]."""
+    """Return the weighted time above the limit after `dt` [s]: 0 below the limit, `time` for a signal of NaN [s]."""
     signal, limit, _ = check
     if isnan(signal):
         return time
@@ -338,7 +339,6 @@ def _of_turns(most: Limits, w: MonitorSignals, e: Judged, m: Sensed, steer: floa
 
 @jit
 def _wheel_lag(most: Limits, speed: float) -> float:
-    """Return the tolerated amount by which another measured speed is below `speed` [m/s]."""
     return most.max_wheel_lag_m_s + most.max_wheel_lag_share * speed
 
 

@@ -40,18 +40,18 @@ APPROACH = 2 / 3
 ITERATIONS = 2
 """Number of Gauss-Newton steps per tick."""
 DISTURBANCES = np.zeros(4)
-"""Initial mean of e_y, e, b and d, for an undisturbed tractor on its path."""
+"""Initial cross-track error, heading error, crab angle and curvature disturbance: zero, for an undisturbed tractor."""
 
 
 class NmpcState(NamedTuple):
     """State of `Nmpc`."""
 
     rates: Array
-    """Planned rates of the steering command, shape (STEPS,) [rad/s]."""
+    """Planned rates of change of the steering command, shape (STEPS,) [rad/s]."""
     delayed: tuple[float, float]
     """Last two steering commands, oldest first [rad]."""
     mean: Array = DISTURBANCES
-    """Estimated errors e_y [m] and e [rad], crab angle b [rad] and curvature disturbance d [1/m], shape (4,)."""
+    """Estimated cross-track error [m], heading error, crab angle [rad] and curvature disturbance [1/m], shape (4,)."""
     covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])
     """Covariance of `mean`, shape (4, 4)."""
     started: bool = False
@@ -68,8 +68,8 @@ class Nmpc(Following):
     offset_m: Positive = 0.23
     """Cross-track error with a cost of 1 [m]. Assumed value (0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
-    """Course error with a cost of 1, at least `offset_m` divided by two thirds of the distance covered in the horizon
-    [deg]. Assumed value (1-10), tuned."""
+    """Course error with a cost of 1 [deg]. It is increased to `offset_m` divided by two thirds of the distance covered
+    in the horizon, if this is larger. Assumed value (1-10), tuned."""
     rate_deg_s: Positive = 37.0
     """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
     steer_rate_deg_s: Positive = 25.0
@@ -79,11 +79,13 @@ class Nmpc(Following):
     heading_noise_deg: Positive = 1.0
     """Standard deviation of the estimated heading [deg]. Assumed value for the noise of the EKF."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """Random walk of the crab angle b [deg/sqrt(s)]. Assumed value (0.1-1); the EKF bias changes on each arc."""
+    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1); the heading bias of the EKF changes on each
+    arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the disturbance d [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values oscillate."""
+    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values cause
+    oscillation."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
-    """Maximum magnitude of the curvature disturbance d [1/m]. Assumed value, equivalent to 12 deg of steering."""
+    """Maximum magnitude of the curvature disturbance [1/m]. Assumed value, equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
     """Search ranges of the gains."""
 
@@ -95,7 +97,7 @@ class Nmpc(Following):
     def steering(
         self, memory: NmpcState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[NmpcState, float]:
-        """Estimate the disturbances and plan the steering rates; return the new state and the steering angle [rad]."""
+        """Return the new state and the steering angle [rad]: estimate the disturbances, then plan steering rates."""
         delta = situation.steer - deviation.bias
         if not memory.started:
             memory = memory._replace(delayed=(delta, delta), started=True)
@@ -147,7 +149,7 @@ class Nmpc(Following):
     def _observed(
         self, memory: NmpcState, deviation: PathDeviation, situation: Situation, delta: float, dt: float
     ) -> tuple[Array, Array]:
-        """Return mean and covariance of e_y, e, b and d after one step of the Kalman filter."""
+        """Return `NmpcState.mean` and its covariance after one step of the Kalman filter."""
         if abs(deviation.heading) > STEEP:  # large slip and steering lag: the model is invalid
             place = deviation.cross_track, _tangent_error(deviation, situation)
             return np.array([*place, *memory.mean[2:]]), memory.covariance
@@ -185,7 +187,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Residuals of the planned motion, and quadratic program of a Gauss-Newton step; built once per process."""
+    """Residuals of the planned motion, and the quadratic program of a Gauss-Newton step; created once per process."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)
@@ -203,7 +205,7 @@ class _Solver:
         self.program = ca.conic("plan", "qrqp", dense, options)
 
     def solve(self, rates: Array, p: Array, fastest: float, bounds: tuple[float, float]) -> Array:
-        """Improve `rates` [rad/s], with a magnitude of at most `fastest` and an integral within `bounds` [rad]."""
+        """Return improved `rates` [rad/s] with magnitudes up to `fastest` and an integral within `bounds` [rad]."""
         for _ in range(ITERATIONS):
             residual, J = (np.array(part) for part in self.linear(rates, p))
             angle = self.sums @ rates

@@ -20,7 +20,7 @@ class OpenLoop(YawController):
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
     """Steering angle of the step, positive left [deg]. Assumed value; limited by the steering stops."""
     at_s: NonNegative = 1.0
-    """Time of the step [s]. Assumed value; any time is possible."""
+    """Time of the step [s]. Assumed value."""
 
     def init(self) -> None:
         """Return None, because the step has no state."""
@@ -28,6 +28,6 @@ class OpenLoop(YawController):
     def update(
         self, state: None, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[None, YawCommand]:
-        """Return the step command at time `t` [s]."""
+        """Return the steering command of the step at time `t` [s]."""
         steer = radians(self.steer_deg) if t >= self.at_s else 0.0
         return None, YawCommand(clip(steer, -steer_limit, steer_limit))

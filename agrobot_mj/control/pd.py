@@ -25,7 +25,7 @@ class Conventional(YawController):
     """Search ranges of the gains."""
 
     def conventional(self, slope: FilteredRate, e: float, dt: float) -> tuple[FilteredRate, float]:
-        """Return the filtered derivative of the error and tau_c [rad]."""
+        """Return the filtered derivative of the yaw-rate error `e` [rad/s], and the controller output tau_c [rad]."""
         slope = slope.after(e, dt, self.derivative_filter_s)
         return slope, self.kp * e + self.kd * slope.rate
 
@@ -43,6 +43,6 @@ class Pd(Conventional):
     def update(
         self, state: FilteredRate, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[FilteredRate, YawCommand]:
-        """Return the new state and the command for the error [rad/s], limited to `steer_limit` [rad]."""
+        """Return the new state and the command for the yaw-rate error [rad/s], limited to `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state, yaw_rate_error, dt)
         return slope, YawCommand(clip(tau_c, -steer_limit, steer_limit), tau_c)

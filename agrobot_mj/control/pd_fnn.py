@@ -23,13 +23,13 @@ class NeuroState(NamedTuple):
     network: T2FnnState | None = None
     """State of the network, initialised at the first error; None before the first error."""
     reported: Array | None = None
-    """Values of the network columns at the last tau_n, before learning in that tick; None before the first tick."""
+    """Values of the network columns in the last tick, before learning; None before the first tick."""
     saturated: bool = False
     """Whether the last command was clipped at the steering limit."""
 
 
 class PdNetwork(Conventional):
-    """PD controller in parallel with a network whose inputs are the error and its filtered derivative."""
+    """PD controller in parallel with a network whose inputs are the yaw-rate error and its filtered derivative."""
 
     network: T2Fnn = T2Fnn()
     """Network and its learning laws."""
@@ -45,7 +45,7 @@ class PdNetwork(Conventional):
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
-        """Return the new state and the command, with the q used for tau_n, for the error [rad/s] after `dt` [s]."""
+        """Return the new state and the command for the yaw-rate error [rad/s] after `dt` [s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.init(e, slope.rate)
@@ -61,19 +61,19 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Return the values of `columns` at the last tau_n; NaN before the first tick."""
+        """Return the values of `columns` at the last output of the network; NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 
 class PdT2fnn(PdNetwork):
-    """Controller of the paper: PD in parallel with a type-2 fuzzy neural network."""
+    """Controller of the paper: PD controller in parallel with a type-2 fuzzy neural network."""
 
     kind: Literal["pd_t2fnn"] = "pd_t2fnn"
     label: ClassVar = "PD + T2FNN"
 
 
 class PdT1fnn(PdNetwork):
-    """Type-1 baseline with the learning laws of `PdT2fnn`, and with equal lower and upper fuzzy sets."""
+    """Baseline with a type-1 network: the learning laws of `PdT2fnn`, with equal lower and upper fuzzy sets."""
 
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
     label: ClassVar = "PD + T1FNN"

@@ -22,7 +22,7 @@ class IntegralState(NamedTuple):
 
 
 class PdIsgn(Conventional):
-    """PD plus the integral of the sign of the PD output, a baseline for the networks."""
+    """PD controller plus the integral of the sign of its output, a baseline for the networks."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
@@ -40,7 +40,7 @@ class PdIsgn(Conventional):
     def update(
         self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[IntegralState, YawCommand]:
-        """Return the new state and the command for the error [rad/s], limited to `steer_limit` [rad]."""
+        """Return the new state and the command for the yaw-rate error [rad/s], limited to `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
         tau_n = state.tau_n
         command = YawCommand(clip(tau_c - tau_n, -steer_limit, steer_limit), tau_c, tau_n)

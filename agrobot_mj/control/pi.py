@@ -46,13 +46,13 @@ class Pi(YawController):
     def update(
         self, state: PiState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[PiState, YawCommand]:
-        """Return the new state and the command for the error [rad/s], limited to `steer_limit` [rad]."""
+        """Return the new state and the command for the yaw-rate error [rad/s], limited to `steer_limit` [rad]."""
         step = self.ki * yaw_rate_error * dt if abs(yaw_rate_error) < TRANSIENT_RAD_S else 0.0
         tau_c, integral = self.kp * yaw_rate_error, state.integral + step
         steer = clip(tau_c + integral, -steer_limit, steer_limit)
         return PiState(integral, state.integral), YawCommand(steer, tau_c, -integral)
 
     def relieve(self, state: PiState, excess: float) -> PiState:
-        """Return the state without the last integral step if that step has the sign of `excess`."""
+        """Return the state without the last integral step, if this step has the same sign as `excess` [rad]."""
         winding = excess * (state.integral - state.before) > 0
         return state._replace(integral=state.before) if winding else state

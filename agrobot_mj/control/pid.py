@@ -57,7 +57,7 @@ class PidState(NamedTuple):
 
 
 class PidLaw(NamedTuple):
-    """Parameters of a `Pid` for kernels, with the same units."""
+    """Parameters of a `Pid` for compiled kernels, with the same units."""
 
     kp: float
     ki: float
@@ -71,7 +71,7 @@ def pid_step(
 ) -> tuple[PidState, float]:
     """Return the new state and the output within [low, high] after `dt` [s]; `ahead` is the feed-forward term.
 
-    Anti-windup: the integral is frozen if its step would move the output further beyond a limit.
+    Anti-windup: the integral is frozen if its change would move the output further beyond a limit.
     """
     slope = slope_after(s.slope, error, dt, p.filter_s)
     direct = ahead + p.kp * error + p.kd * slope.rate
@@ -129,7 +129,7 @@ class SpeedState(NamedTuple):
 
 
 class SpeedLoopLaw(NamedTuple):
-    """Parameters of a `SpeedLoop` for kernels."""
+    """Parameters of a `SpeedLoop` for compiled kernels."""
 
     outer: PidLaw
     inner: PidLaw
@@ -152,7 +152,7 @@ def speed_step(
 
 @shared
 def pedal_step(p: SpeedLoopLaw, s: SpeedState, pedal_ref: float, pedal: float, dt: float) -> tuple[SpeedState, float]:
-    """Return the new state and the pedal valve voltage [V] of the inner loop for pedal reference and position [-]."""
+    """Return the new state and the voltage of the pedal valve [V] for the commanded and measured pedal position [-]."""
     error = pedal_ref - pedal
     jump = over_dead_band(error, p.jump, p.tolerance)
     inner, voltage = pid_step(p.inner, s.inner, error, dt, -NEUTRAL_V, NEUTRAL_V, jump)
@@ -198,7 +198,7 @@ class SteeringState(NamedTuple):
 
 
 class SteeringLoopLaw(NamedTuple):
-    """Parameters of a `SteeringLoop` for kernels."""
+    """Parameters of a `SteeringLoop` for compiled kernels."""
 
     pid: PidLaw
     jump: float
@@ -215,7 +215,7 @@ def steering_step(
 ) -> tuple[SteeringState, float]:
     """Return the new state and the steering valve voltage [V] for the commanded and measured angles [rad].
 
-    The reference angle moves towards the commanded one at the limited rate.
+    The reference angle moves towards the commanded angle at the limited rate.
     """
     reach = p.rate * dt
     steer_ref = wanted if isinf(p.rate) else clip(wanted, s.reference - reach, s.reference + reach)
@@ -284,18 +284,18 @@ class BrakeState(NamedTuple):
 
 
 class Wishes(NamedTuple):
-    """Command to the low-level loops as numbers for kernels; a missing voltage or pedal is NaN."""
+    """Command to the low-level loops as numbers for compiled kernels; a missing voltage or pedal position is NaN."""
 
     steer: float
     speed: float
     steer_voltage: float
     pedal: float
     waits: bool
-    """Whether the reference of the path is at rest."""
+    """Whether the reference point on the path is at rest."""
 
 
 def wishes_of(command: Command, waits: bool) -> Wishes:
-    """Return a command as numbers; `waits` is whether the reference of the path is at rest."""
+    """Return a command as numbers for compiled kernels; `waits` is whether the path reference is at rest."""
     steer, speed, steer_voltage, pedal, _ = command
     return Wishes(steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits)
 
@@ -313,7 +313,7 @@ def brake_after(s: BrakeState, w: Wishes, dt: float) -> BrakeState:
 
 
 class LoopsLaw(NamedTuple):
-    """Parameters of the low-level loops for kernels."""
+    """Parameters of the low-level loops for compiled kernels."""
 
     speed: SpeedLoopLaw
     steering: SteeringLoopLaw
@@ -331,9 +331,9 @@ class LoopsState(NamedTuple):
 def loops_step(
     p: LoopsLaw, s: LoopsState, w: Wishes, speed: float, steer: float, pedal: float, dt: float
 ) -> tuple[LoopsState, tuple[float, float, float]]:
-    """Return the new state, and the voltages of steering and pedal valve [V] with the applied brake fraction [-].
+    """Return the new state, the voltages of steering and pedal valve [V], and the applied brake fraction [-].
 
-    The command may bypass each of both loops. `speed` [m/s] is estimated; `steer` [rad] and `pedal` [-] are measured.
+    The command may bypass one or both loops. `speed` [m/s] is estimated; `steer` [rad] and `pedal` [-] are measured.
     """
     brake = brake_after(s.brake, w, dt)
     share = 1.0 if brake.standing_s >= STANDSTILL_S else 0.0

@@ -49,12 +49,12 @@ class PurePursuit(Integrating):
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
-    """Look-ahead distance per speed [s]. Assumed value, tuned; 0.3-2 if chosen by hand."""
+    """Speed-dependent part of the look-ahead distance, per speed [s]. Assumed value, tuned; 0.3-2 if chosen by hand."""
     lookahead_m: Positive = 1.8
     """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
     values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time of the start of the arc [s]. Assumed value, tuned; covers the delay and lag of the steering."""
+    """Prediction time of the start of the arc [s]. Assumed value, tuned; about the delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012
@@ -75,7 +75,7 @@ class PurePursuit(Integrating):
     def steering(
         self, memory: PursuitState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[PursuitState, float]:
-        """Return the new state and the steering angle: arc to the goal plus integral term [rad]."""
+        """Return the new state and the steering angle [rad]: the angle of the arc to the goal plus the integral."""
         arc, e = self._arc(deviation, situation), situation.estimate
         if deviation.direction < 0:
             return memory, arc
@@ -110,7 +110,7 @@ def _arc_to(
 ) -> float:  # fmt: skip
     """Return the steering angle of the arc [rad] to a goal `beyond` [m] a path point with the sideslip `beta` [rad].
 
-    The arc begins at the `pose` of R after travelling `predicted` [m] while turning by `turn` [rad].
+    The arc begins at the `pose` of the rear axle after travelling `predicted` [m] while turning by `turn` [rad].
     """
     rear_x, rear_y, yaw = pose
     aside = deviation.cross_track - min(max(deviation.cross_track, -far), far)

@@ -40,7 +40,7 @@ MEMORY_S, RENEWAL_S = 30.0, 5.0
 HISTORY_TICKS = 101
 """Number of ticks for which sums are stored: fixes arrive up to 5 s late."""
 START_M = 1.5
-"""Minimum distance between the two fixes that give the initial theta [m]. Assumed value for an accuracy of 3 deg."""
+"""Minimum distance between the two fixes that give the initial heading [m]. Assumed value for an accuracy of 3 deg."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
 """Standard deviations of a fix, and of the antenna position due to tilt with and without an inertial unit [m]. Assumed
 values: 2 cm for the fix; 0.6 and 2 deg at a height of 2 m."""
@@ -50,17 +50,17 @@ values: a float solution, correlated for 20 s."""
 HEADING_SIGMA = radians(0.35)
 """Standard deviation of a two-antenna heading [rad]. Assumed value."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
-"""Initial standard deviations of the states. Assumed values for two fixes, a cold gyro, worn tyres and soil."""
+"""Initial standard deviations of the states; units as in `means`. Assumed values: two fixes, cold gyro, worn tyres."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
-"""Random walks of position [m/sqrt(s)], theta [rad/sqrt(s)], b [rad/s/sqrt(s)] and c [rad s2/m/sqrt(s)]. Assumed
-values: antenna oscillation, gyro noise, warm-up, changes of the ground."""
+"""Random walks of position [m/sqrt(s)], frame angle theta [rad/sqrt(s)], gyro bias [rad/s/sqrt(s)] and tyre compliance
+[rad s2/m/sqrt(s)]. Assumed values for antenna oscillation, gyro noise, gyro warm-up and changes of the ground."""
 HITCH_SIGMA = radians(2.0)
-"""Standard deviation of the modelled hitch angle [rad]. Assumed value for the sideslip of implement and tractor."""
+"""Standard deviation of the modelled hitch angle [rad]. Assumed value for the sideslip of tractor and implement."""
 ROCKING_FACTOR = 2.0
-"""Standard deviation of the antenna position, divided by its oscillation [-]. Assumed value; angles lag half a
-period."""
+"""Standard deviation of the antenna position, divided by the mean amplitude of its oscillation [-]. Assumed value,
+because the measured angles lag the oscillation."""
 HEADING_GATE = 5.0
-"""Normalised error above which a heading is rejected [-]. Assumed value."""
+"""Number of standard deviations above which a heading is rejected [-]. Assumed value."""
 
 
 Covariances = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
@@ -70,11 +70,11 @@ class References(NamedTuple):
     """States of all references of the dead reckoning at the last checked fix; fixes update only the first reference."""
 
     means: Matrix
-    """Means of position x, y, angle theta, gyro bias b, wheel scale k, sideslip kappa, compliance c, shape (n, 7)."""
+    """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and extra compliance, shape (n, 7)."""
     covariances: Covariances
     """Covariances of the states, shape (n, 7, 7)."""
     begun: Vector
-    """Start time of each reference, after which no fix updates it (except the first one), shape (n,) [s]."""
+    """Start time of each reference, shape (n,) [s]. Later fixes update only the first reference."""
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
@@ -88,10 +88,10 @@ class References(NamedTuple):
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and its distance from the most contradicting reference with sigma [m].
+    """Return the references after a fix, the distance of the fix from the most contradicting one, and its sigma [m].
 
-    `variance` [m2] is that of the fix position; `sharing` is the number of consecutive fixes with equal error.
-    `heading` is the measured difference between heading and phi, NaN without one [rad].
+    `variance` [m2] belongs to the position of the fix; `sharing` is the number of consecutive fixes with equal error.
+    `heading` is the measured heading minus the integrated yaw rate, NaN if not measured [rad].
     """
     means, P = r.means.copy(), r.covariances.copy()
     worst, distance, sigma = -1.0, 0.0, 0.0
@@ -118,7 +118,7 @@ def _followed(
 
 @jit
 def _predict(mean: Vector, P: Matrix, last: Sums, at: Sums) -> None:
-    """Propagate mean and covariance of a reference from `last` to `at`, in place."""
+    """Propagate mean and covariance of a reference from the sums `last` to the sums `at`, in place."""
     dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
     theta, b, k, kappa, c = mean[2], mean[3], mean[4], mean[5], mean[6]
     ahead = turn(1j * (theta + kappa - 0.5 * b * turned_s))
@@ -145,7 +145,6 @@ def _predict(mean: Vector, P: Matrix, last: Sums, at: Sums) -> None:
 
 @jit
 def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: float) -> None:
-    """Correct mean and covariance by the measurement of one state, in place."""
     row = P[state].copy()
     S = row[state] + variance
     for i in range(7):
@@ -156,7 +155,7 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Remove references older than MEMORY_S at `t` [s], and add a copy of the first one every RENEWAL_S."""
+    """Return the references without those older than MEMORY_S, and every RENEWAL_S with a copy of the first one."""
     n = r.begun.size
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):
@@ -177,7 +176,7 @@ class Reckoning(NamedTuple):
     checked: Sums | None = None
     """Dead-reckoning sums at the last checked fix; None before the first fix."""
     begun_at: complex = 0j
-    """Position of the first fix [m]."""
+    """Position of the first fix, east + j north [m]."""
     references: References | None = None
     """References for checking fixes; None until the frame angle theta is known."""
     distance: float = nan

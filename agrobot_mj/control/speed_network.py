@@ -35,7 +35,7 @@ class SpeedNetwork(Spec):
     bound_m_s: Positive = 0.3
     """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6), half the saturation of `kinematic`."""
     network: T2Fnn = T2Fnn(alpha=0.01)
-    """Network and its learning laws; here alpha is a rate of speed [m/s2]."""
+    """Network and its learning laws; the learning rate alpha has the unit [m/s2] here."""
 
     def update(
         self, state: SpeedNetworkState, wanted: float, speed: float, dt: float

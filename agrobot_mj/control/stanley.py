@@ -48,15 +48,15 @@ class Stanley(Integrating):
     kind: Literal["stanley"] = "stanley"
     label: ClassVar = "Stanley"
     gain_per_s: Positive = 0.91
-    """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
+    """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T [s]."""
     softening_m_s: NonNegative = 0.99
     """Softening speed u_0, which reduces the gain at low speed [m/s]. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """Damping k_d: steering angle per yaw-rate error, forward [s]. Assumed value (0.2-0.8), the lag of the steering."""
+    """Damping k_d, forward only: steering angle per yaw-rate error [s]. Assumed value (0.2-0.8), the steering lag."""
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Integral gain k_i: angle per unexplained front-axle motion, only forward [rad/m]. Assumed value (0-0.3)."""
+    """Gain k_i, forward only: steering angle per unexpected front-axle motion [rad/m]. Assumed value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),
@@ -82,24 +82,24 @@ class Stanley(Integrating):
 
 
 class Gains(NamedTuple):
-    """Gains of the law and dimensions of the tractor, as numbers for kernels."""
+    """Gains of the Stanley law and dimensions of the tractor, as numbers for compiled kernels."""
 
     k: float
-    """Gain k [1/s]."""
+    """Approach speed per offset of the front axle [1/s]."""
     softening: float
-    """Softening speed u_0 [m/s]."""
+    """Softening speed, which reduces the gain at low speed [m/s]."""
     damping: float
-    """Damping k_d [s]."""
+    """Steering angle per yaw-rate error in forward travel [s]."""
     reverse: float
-    """Heading gain h in reverse [-]."""
+    """Steering angle per heading error in reverse [-]."""
     integral: float
-    """Integral gain k_i [rad/m]."""
+    """Steering angle per unexpected motion of the front axle [rad/m]."""
     front: float
     """Distance from the CG to the front axle [m]."""
     rear: float
     """Distance from the CG to the rear axle [m]."""
     wheelbase: float
-    """Wheelbase [m]."""
+    """Wheelbase of the tractor [m]."""
 
 
 @stage

@@ -13,25 +13,25 @@ from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import GRAVITY
 
 COMPLIANCE = radians(0.8)
-"""Modelled compliance C of the tyres [rad s2/m]. Assumed value: 0.5 on soil, 0.8-1 on firm ground [deg s2/m]."""
+"""Modelled tyre compliance: sideslip per lateral specific force [rad s2/m]. Assumed value: 0.5 deg s2/m on soil."""
 CLIMB_SLIP = 0.01
-"""Modelled wheel slip per longitudinal gravity [s2/m]. Assumed value for firm ground; higher on soil."""
+"""Modelled wheel slip, divided by the component of gravity along the slope [s2/m]. Assumed value for firm ground."""
 COMPASS_S = 5.0
 """Time constant for comparing the antenna heading with the gyro [s]. Assumed value, fast compared with gyro drift."""
 BRIDGED_SIGMA = radians(0.15)
-"""Standard deviation added to theta at the loss of the gyro [rad]. Assumed value: `HEADING_SIGMA` after smoothing."""
+"""Standard deviation added to the frame angle theta when the gyro fails [rad]. Assumed value for averaged headings."""
 SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
-"""Random walks of kappa and k: per time [rad/sqrt(s), 1/sqrt(s)] and per rotation [rad/sqrt(rad), 1/sqrt(rad)]. Assumed
-values for six machines on level, rough, sloping and soft ground."""
+"""Random walks of sideslip [rad] and wheel scale [-]: first per root of time [sqrt(s)], then per root of rotation
+[sqrt(rad)]. Assumed values for six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
-"""Specific force that doubles the random walks of kappa and k (fourth-power law), and specific force assumed without an
-inertial unit [m/s2]. Assumed values: tyres begin to slide on slopes of 15 deg; unmeasured slopes of up to 15 deg."""
+"""Specific force that doubles the random walks of sideslip and wheel scale (fourth-power law), and specific force
+assumed without an inertial unit [m/s2]. Assumed values: tyres begin to slide, and slopes end, at 15 deg."""
 DRAUGHT = 3.0
 """Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of one sixth of the tractor's
 weight (0.1-0.3), divided by the mass on the rear axle."""
 HOPPING = 0.3
-"""Variation of the vertical specific force, divided by g, that doubles the random walks of kappa and k [-]. Assumed
-value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
+"""Variation of the vertical specific force, divided by g, that doubles the random walks of sideslip and wheel scale
+[-]. Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
 ROCKING_S = 2.0
 """Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value."""
 SPEEDS_S = 1.0
@@ -39,24 +39,24 @@ SPEEDS_S = 1.0
 SLIPPING = 0.97
 """Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value."""
 SPINNING = 0.9
-"""Ratio of fix speed to wheel speed below which the random walk of k increases [-]. Assumed value, below `SLIPPING`
-because the smoothed speeds lag."""
+"""Ratio of fix speed to wheel speed below which the random walk of the wheel scale increases [-]. Assumed value, below
+`SLIPPING` because the smoothed speeds lag."""
 STANDING_M_S = 0.05
 """Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value."""
 STEERED_WALK = radians(1.5)
-"""Random walk of theta if the steering angle gives the yaw rate [rad/sqrt(s)]. Assumed value for a bias of 2 deg."""
+"""Random walk of the frame angle theta while the steering angle gives the yaw rate [rad/sqrt(s)]. Assumed value."""
 
 
 class Compass(NamedTuple):
     """Two-antenna heading minus the integrated yaw rate phi, smoothed while a gyro is available."""
 
     angle: float = nan
-    """Smoothed difference between heading and phi; NaN before the first heading [rad]."""
+    """Smoothed difference between heading and integrated yaw rate; NaN before the first heading [rad]."""
     rate: float = 0.0
-    """Rate of the difference, the negative gyro error [rad/s]."""
+    """Rate of change of `angle`, the negative gyro error [rad/s]."""
 
     def after(self, shown: float, dt: float) -> "Compass":
-        """Return the state after `dt` [s] for the measured difference `shown` [rad]; NaN without a heading."""
+        """Return the state after `dt` [s] for the measured difference `shown` [rad]; NaN if no heading was measured."""
         if not isfinite(self.angle):
             return Compass(shown, 0.0)
         angle = self.angle + self.rate * dt
@@ -75,25 +75,25 @@ class Sums(NamedTuple):
     t: float = 0.0
     """Time of the last tick [s]."""
     phi: float = 0.0
-    """Integral phi of the yaw rate [rad]."""
+    """Integral of the yaw rate [rad]."""
     path: complex = 0j
-    """Position q of the rear axle along the summed path, in the frame of the sums [m]."""
+    """Position of the rear axle in the frame of the dead reckoning, x + j y [m]."""
     bent: complex = 0j
-    """Derivative h of the path with respect to the tyre compliance [m2/s2]."""
+    """Derivative of `path` with respect to the tyre compliance [m2/s2]."""
     sideslip: float = 0.0
-    """Accumulated variance of the random walk of the sideslip parameter kappa [rad2]."""
+    """Accumulated variance of the random walk of the sideslip [rad2]."""
     slip: float = 0.0
-    """Accumulated variance of the random walk of the wheel scale k [-]."""
+    """Accumulated variance of the random walk of the wheel scale [-]."""
     lever: complex = 0j
-    """Antenna position relative to the rear axle in the frame of the path [m]."""
+    """Position of the antenna relative to the rear axle, in the frame of `path` [m]."""
     behind: complex = 0j
     """Position of the antenna of the implement relative to the rear axle, in the path frame; 0 without one [m]."""
     rest: complex = 0j
-    """Mean of `lever` over `ROCKING_S` [m]."""
+    """Mean of `lever`, the antenna position, over `ROCKING_S` [m]."""
     rocking: float = 0.0
-    """Mean distance of `lever` from its mean [m]."""
+    """Mean distance of the antenna from its mean position `rest` [m]."""
     swing: float = 0.0
-    """Angle gamma between towed implement and tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
+    """Angle of the towed implement to the tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
     hopping: float = 0.0
     """Mean variation of the vertical specific force, divided by g; 0 if the force is not measured [-]."""
     wheels: float = 0.0
@@ -105,17 +105,17 @@ class Sums(NamedTuple):
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
     """Smoothed roll and pitch."""
     compass: Compass = Compass()
-    """Antenna heading relative to phi, which replaces the gyro after a failure."""
+    """Antenna heading relative to `phi`, which replaces the gyro after a failure."""
     gyro_s: float = 0.0
-    """Accumulated time with gyro measurements, during which the gyro bias rotates theta [s]."""
+    """Accumulated time with gyro measurements, in which the gyro bias rotates the frame of the dead reckoning [s]."""
     turning: float = 0.0
-    """Variance of the heading change theta accumulated without a gyro [rad2]."""
+    """Accumulated variance of the frame angle theta while the gyro was missing [rad2]."""
     blind: bool = False
     """Whether the gyro measurement was missing in the last tick."""
 
 
 class Vehicle(NamedTuple):
-    """Properties of the tractor and its gyro, as numbers for kernels."""
+    """Properties of the tractor and its gyro, as numbers for compiled kernels."""
 
     wheelbase: float
     """Wheelbase [m]."""
@@ -178,7 +178,7 @@ def summed(s: Sums, m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement
 def _turn(
     s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
 ) -> tuple[float, float]:
-    """Return the yaw rate at speed `w` [m/s] and the added variance of theta: gyro, antennas or steering angle."""
+    """Return the yaw rate [rad/s] from gyro, antennas or steering at speed `w` [m/s], and the added theta variance."""
     standing = abs(w) < STANDING_M_S
     if isfinite(m.gyro):
         return (0.0 if standing else gyro), 0.0
@@ -199,7 +199,6 @@ def _speed(s: Sums, m: Sensed) -> float:
 
 @jit
 def _spinning(s: Sums) -> float:
-    """Return the wheel slip above the tolerance `SPINNING` [-]."""
     return max(1.0 - s.fixes / (SPINNING * s.wheels), 0.0) if s.wheels > STANDING_M_S else 0.0
 
 

@@ -35,7 +35,7 @@ from agrobot_mj.core.spec import NonNegative, Positive
 MIN_STEERING_RATE = radians(4.0)
 """Minimum rate of wheels that follow their command, even with a worn valve [rad/s]. Assumed value."""
 MIN_PEDAL_RATE = 0.15
-"""Minimum rate of a pedal that follows its command [1/s]. Assumed value; limits the lag to `max_pedal_mismatch`."""
+"""Minimum rate of a pedal that follows its command [1/s]. Assumed value; keeps the lag below `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
 """Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5
@@ -85,7 +85,7 @@ class SupervisorState(NamedTuple):
 
 
 class Supervisor(SupervisorLimits):
-    """Limits of autonomous driving, and the controlled stop if a limit is exceeded."""
+    """Monitors of autonomous driving, and the controlled stop after a monitor exceeds its limit."""
 
     enabled: bool = True
     """Whether the supervisor is active. Default: true; false in the scenarios of the paper, which has no supervisor."""
@@ -94,9 +94,9 @@ class Supervisor(SupervisorLimits):
     coasting_after_s: Positive = 0.6
     """Maximum age of the newest fix before the tractor coasts [s]. Assumed value (0.3-1), a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed until the heading is known, along the curvature of the path [m/s]. Assumed value (0.5-1.5)."""
+    """Speed along the curvature of the path until the heading is known [m/s]. Assumed value (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); 0.5 s from 1.2 m/s to a stop."""
+    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); stops a speed of 1.2 m/s in 0.5 s."""
     settle_s: NonNegative = 1.5
     """Time at rest before the run ends as `stopped` [s]. Assumed value (1-3)."""
 
@@ -163,7 +163,7 @@ class Supervisor(SupervisorLimits):
     def _stopping(
         self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
     ) -> SupervisorState:
-        """Return the state after one tick of a stop: pedal towards neutral, power cut if the tractor does not stop."""
+        """Return the state after a tick of a stop: pedal to neutral, power cut if the tractor does not come to rest."""
         reach = self.stopping_pedal_rate_per_s * dt
         pedal = state.pedal + clip(-state.pedal, -reach, reach)
         # one of both speeds may be wrong: `still` requires one speed at rest, `released` one speed in motion
@@ -201,7 +201,7 @@ class Wanted(NamedTuple):
     pedal: float
     """Last pedal reference of the speed loop [-]."""
     aligning: float
-    """Speed until the heading is known [m/s]."""
+    """Commanded speed until the heading is known [m/s]."""
 
 
 @stage

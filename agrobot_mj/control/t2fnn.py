@@ -40,40 +40,40 @@ class T2Fnn(Spec):
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
-    """Number I of fuzzy sets of x1 [-]. Assumed value (2-9)."""
+    """Number of fuzzy sets of the first input [-]. Assumed value (2-9)."""
     rules_2: int = Field(3, ge=1, le=50)
-    """Number J of fuzzy sets of x2 [-]. Assumed value (2-9)."""
+    """Number of fuzzy sets of the second input [-]. Assumed value (2-9)."""
     spread_1: Positive = 0.5
-    """Maximum initial distance of the centres of x1 from the first x1 [unit of x1]. Assumed value (0.1-1), the
-    yaw-rate error of a turn in the wrong direction."""
+    """Maximum initial distance of the set centres from the first value of input x1 [unit of x1]. Assumed value (0.1-1),
+    the yaw-rate error of a turn in the wrong direction."""
     spread_2: Positive = 0.5
-    """Maximum initial distance of the centres of x2 from the first x2 [unit of x2]. Assumed value (0.1-1)."""
+    """Maximum initial distance of the set centres from the first input x2 [unit of x2]. Assumed value (0.1-1)."""
     width_lower_1: Positive = 0.6
-    """Initial width of the lower sets of x1 [unit of x1]. Assumed value; the sets contain the first input."""
+    """Initial width of the lower sets of input x1 [unit of x1]. Assumed value; the sets contain the first input."""
     width_upper_1: Positive = 0.9
-    """Initial width of the upper sets of x1 [unit of x1]. Assumed value, above the lower width."""
+    """Initial width of the upper sets of input x1 [unit of x1]. Assumed value, above the lower width."""
     width_lower_2: Positive = 0.6
-    """Initial width of the lower sets of x2 [unit of x2]. Assumed value, above the spread."""
+    """Initial width of the lower sets of input x2 [unit of x2]. Assumed value, above the spread."""
     width_upper_2: Positive = 0.9
-    """Initial width of the upper sets of x2 [unit of x2]. Assumed value, above the lower width."""
+    """Initial width of the upper sets of input x2 [unit of x2]. Assumed value, above the lower width."""
     d_min: Positive = 0.001
     """Minimum width of a fuzzy set [unit of the input]. Assumed value; a set of this width is almost a point."""
     d_max: Positive = 100.0
     """Maximum width of a fuzzy set [unit of the input]. Assumed value; a set of this width contains all inputs."""
     f_init: Positive = 0.01
-    """Magnitude of the initial consequents [rad]. Assumed value; with 0, q would saturate in one step (guard 4)."""
+    """Magnitude of the initial rule consequents [rad]. Assumed value; with 0, q would saturate in one step."""
     q_init: Fraction = 0.5
-    """Initial weight q of the lower firing [-]. Assumed value, the middle of [0, 1]."""
+    """Initial weight q of the lower firing strengths [-]. Assumed value, the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"
     """Whether the centres of the fuzzy sets follow the inputs (as in the paper) or are fixed."""
     adapt_widths: bool = True
     """Whether to learn the widths of the fuzzy sets. Default: true, as in the paper."""
     adapt_q: bool = True
-    """Whether to learn the weight q of the lower firing. Default: true, as in the paper."""
+    """Whether to learn the weight q of the lower firing strengths. Default: true, as in the paper."""
     type_1: ClassVar[bool] = False
     """Whether the lower fuzzy sets equal the upper sets; the weight q is then constant and has no effect."""
     floor: Positive = 0.001
-    """Minimum magnitude of a denominator [unit of the denominator]. Paper."""
+    """Minimum magnitude of denominators in the learning laws [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
     """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value, prevents overflow."""
 
@@ -144,7 +144,6 @@ class T2Fnn(Spec):
 
     @property
     def _learning(self) -> Learning:
-        """Learning settings in the form required by the compiled equations."""
         return Learning(
             self.alpha,
             self.delta_s,

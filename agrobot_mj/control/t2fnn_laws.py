@@ -23,21 +23,21 @@ class T2FnnState(NamedTuple):
     """Parameters of the network and its last inputs."""
 
     c1: Array
-    """Centres of the fuzzy sets of x1, shape (I,) [unit of x1]."""
+    """Centres of the fuzzy sets of input x1, shape (I,) [unit of x1]."""
     c2: Array
-    """Centres of the fuzzy sets of x2, shape (J,) [unit of x2]."""
+    """Centres of the fuzzy sets of input x2, shape (J,) [unit of x2]."""
     d1_lower: Array
-    """Widths of the lower fuzzy sets of x1, shape (I,) [unit of x1]."""
+    """Widths of the lower fuzzy sets of input x1, shape (I,) [unit of x1]."""
     d1_upper: Array
-    """Widths of the upper fuzzy sets of x1, shape (I,) [unit of x1]."""
+    """Widths of the upper fuzzy sets of input x1, shape (I,) [unit of x1]."""
     d2_lower: Array
-    """Widths of the lower fuzzy sets of x2, shape (J,) [unit of x2]."""
+    """Widths of the lower fuzzy sets of input x2, shape (J,) [unit of x2]."""
     d2_upper: Array
-    """Widths of the upper fuzzy sets of x2, shape (J,) [unit of x2]."""
+    """Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]."""
     f: Array
     """Consequents of the rules, shape (I, J) [rad]."""
     q: float
-    """Weight of the lower firing in the output [-]."""
+    """Weight q of the lower firing strengths in the output [-]."""
     x1: float | None = None
     """Last input x1 [unit of x1]; if None, the centres do not move in the next update."""
     x2: float | None = None
@@ -45,7 +45,7 @@ class T2FnnState(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Right-hand sides of the learning laws, with the shapes of `T2FnnState` and its units per second."""
+    """Time derivatives of the network parameters, with the shapes and units (per second) of `T2FnnState`."""
 
     d1_lower: Array
     d1_upper: Array
@@ -63,7 +63,7 @@ class Learning(NamedTuple):
     delta_s: float
     """Smoothing width of the sign function [rad]."""
     floor: float
-    """Minimum magnitude of a denominator."""
+    """Minimum magnitude of denominators in the learning laws."""
     d_min: float
     """Minimum width of a fuzzy set [unit of the input]."""
     d_max: float
@@ -73,33 +73,33 @@ class Learning(NamedTuple):
     adapt_widths: bool
     """Whether to learn the widths of the fuzzy sets."""
     adapt_q: bool
-    """Whether to learn the weight q of the lower firing."""
+    """Whether to learn the weight q of the lower firing strengths."""
     type_1: bool
     """Whether the lower sets equal the upper sets."""
 
 
 @jit
 def sgn(tau_c: float, delta_s: float) -> float:
-    """Return the smoothed sign of tau_c, in (-1, 1); both arguments in [rad]."""
+    """Return the smoothed sign of tau_c in (-1, 1), with the smoothing width delta_s; both arguments in [rad]."""
     return tau_c / (abs(tau_c) + delta_s)  # [agrobots: chatter]
 
 
 @jit
 def membership(x: float, c: Array, d: Array) -> Array:
-    """Return the triangular membership of x in sets with centres c and widths d > 0."""
+    """Return the triangular membership of the input x in fuzzy sets with centres c and widths d > 0."""
     mu: Array = np.maximum(1 - np.abs((x - c) / d), 0.0)  # [agrobots: tri1i_alt]
     return mu
 
 
 @jit
 def strength(mu_1: Array, mu_2: Array) -> Array:
-    """Return the firing strength of the rules, shape (I, J)."""
+    """Return the firing strengths of the rules, shape (I, J), from the memberships of both inputs."""
     return np.outer(mu_1, mu_2)  # [agrobots: Rahib2_5]
 
 
 @jit
 def normalised(W: Array) -> Array:
-    """Return the firing strength divided by its sum, or zeros if no rule fires."""
+    """Return the firing strengths divided by their sum, or zeros if no rule fires."""
     total = W.sum()
     if total == 0:  # guard 5: no rule fires
         return np.zeros_like(W)
@@ -109,7 +109,7 @@ def normalised(W: Array) -> Array:
 
 @jit
 def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
-    """Return the normalised lower and upper firing at the inputs, each of shape (I, J)."""
+    """Return the normalised lower and upper firing strengths at the inputs x1 and x2, each of shape (I, J)."""
     W_lower = strength(membership(x1, s.c1, s.d1_lower), membership(x2, s.c2, s.d2_lower))
     W_upper = strength(membership(x1, s.c1, s.d1_upper), membership(x2, s.c2, s.d2_upper))
     return normalised(W_lower), normalised(W_upper)
@@ -117,14 +117,14 @@ def firing(s: T2FnnState, x1: float, x2: float) -> tuple[Array, Array]:
 
 @jit
 def output(W_lower: Array, W_upper: Array, f: Array, q: float) -> float:
-    """Return the network output tau_n [rad] from the normalised firing."""
+    """Return the network output tau_n [rad] from normalised firing strengths, consequents f [rad] and weight q."""
     tau_n: float = q * (f * W_lower).sum() + (1 - q) * (f * W_upper).sum()  # [agrobots: eq19]
     return tau_n
 
 
 @jit
 def floored(x: float, floor: float) -> float:
-    """Return x with a magnitude of at least `floor` and its sign, positive for 0 (guard 2)."""
+    """Return x with its sign (positive for 0) and a magnitude of at least `floor` (guard 2)."""
     if abs(x) >= floor:
         return x
     return floor if x >= 0 else -floor
@@ -132,7 +132,7 @@ def floored(x: float, floor: float) -> float:
 
 @jit
 def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) -> Array:
-    """Return the rates of the widths `d` of one input; a set centred at the input does not change, as sgn(0) = 0."""
+    """Return the rates of change of widths `d` for the input x; `alpha_sgn` is alpha sgn(tau_c)."""
     mu, rate = membership(x, c, d), np.zeros_like(d)
     for i in range(d.size):
         slope = -alpha_sgn * d[i] ** 2 / floored(x - c[i], floor)
@@ -142,20 +142,20 @@ def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) ->
 
 @jit
 def f_rates(W_lower: Array, W_upper: Array, q: float, alpha_sgn: float, floor: float) -> Array:
-    """Return the rates of the consequents, shape (I, J) [rad/s]."""
+    """Return the rates of change of the rule consequents, shape (I, J) [rad/s]."""
     W = q * W_lower + (1 - q) * W_upper
     return -W * alpha_sgn / floored((W * W).sum(), floor)  # [agrobots: fij]
 
 
 @jit
 def q_rate(W_lower: Array, W_upper: Array, f: Array, alpha_sgn: float, floor: float) -> float:
-    """Return the rate of the weight q [1/s]."""
+    """Return the rate of change of the weight q [1/s]."""
     return -alpha_sgn / floored((f * (W_lower - W_upper)).sum(), floor)  # [agrobots: q_q]
 
 
 @jit
 def inference(s: T2FnnState, x1: float, x2: float) -> float:
-    """Return the network output tau_n [rad] at the inputs."""
+    """Return the network output tau_n [rad] at the inputs x1 and x2."""
     W_lower, W_upper = firing(s, x1, x2)
     return output(W_lower, W_upper, s.f, s.q)
 
@@ -164,7 +164,7 @@ def inference(s: T2FnnState, x1: float, x2: float) -> float:
 def laws(
     s: T2FnnState, W: tuple[Array, Array], x1: float, x2: float, alpha_sgn: float, floor: float
 ) -> tuple[float, Rates]:
-    """Return tau_n [rad] at the inputs with firing W, and the learning rates for alpha sgn(tau_c) [rad/s]."""
+    """Return the output tau_n [rad] with the firing W, and the learning rates for alpha sgn(tau_c) [rad/s]."""
     W_lower, W_upper = W
     rates = Rates(
         width_rates(x1, s.c1, s.d1_lower, alpha_sgn, floor),
@@ -191,7 +191,7 @@ def step_widths(d: Array, change: Array) -> Array:
 
 @jit
 def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
-    """Return whether sets that shrink from widths d to `new` would no longer contain the input (guard 3)."""
+    """Return whether fuzzy sets that shrink from widths `d` to `new` would no longer contain the input x (guard 3)."""
     return bool(np.any((new < d) & (membership(x, c, new) < MIN_MEMBERSHIP)))
 
 
@@ -199,7 +199,7 @@ def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
 def update_widths(
     x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, learning: Learning
 ) -> tuple[Array, Array]:
-    """Return lower and upper widths of one input after a step, d_min <= lower <= upper <= d_max (guard 3).
+    """Return the lower and upper widths of one input after a step, with d_min <= lower <= upper <= d_max (guard 3).
 
     If one width would exceed a limit, all widths of its vector are unchanged: learning stops at the limit, as the paper
     does for q. Clipping only one width would end the uniform scaling required by the proof of Theorem 1 (appendix A).
@@ -217,7 +217,7 @@ def update_widths(
 
 @jit
 def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """Return the network at the inputs, with centres moved by the change of the inputs since `last`."""
+    """Return the network with its set centres moved by the change of the inputs since `last`."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
@@ -227,7 +227,7 @@ def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float,
 
 @jit
 def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, learning: Learning) -> T2FnnState:
-    """Return the network after widths, f and q have changed at their rates for `dt` [s], within the guards."""
+    """Return the network after widths, consequents f and weight q change at `rates` for `dt` [s], within the guards."""
     d1_lower, d1_upper, d2_lower, d2_upper = s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper
     if learning.adapt_widths:
         change, upper_change = dt * rates.d1_lower, dt * rates.d1_upper
@@ -253,9 +253,9 @@ def tick(
     learning: Learning,
     learn: bool,
 ) -> tuple[T2FnnState, float, Array]:
-    """Run one tick from the `last` inputs; return the state after `dt` [s], the output tau_n [rad] and the log values.
+    """Run one tick; return the state after `dt` [s], the network output tau_n [rad] and the log values.
 
-    tau_n and the log values are computed before learning.
+    tau_n and the log values are computed before learning. `last` contains the inputs of the previous tick.
     """
     s = move_centres(s, last, x1, x2, learning.follow)
     W = firing(s, x1, x2)
@@ -265,7 +265,7 @@ def tick(
 
 @jit
 def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Array:
-    """Return the log values: centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+    """Return the log values: set centres, set widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
     W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)
