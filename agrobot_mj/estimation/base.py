@@ -26,10 +26,10 @@ class Health(NamedTuple):
     fix_t: float = 0.0
     """Time of the newest accepted fix [s]; start of the run before the first accepted fix."""
     nis: float = 2.0
-    """Smoothed NIS of the position [-]; the mean of a consistent filter is 2."""
+    """Smoothed normalised innovation squared (NIS) of the position [-]; the mean of a consistent filter is 2."""
 
     def after(self, nis: float, fix_t: float, dt: float) -> "Health":
-        """Return the diagnostics after a tick with this NIS and this time of an accepted fix; NaN if there is none."""
+        """Return the diagnostics after a tick with the NIS and time of an accepted fix; NaN if no fix was accepted."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(fix_t if fix_t == fix_t else self.fix_t, smooth)
@@ -62,7 +62,7 @@ class Readings(NamedTuple):
 
 @shared
 def largest_sigma(covariance: Array) -> float:
-    """Return the maximum standard deviation of the position in any direction [m], for a covariance (n >= 2, n)."""
+    """Return the maximum standard deviation of the position (first two states) in any direction [m]."""
     p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
@@ -75,7 +75,7 @@ class StateEstimator(Reporting):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the scenario must enable, each mapped to the key named in error messages."""
+        """Sensors that the scenario must enable, each mapped to the scenario key that error messages name."""
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:

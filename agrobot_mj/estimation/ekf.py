@@ -71,7 +71,7 @@ def _tick(
 
 
 class PoseEkf(FixEkf):
-    """Pose EKF for a given wheelbase [m] and given process noise of position and yaw [m/sqrt(s), rad/sqrt(s)]."""
+    """Pose EKF for a given wheelbase [m] and given process noise of position [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         self.law = PoseEkfLaw(wheelbase, (position_walk, position_walk, yaw_walk))
@@ -82,7 +82,7 @@ class PoseEkf(FixEkf):
 
 
 class Ekf(PoseEstimator):
-    """Estimator of the paper for x, y and yaw; `[estimator] kind = "ekf"`."""
+    """Estimator of the paper for x, y and yaw, selected by `[estimator] kind = "ekf"`."""
 
     kind: Literal["ekf"] = "ekf"
     compiled = staticmethod(_tick)

@@ -45,7 +45,7 @@ class Levels(NamedTuple):
     bias_walk: float
     """Random walk of the steering bias [rad/sqrt(s)]."""
     correlated_share: float
-    """Standard deviation of the time-correlated fix error, divided by that of the total fix error [-]."""
+    """Standard deviation of the time-correlated fix error, divided by the standard deviation of the total error [-]."""
     correlation_time: float
     """Correlation time of the time-correlated fix error [s]."""
 
@@ -116,14 +116,14 @@ class BiasEkf(FixEkf):
 
 
 class EkfBias(PoseEstimator):
-    """Estimator of x, y, course, steering bias and correlated GNSS error; `[estimator] kind = "ekf_bias"`."""
+    """Estimator of x, y, course, steering bias and correlated GNSS error, `[estimator] kind = "ekf_bias"`."""
 
     kind: Literal["ekf_bias"] = "ekf_bias"
     compiled = staticmethod(_tick)
     turning_velocity: bool = True
     """Whether the velocity estimate rotates with the yaw, so that the speed remains valid in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4) for 1 deg in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg in half a turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3

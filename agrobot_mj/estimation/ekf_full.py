@@ -57,23 +57,23 @@ class FullState(NamedTuple):
 
 
 class EkfFull(StateEstimator):
-    """Estimator with 14 states, outlier gates, alignment and delayed fixes; `[estimator] kind = "ekf_full"`."""
+    """Estimator with 14 states, outlier gates, alignment and delayed fixes (`[estimator] kind = "ekf_full"`)."""
 
     kind: Literal["ekf_full"] = "ekf_full"
     terrain_compensation: bool = False
     """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Filter time constant of the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
+    """Time constant for filtering the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis of the gyro assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
     compensation, the rate about a `body` axis is converted to a heading rate."""
     imu_wander_sigma_deg: NonNegative = 0.14
     """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, as for the sensor."""
     lean_sigma_deg: NonNegative = 0.1
-    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
+    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3), the roll in bends."""
     roll_deg_s2_m: NonNegative = 0.4
-    """Unmeasured roll in a bend per specific side force [deg s2/m]. Assumed value: 0.4 on firm ground and tilled soil,
-    0.6 in ruts."""
+    """Unmeasured roll in a bend divided by the specific side force [deg s2/m]. Assumed value: 0.4 on firm ground and
+    tilled soil, 0.6 in ruts."""
     pitch_deg: float = -0.3
     """Unmeasured mean pitch on level ground, positive nose down [deg]. Assumed value: rear wheels and implements lower
     the rear by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
@@ -82,7 +82,7 @@ class EkfFull(StateEstimator):
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis, as used by the filter [m]. Paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
     """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value, as for the receiver."""
     gnss_correlation_time_s: Positive = 30.0
@@ -98,17 +98,17 @@ class EkfFull(StateEstimator):
     heading_sigma_deg: Positive = 0.25
     """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Noise of the gyro, as used by the filter [deg/s]. Assumed value, as for the sensor."""
+    """Standard deviation of the gyro noise, as used by the filter [deg/s]. Assumed value, as for the sensor."""
     wheel_sigma_m_s: Positive = 0.02
-    """Noise of the wheel speed, as used by the filter [m/s]. Assumed value, as for the sensor."""
+    """Standard deviation of the wheel-speed noise, as used by the filter [m/s]. Assumed value, as for the sensor."""
     steer_sigma_deg_s: Positive = 1.0
-    """Noise of the yaw rate computed from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
+    """Standard deviation of the yaw rate computed from the steering angle [deg/s]. Assumed value (0.5-3): tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
-    """Rear sideslip per specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
+    """Rear sideslip divided by specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading besides gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05) for scale and tilt."""
+    """Random walk of the heading, except gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): gyro scale, tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for pedal changes."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
@@ -122,7 +122,7 @@ class EkfFull(StateEstimator):
     wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003) for slip changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
-    """Random walk of the rear compliance [deg s2/m/sqrt(s)]. Assumed value: sliding tyres double the compliance."""
+    """Random walk of the rear compliance [deg s2/m/sqrt(s)]. Assumed value; the compliance doubles when tyres slide."""
     turn_offset_walk_m_rt_m: Positive = 0.004
     """Random walk of the turn offset with distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends in
     ruts and on tilled soil."""
@@ -130,23 +130,23 @@ class EkfFull(StateEstimator):
     """Turn offset: distance of the rear axle ahead of the point without sideslip in a slow bend [m]. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
-    """Random walk of the relative wheel-speed error per gravity component along the ground [s2/m/sqrt(s)]. Assumed
-    value for slip that the climb does not explain."""
+    """Random walk of the relative wheel-speed error, divided by the component of gravity along the ground
+    [s2/m/sqrt(s)]. Assumed value for slip that the climb does not explain."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
     """Additional random walk of the relative wheel-speed error without fixes, used until fixes have determined the
     variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
     without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
-    """Slip of driven wheels per gravity component of a climb [s2/m]. Assumed value for firm ground; higher on soil."""
+    """Wheel slip divided by the component of gravity along a climb [s2/m]. Assumed value for firm ground."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
-    """Random walk of the slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
+    """Random walk of the wheel slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
     """Initial standard deviation of the rear compliance [deg s2/m]. Assumed value for level to steep firm ground."""
     initial_turn_offset_sigma_m: Positive = 0.12
     """Initial standard deviation of the turn offset [m]. Assumed value (0.05 for firm ground to 0.2 for deep ruts);
     higher values double the error caused by missing fixes in the first bend."""
     initial_slip_sigma_s2_m: Positive = 0.005
-    """Initial standard deviation of the slip on a climb [s2/m]. Assumed value for firm ground to tilled soil."""
+    """Initial standard deviation of the wheel slip on a climb [s2/m]. Assumed value for firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
@@ -160,7 +160,7 @@ class EkfFull(StateEstimator):
     initial_yaw_error_deg: float = 0.0
     """Error added to the initial heading, to demonstrate the alignment [deg]."""
     gate_sigma: Positive = 5.0
-    """Innovation / standard deviation above which a fix is rejected as an outlier [-]. Assumed value (4-6)."""
+    """Number of standard deviations above which an innovation is rejected as an outlier [-]. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
     """Position innovation up to which every fix is accepted [m]. Assumed value for an antenna oscillation of 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5

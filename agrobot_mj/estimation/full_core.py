@@ -24,11 +24,11 @@ class Inputs(NamedTuple):
     steer: float
     """Measured steering angle [rad]."""
     roll: float
-    """Smoothed roll [rad]; 0 without compensation."""
+    """Smoothed roll [rad]; 0 without terrain compensation."""
     pitch: float
-    """Smoothed pitch [rad]; 0 without compensation."""
+    """Smoothed pitch [rad]; 0 without terrain compensation."""
     lean: tuple[float, float] = (0.0, 0.0)
-    """Measured roll and pitch [rad]."""
+    """Measured roll and pitch without smoothing [rad]."""
 
 
 @shared
@@ -41,7 +41,7 @@ class Gates(NamedTuple):
     """Limits for rejecting a fix as an outlier."""
 
     nis: float
-    """NIS of a pair of innovations above which the pair is improbable [-]."""
+    """NIS above which the position or the velocity of a fix is improbable [-]."""
     position: float
     """Position innovation up to which every fix is accepted [m]."""
     velocity: float
@@ -51,20 +51,20 @@ class Gates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Search for the initial yaw: sums of wheel speed times fix velocity, rotated by minus the course chi."""
+    """Search for the initial yaw: sums of wheel speed times fix velocity, in the frame of the predicted course."""
 
     active: bool = True
     """Whether the yaw is unknown."""
     along: float = 0.0
-    """Sum of the components along the course [m2/s2]."""
+    """Sum of wheel speed times fix velocity along the predicted course [m2/s2]."""
     across: float = 0.0
-    """Sum of the components to the left of the course [m2/s2]."""
+    """Sum of wheel speed times fix velocity to the left of the predicted course [m2/s2]."""
     weight: float = 0.0
     """Sum of the squared wheel speeds [m2/s2]."""
 
 
 FOUND = Search(active=False)
-"""State of the search after the yaw has been found."""
+"""State of the yaw search after the yaw has been found."""
 
 
 class Rejections(NamedTuple):
@@ -75,13 +75,13 @@ class Rejections(NamedTuple):
     probation: int = 0
     """Number of consecutive consistent fixes still required after a restart before fixes count as accepted again."""
     position: int = 0
-    """Number of consecutive rejected positions."""
+    """Number of consecutive fixes with a rejected position."""
     velocity: int = 0
-    """Number of consecutive rejected velocities."""
+    """Number of consecutive fixes with a rejected velocity."""
     positions: int = 0
-    """Number of rejected positions since the start."""
+    """Number of fixes with a rejected position since the start."""
     velocities: int = 0
-    """Number of rejected velocities since the start."""
+    """Number of fixes with a rejected velocity since the start."""
     restarts: int = 0
     """Number of restarts of the position or of the search for the yaw."""
 
@@ -90,11 +90,11 @@ class Seen(NamedTuple):
     """Properties of the last fix."""
 
     t: float = -1.0
-    """Time of the fix [s]."""
+    """Time of the last fix [s]."""
     quality: int = Quality.FIX
-    """Quality of the fix."""
+    """Quality of the last fix."""
     speed: float = 0.0
-    """Speed of the fix [m/s]."""
+    """Speed of the last fix [m/s]."""
     jumped: bool = False
     """Whether the fix speed has jumped since its last agreement with the wheel speed."""
 
@@ -105,33 +105,33 @@ class Smooth(NamedTuple):
     standing: int = 0
     """Number of consecutive ticks with the wheels at rest."""
     cruise: float = 0.0
-    """Speed of the tractor [m/s]."""
+    """Low-pass filtered speed of the tractor [m/s]."""
     steady: float = 0.0
-    """Modelled sideslip, positive to the right [rad]."""
+    """Low-pass filtered modelled sideslip, positive to the right [rad]."""
     bend: float = 0.0
-    """Path curvature without the effect of bumps [1/m]."""
+    """Low-pass filtered path curvature, without the effect of bumps [1/m]."""
 
 
 class Crab(NamedTuple):
-    """Excess sideslip with a two-antenna heading: course of the fixes minus heading and modelled sideslip."""
+    """Excess sideslip with a two-antenna heading: course of the fixes minus heading minus modelled sideslip."""
 
     mean: float = 0.0
     """Mean excess sideslip [rad]."""
     time: float = 0.0
-    """Averaging time so far [s]."""
+    """Duration of the averaging of `mean` so far [s]."""
 
 
 class Core(NamedTuple):
-    """Complete state of the filter at the time of its last tick."""
+    """Complete state of the filter after its last tick."""
 
     mean: Vector
     """Mean of the states, shape (14,), or (16,) after the first heading from two antennas."""
     covariance: Matrix
     """Covariance of `mean`, shape (n, n)."""
     search: Search = Search()
-    """Search for the yaw."""
+    """Search for the initial yaw."""
     lever: Lever = UNKNOWN
-    """Lever arm of the tilted antenna."""
+    """Lever arm of the antenna on the tilted tractor."""
     rejections: Rejections = Rejections()
     """Counts of accepted and rejected fixes."""
     seen: Seen = Seen()
@@ -145,7 +145,7 @@ class Core(NamedTuple):
     crab: Crab = Crab()
     """Excess sideslip with a two-antenna heading."""
     nis: float = nan
-    """NIS of the position in the last tick; NaN without a fix [-]."""
+    """Normalised innovation squared of the position in the last tick; NaN without a fix [-]."""
 
 
 @jit
@@ -168,7 +168,7 @@ def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]
 
 @jit
 def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
-    """Return mean and covariance after a reset of the position and its covariance to the fix."""
+    """Return mean and covariance after the position and its covariance are reset to the fix."""
     mean, P = forget_correlated(mean, covariance)
     sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y

@@ -88,7 +88,7 @@ BEND_S = 0.6
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
 """Maximum wheel speed [m/s] and minimum number of ticks of a standstill. Assumed values for noise, and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Relative error of modelled sideslip changes [-], and twice its correlation time [s]. Assumed: ruts and slopes."""
+"""Error of changes of the modelled sideslip [-], and twice its correlation time [s]. Assumed values for ruts."""
 STEADY_S = 20.0
 """Time constant for changes of the modelled sideslip [s]. Assumed value, half a turn. The uncertainty of the compliance
 covers longer sideslip, as along a contour line."""
@@ -98,18 +98,18 @@ JUMP_M_S2 = 15.0
 """Maximum plausible rate of change of the fix speed [m/s2]. Assumed value, twice the limit of the tyres."""
 
 Used = tuple[bool, bool, bool]
-"""Whether position, velocity and heading of a fix are used."""
+"""Whether position, velocity and heading of a fix are used, in this order."""
 
 
 class FullFilter(NamedTuple):
     """Parameters of the filter: noise levels, limits and antenna position."""
 
     levels: FullLevels
-    """Noise levels."""
+    """Noise levels of states and measurements."""
     noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]
-    """Position error of a fix, by its quality."""
+    """Position error of a fix, for each fix quality."""
     gates: Gates
-    """Limits for rejecting a fix."""
+    """Limits for rejecting a fix as an outlier."""
     antenna: tuple[float, float, float]
     """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
     swing_filter: float
@@ -118,7 +118,7 @@ class FullFilter(NamedTuple):
 
 @jit
 def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: float) -> Core:
-    """Return the filter state after a tick of `dt` [s] with these inputs and the fix (NaN if missing) at its end."""
+    """Return the filter state after a tick of `dt` [s] with the measurements `inputs` and a fix (NaN if missing)."""
     seen = isfinite(fix.x)
     if seen:
         core = _received(f, core, fix, quality)
@@ -143,7 +143,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Prepare the filter state for a fix of this quality; the first two-antenna heading adds two states."""
+    """Return the filter state prepared for a fix of this quality; the first two-antenna heading adds two states."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -203,7 +203,7 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Apply the gates to a rear-axle fix; return state, wheel speed or NaN, rows of the fix, and flags of their use."""
+    """Return state, wheel speed (NaN if rejected), rows of the fix and flags of their use, after gates for the fix."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -234,7 +234,7 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the properties of the fix, and the wheel speed; NaN if it contradicts a fix speed without a jump."""
+    """Return the properties of the fix, and the wheel speed, NaN if it contradicts a fix speed that has not jumped."""
     speed, last, searching = _ground_speed(core, fix, side), core.seen, core.search.active
     jump = abs(speed - last.speed) > JUMP_M_S2 * (inputs.t - last.t)
     apart = abs(speed - (abs(inputs.wheel) if searching else inputs.wheel)) > f.gates.velocity
@@ -301,7 +301,7 @@ def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, b
 
 @jit
 def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
-    """Return whether a fix has a heading that passes the gate."""
+    """Return whether the two-antenna heading of a fix exists and passes its gate."""
     innovation = rows.innovation[4]
     if P.shape[0] == N or not isfinite(innovation):
         return False
@@ -313,7 +313,7 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Update mean, covariance and yaw search with the velocity or heading of a fix."""
+    """Return mean, covariance and yaw search, updated with the velocity or the heading of a fix."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

@@ -57,19 +57,20 @@ class FullLevels(NamedTuple):
     """Noise levels of the filter: random walks per square root of a second, and standard deviations per measurement."""
 
     wheelbase: float
-    """Wheelbase L [m]."""
+    """Wheelbase of the tractor [m]."""
     walks: Walks
-    """Random walks of x, y, psi, v, omega, b_g, b_s, k, c, s and l, in their units [.../sqrt(s)]."""
+    """Random walks of east and north position, heading, speed, yaw rate, gyro bias, steering bias, wheel scale, tyre
+    compliance, climb slip and antenna shift, in their units per square root of a second."""
     gyro_sigma: float
-    """Noise of the gyro [rad/s]."""
+    """Standard deviation of the gyro noise [rad/s]."""
     wheel_sigma: float
-    """Noise of the wheel speed [m/s]."""
+    """Standard deviation of the wheel speed [m/s]."""
     steer_sigma: float
-    """Noise of the yaw rate derived from the steering angle [rad/s]."""
+    """Standard deviation of the yaw rate derived from the steering angle [rad/s]."""
     velocity_sigma: float
-    """Noise of the GNSS velocity per axis [m/s]."""
+    """Standard deviation of the GNSS velocity per axis [m/s]."""
     lean_slip_walk: float = 0.001
-    """Random walk of k per gravity component along the ground [s2/m/sqrt(s)]."""
+    """Random walk of the relative wheel-speed error, divided by gravity along the ground [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)
     """Standard deviation of a two-antenna heading [rad]."""
     sideslip_walk: float = radians(0.1)
@@ -77,16 +78,16 @@ class FullLevels(NamedTuple):
     sideslip_sigma: float = radians(2.0)
     """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
     turn_offset_walk: float = 0.004
-    """Random walk of the turn offset d with distance [m/sqrt(m)]."""
+    """Random walk of the turn offset with distance [m/sqrt(m)]."""
     roll: float = 0.0
-    """Outward roll per specific side force of a bend, without compensation [rad s2/m]."""
+    """Outward roll in a bend divided by the specific side force, without compensation [rad s2/m]."""
 
 
 class FixNoise(NamedTuple):
     """Position error of a fix of a given quality, as used by the filter."""
 
     correlated: float
-    """Standard deviation s of the time-correlated position error [m]."""
+    """Standard deviation of the time-correlated position error [m]."""
     white: float
     """Standard deviation of the white position error [m]."""
     correlation_time: float
@@ -106,24 +107,24 @@ SOFTENING = 1.1
 """Coefficient of the squared ratio of side force to load in the rear compliance [-]. Assumed value (1.0-1.2) from
 `magic_formula` on slopes of 12 to 28 deg."""
 SLOW = 0.3
-"""Speed below which the effect of the bend curvature fades out [m/s]. Assumed value: ten times its uncertainty."""
+"""Speed below which the effect of the curvature of a bend fades out [m/s]. Assumed value: ten times its uncertainty."""
 
 
 @jit
 def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the sideslip beta, rear-axle course minus heading [rad], at a speed [m/s]."""
+    """Return the sideslip, the course of the rear axle minus the heading [rad], at a speed `v` [m/s]."""
     return (mean[BETA] if mean.size > BETA else 0.0) - modelled_crab(mean, v, side)
 
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the sideslip modelled from side force and bend at a speed [m/s], positive to the right [rad]."""
+    """Return the sideslip modelled from side force and bend at a speed `v` [m/s], positive to the right [rad]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return the specific side force times the tyre softening [m/s2], and its derivative with respect to v [1/s]."""
+    """Return specific side force times tyre softening [m/s2], and its derivative with respect to the speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -132,7 +133,7 @@ def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
 
 @jit
 def course(mean: Vector, side: SideLoad) -> float:
-    """Return the course chi, the direction of motion of the rear-axle point R [rad]."""
+    """Return the course, the direction of motion of the rear-axle point R [rad]."""
     return float(mean[PSI] + sideslip(mean, mean[V], side))
 
 
@@ -160,7 +161,7 @@ def _moving(v: float) -> tuple[float, float]:
 
 @jit
 def propagate_mean(mean: Vector, side: SideLoad, dt: float, decay: float) -> Vector:
-    """Return the mean predicted over `dt` [s]; `decay` is the decay factor of the correlated fix error g [-]."""
+    """Return the mean predicted over `dt` [s]; `decay` is the decay factor of the time-correlated fix error [-]."""
     v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()
@@ -215,7 +216,7 @@ def predict(
 
 @jit
 def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int = N) -> tuple[float, Matrix]:
-    """Return the decay factor of the correlated fix error g during `dt` [s], and the process noise (n, n)."""
+    """Return the decay factor of the time-correlated fix error during `dt` [s], and the process noise (n, n)."""
     decay = exp(-dt / correlation_time)
     Q = np.zeros((n, n))
     for state, walk in zip((X, Y, PSI, V, OMEGA, B_G, B_S, K, C, S, AHEAD), levels.walks):  # noqa: B905
@@ -239,7 +240,7 @@ def wheel_scale(mean: Vector, pitch: float) -> float:
 
 @jit
 def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean (16,) and covariance with two more states: excess sideslip (`sigma` [rad]) and mounting error 0."""
+    """Return mean (16,) and covariance with the states excess sideslip (`sigma` [rad]) and mounting error 0 added."""
     longer, P = np.zeros(N + 2), np.zeros((N + 2, N + 2))
     for i in range(N):
         longer[i] = mean[i]

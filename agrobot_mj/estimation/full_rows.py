@@ -55,24 +55,24 @@ class FixRows(NamedTuple):
 
 
 class FixNumbers(NamedTuple):
-    """Fix of the rear-axle point R, with lever arm and variances for its measurement rows."""
+    """Fix of the rear-axle point R, with the lever arm and the variances of its measurement rows."""
 
     x: float
-    """East position [m]."""
+    """East position of R [m]."""
     y: float
-    """North position [m]."""
+    """North position of R [m]."""
     vx: float
-    """East velocity [m/s]."""
+    """East velocity of R [m/s]."""
     vy: float
-    """North velocity [m/s]."""
+    """North velocity of R [m/s]."""
     heading: float
-    """Heading from two antennas; NaN without them [rad]."""
+    """Heading from two antennas; NaN if not measured [rad]."""
     lever_east: float
     """East offset of the antenna from R, which rotates with the yaw [m]."""
     lever_north: float
     """North offset of the antenna from R [m]."""
     velocity_variance: float
-    """Variance of a velocity, per axis [m2/s2]."""
+    """Variance of the velocity per axis [m2/s2]."""
     course_variance: float
     """Variance of the course due to its random variation [rad2]."""
     heading_variance: float
@@ -83,11 +83,11 @@ class MotionReadings(NamedTuple):
     """Measurements of the motion; a missing measurement is NaN."""
 
     steer: float = nan
-    """Steering angle [rad]."""
+    """Measured steering angle [rad]."""
     gyro: float = nan
-    """Yaw rate of the gyro [rad/s]."""
+    """Yaw rate measured by the gyro [rad/s]."""
     wheel: float = nan
-    """Wheel speed along the ground [m/s]."""
+    """Measured wheel speed along the ground [m/s]."""
     pitch: float = 0.0
     """Pitch of the tractor [rad]."""
     cruise: float = 0.0
@@ -100,11 +100,11 @@ class MotionNoise(NamedTuple):
     """Noise levels of the motion measurements, from `FullLevels`, and wheelbase."""
 
     wheelbase: float
-    """Wheelbase L [m]."""
+    """Wheelbase of the tractor [m]."""
     steer: float
     """Variance of the yaw rate derived from the steering angle [rad2/s2]."""
     gyro: float
-    """Variance of the gyro [rad2/s2]."""
+    """Variance of the yaw rate from the gyro [rad2/s2]."""
     wheel: float
     """Variance of the wheel speed [m2/s2]."""
 
@@ -165,7 +165,7 @@ def fix_rows(mean: Vector, P: Matrix, fix: FixNumbers, noise: FixNoise, side: Si
 
 @jit
 def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> float:
-    """Return the NIS of the measurement rows `a` and `a` + 1, for the state covariance (n, n) [-]."""
+    """Return the NIS of the rows `a` and `a` + 1, for the covariance `P` (n, n) of the state [-]."""
     s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
     for i in range(P.shape[0]):
         if H[a, i] == 0.0 and H[a + 1, i] == 0.0:
@@ -182,7 +182,7 @@ def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> f
 def corrected(
     mean: Vector, P: Matrix, motion: MotionReadings, noise: MotionNoise, fix: FixRows, used: tuple[bool, bool, bool]
 ) -> tuple[Vector, Matrix]:
-    """Correct mean and covariance by motion and fix in one step; the wheel scale is limited to SCALE_LIMIT.
+    """Return mean and covariance corrected by motion and fix in one step; the wheel scale is limited to SCALE_LIMIT.
 
     `used` contains whether position, velocity and heading of the fix are used.
     """
@@ -203,5 +203,5 @@ def corrected(
 
 @jit
 def no_fix(n: int) -> FixRows:
-    """Return the measurement rows of a missing fix, for `n` states."""
+    """Return the measurement rows of a missing fix, for a filter with `n` states."""
     return FixRows(np.zeros(5), np.zeros((5, n)), np.ones(5), nan, nan)

@@ -43,7 +43,7 @@ from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.machine.tractor import GRAVITY
 
 HISTORY_TICKS = 110
-"""Number of stored cores. Assumed value for the maximum latency of a receiver, 5 s, plus a margin."""
+"""Number of stored filter states. Assumed value for the maximum latency of a receiver, 5 s, plus a margin."""
 
 
 class Horizon(NamedTuple):
@@ -82,7 +82,7 @@ class Horizon(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """Parameters of the estimator `ekf_full`, as numbers for kernels."""
+    """Parameters of the estimator `ekf_full`, as numbers for compiled kernels."""
 
     filter: FullFilter
     """Noise levels and limits of the filter."""
@@ -108,7 +108,7 @@ class Present(NamedTuple):
     speed: float
     """Speed of the rear-axle point R along its course [m/s]."""
     yaw_rate: float
-    """Yaw rate [rad/s]."""
+    """Estimated yaw rate [rad/s]."""
     covariance: Matrix
     """Covariance of x, y and heading, shape (3, 3)."""
 
@@ -167,7 +167,6 @@ def estimated(
 
 @jit
 def _inputs(queue: Matrix, k: int) -> Inputs:
-    """Return row `k` of the queue as inputs of the filter."""
     q = queue[k]
     return Inputs(q[0], q[1], q[2], q[3], q[4], q[5], (q[6], q[7]))
 
@@ -195,7 +194,6 @@ def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: f
 
 @jit
 def _of_pose(covariance: Matrix) -> Matrix:
-    """Return the covariance of x, y and heading, shape (3, 3)."""
     P = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -224,4 +222,4 @@ def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], la
 
 
 NO_TILT = SmoothedTilt(nan, nan)
-"""Tilt before the first tick."""
+"""Tilt before the first tick: unknown."""

@@ -8,7 +8,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.estimation import equations
 
 Step = Callable[[Array, Array, Array, Array, Array | None, Array, Array], tuple[Array, Array, float]]
-"""Type of the functions `tick`, `filterpy_kf` and `filterpy_ekf`."""
+"""Type of the Kalman filter steps `tick`, `filterpy_kf` and `filterpy_ekf`."""
 
 
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array | None, H: Array, R: Array) -> tuple[Array, Array, float]:

@@ -21,7 +21,7 @@ def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: floa
 
 
 class Lever(NamedTuple):
-    """Horizontal offset of the antenna from the rear-axle point R, and its rate."""
+    """Lever arm: horizontal offset of the antenna from the rear-axle point R, and its rate."""
 
     offset: tuple[float, float]
     """East and north offset of the antenna from the rear-axle point R [m]; NaN before the first tick."""
@@ -29,7 +29,7 @@ class Lever(NamedTuple):
     """Filtered rate of the offset, east and north [m/s]."""
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Return the lever after `dt` [s], with a new offset [m] and the filter time constant `filter_s` [s]."""
+        """Return the lever arm after `dt` [s] with a new offset [m]; `filter_s` [s] is the filter time constant."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
         if isnan(last_east):
@@ -40,12 +40,12 @@ class Lever(NamedTuple):
 
 
 UNKNOWN = Lever((nan, nan))
-"""Lever before the first tick."""
+"""Lever arm before the first tick, with an unknown offset."""
 kernel_method("after")
 
 
 @shared
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """Convert a fix of the antenna to a fix of the rear-axle point R."""
+    """Return the fix of the rear-axle point R that corresponds to a fix of the antenna."""
     (east, north), (v_e, v_n) = lever
     return Fix(fix.x - east, fix.y - north, fix.vx - v_e, fix.vy - v_n, fix.t, fix.z, fix.heading)

@@ -14,7 +14,7 @@ from agrobot_mj.estimation.full_core import Core, Crab, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Maximum steady sideslip not explained by the model [rad]. Assumed value: draught, or a 20 deg slope without IMU."""
+"""Maximum steady sideslip in excess of the model [rad]. Assumed value for draught, or a 20 deg slope without IMU."""
 TURN_OFFSET = 0.5
 """Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; 0.35 in deep ruts."""
 WINDOW_S = 5.0
@@ -30,7 +30,7 @@ MOVING = 0.5
 
 @jit
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
-    """Return the excess sideslip updated by a rear-axle fix, `dt` [s] after the previous fix."""
+    """Return the mean excess sideslip, updated by a rear-axle fix, `dt` [s] after the previous fix."""
     v = core.mean[V]
     if core.mean.size == N or core.search.active or abs(v) < MOVING or not isfinite(fix.heading):
         return core.crab
@@ -42,13 +42,13 @@ def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
 
 @jit
 def implausible(crab: Crab, bend: float) -> bool:
-    """Return whether the mean excess sideslip is too large for any ground, at a path curvature `bend` [1/m]."""
+    """Return whether the mean excess sideslip is too large for any ground, given the path curvature `bend` [1/m]."""
     return abs(crab.mean) > CRAB + TURN_OFFSET * abs(bend)
 
 
 @jit
 def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
-    """Start the estimate of the mounting error if the excess sideslip is implausible; return the new arguments."""
+    """Return mean, covariance and excess sideslip; if it is implausible, the mounting error becomes a state."""
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
     mean, P = mean.copy(), alone(covariance, PSI, SIGMA)

@@ -173,19 +173,19 @@ class PoseEstimator(StateEstimator):
     """Compiled tick with the parameters of the pose filter; None if the filters are evaluated in Python."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
-    """Implementation of both filters: compiled, or `KalmanFilter` and `ExtendedKalmanFilter` of filterpy."""
+    """Implementation of both Kalman filters: `compiled`, or the classes of `filterpy`."""
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
-    """Source of the yaw rate: yaw estimate (`ekf`), u tan(delta) / L (`kinematic`), or gyro, which must be enabled."""
+    """Source of the yaw rate: estimated yaw (`ekf`), speed and steering angle (`kinematic`), or an enabled `gyro`."""
     terrain_compensation: bool = False
     """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Filter time constant of the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
+    """Time constant for filtering the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Time constant of the low-pass filter of the EKF's yaw rate; 0 for none [s]. Assumed value (0.1-0.3)."""
+    """Time constant for filtering the EKF's yaw rate; 0 disables the filter [s]. Assumed value (0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis, as used by the filter [m]. Paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
     """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
     gnss_velocity_sigma_m_s: Positive = 0.03
@@ -193,7 +193,7 @@ class PoseEstimator(StateEstimator):
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 from velocity noise, plus oscillation."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 due to velocity noise, plus oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
     """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors, whose effect
     decreases with the wheelbase."""

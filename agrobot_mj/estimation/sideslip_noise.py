@@ -29,7 +29,7 @@ class SidewaysNoise(NamedTuple):
     """Current averaging time of `excess`, at most `MEMORY_S` [s]."""
 
     def after(self, residual: float, variance: float, dt: float) -> "SidewaysNoise":
-        """Return the state after `dt` [s] with an innovation `residual` [rad] of this noise `variance` [rad2]."""
+        """Return the state after `dt` [s] with an innovation `residual` [rad] and its noise `variance` [rad2]."""
         keep, time = exp(-dt / LOW_PASS_S), min(self.seen_s + dt, MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         excess = low * low - variance * 0.5 * dt / LOW_PASS_S

@@ -31,7 +31,7 @@ class PoseUkf(PoseEkf):
     def step(
         self, mean: Array, covariance: Array, inputs: tuple[float, float, float], fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
-        """Return mean (3,), covariance (3, 3) and NIS; see `FixEkf.step`."""
+        """Return mean (3,), covariance (3, 3) and normalised innovation squared (NIS); see `FixEkf.step`."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
         speed, steer, dt = inputs
@@ -53,7 +53,7 @@ class PoseUkf(PoseEkf):
 
 
 class Ukf(PoseEstimator):
-    """Unscented estimator of x, y and yaw; `[estimator] kind = "ukf"`."""
+    """Unscented estimator of x, y and yaw, selected by `[estimator] kind = "ukf"`."""
 
     kind: Literal["ukf"] = "ukf"
     sigma_point_spread: Annotated[float, Field(gt=0, le=1)] = 0.5

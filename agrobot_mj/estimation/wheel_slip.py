@@ -20,17 +20,17 @@ SIGNIFICANT = 9.0
 
 
 class WheelSlip(NamedTuple):
-    """Slip variation estimated from the fixes."""
+    """Variation of the wheel slip, estimated from fixes."""
 
     residual: float = 0.0
-    """Low-pass filtered relative residual of the wheel speed [-]."""
+    """Low-pass filtered difference between wheel speed and fix speed, divided by the speed [-]."""
     change: float = 0.0
-    """Current variance rate of the random walk of the slip [1/s]."""
+    """Current variance rate of the random walk of the wheel slip [1/s]."""
     memory: float = 0.0
     """Mean of `change` over `MEMORY_S` [1/s]."""
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """Return the state after `dt` [s], with a relative residual and the variances of residual and wheel scale."""
+        """Return the state after `dt` [s] with a relative `residual` and the variances of residual and wheel scale."""
         keep, decay = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance
