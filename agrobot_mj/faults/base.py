@@ -30,7 +30,7 @@ class Scripted(Spec):
 
     @property
     def subject(self) -> str:
-        """Affected part; faults with the same subject must not overlap."""
+        """Part affected by the fault; time windows of faults with the same subject must not overlap."""
         return self.kind
 
     @property
@@ -43,7 +43,7 @@ class Scripted(Spec):
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the strength at `t` [s], which grows linearly from 0 at the start to 1 after `ramp_s` [s] [-]."""
+        """Return the strength of the fault at `t` [s], which grows linearly from 0 to 1 within `ramp_s` [s] [-]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:
@@ -51,9 +51,9 @@ class Scripted(Spec):
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
-        """Return the state before the first tick; all random numbers come from `generator`."""
+        """Return the state of the fault before the first tick; all random numbers come from `generator`."""
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return the new state and the conditions changed by the active fault, for the tick of `dt` [s] from `t` on."""
+        """Return the new state, and the conditions changed by the fault, for a tick of `dt` [s] that starts at `t`."""
         raise NotImplementedError

@@ -31,7 +31,7 @@ class GnssLoss(Scripted):
     kind: Literal["gnss_loss"] = "gnss_loss"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Remove the solution."""
+        """Return the state, and the conditions without a GNSS solution."""
         return None, conditions._replace(gnss_quality=worse(conditions.gnss_quality, Quality.NONE))
 
 
@@ -80,7 +80,7 @@ class GnssFrozen(Scripted):
     as observed for 37 s on a tractor at rest [Jones2026]."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Freeze the position."""
+        """Freeze the reported position, and set velocity and quality as configured."""
         claimed = Quality.FIX if self.quality == "fix" else Quality.DGPS
         quality = worse(conditions.gnss_quality, claimed)
         return None, conditions._replace(gnss_frozen=self.keep, gnss_quality=quality)
@@ -104,7 +104,7 @@ class GnssDgps(Scripted):
         return GaussMarkov(generator, (0.0, 0.0))
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Degrade the solution and advance the position drift."""
+        """Set the quality of the solution to DGPS and advance the position drift."""
         state = state.after(dt, self.wander_time_s)
         quality = worse(conditions.gnss_quality, Quality.DGPS)
         east, north = (self.wander_sigma_m * value for value in state.value)
@@ -122,7 +122,7 @@ class GnssLatency(Scripted):
     """Latency added to the latency of the receiver, in whole ticks [s]. Assumed value (0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Increase the latency."""
+        """Increase the latency of the GNSS solutions."""
         return None, conditions._replace(gnss_latency_s=conditions.gnss_latency_s + self.latency_s)
 
 
@@ -164,7 +164,7 @@ class GnssFloat(Scripted):
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
     def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
-        """Degrade the solution to float, unless this fault is in its fix phase or another fault is worse."""
+        """Set the quality of the solution to float, unless this fault is in its fix phase or another fault is worse."""
         while self.flicker_s and t >= state.turns_s:
             turns = state.turns_s + state.generator.exponential(self.flicker_s)
             state = state._replace(floating=not state.floating, turns_s=turns)

@@ -15,7 +15,7 @@ from agrobot_mj.faults.base import Scripted
 
 
 class LineFault(Scripted):
-    """Base class of faults of one line; a subclass overrides `apply` and calls `distorted`."""
+    """Base class of faults of one signal line; a subclass overrides `apply` and calls `distorted`."""
 
     signals: ClassVar = {
         "steering_pot": "measured steering angle",
@@ -41,7 +41,7 @@ class LineFault(Scripted):
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions with changed fields of the line's distortion."""
+        """Return the conditions with `changes` of fields in the distortion of the line."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 
@@ -66,7 +66,7 @@ class Scaled(LineFault):
     """Signal divided by the true value [-]. Assumed value: -1, a reversed sign; 0.5-2 for a wrong parameter."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Scale the signal of the line."""
+        """Multiply the signal of the line by `scale`."""
         return None, self.distorted(conditions, scale=self.scale * self.distortion(conditions).scale)
 
 
@@ -136,7 +136,7 @@ class Bias(LineFault):
 
     @property
     def offset(self) -> float:
-        """Full offset in SI units."""
+        """Offset after the end of the ramp, in SI units."""
         name = next(name for name in type(self).model_fields if name.startswith("bias"))
         value: float = getattr(self, name)
         return radians(value) if name.startswith("bias_deg") else value

@@ -51,14 +51,14 @@ class Friction(Scripted):
     """Factor on the friction [-]. Assumed value (0.5-0.7): wet grass relative to dry ground."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Scale the friction."""
+        """Multiply the ground friction by `scale`."""
         return None, conditions._replace(grip=conditions.grip * self.scale)
 
 
 class SoftTyre(Scripted):
     """Tyre with low pressure: larger deflection, lower cornering stiffness, higher rolling resistance.
 
-    The tyre `contact` has no carcass and is not affected.
+    The tyre kind `contact` has no carcass and is not affected.
     """
 
     machine = True
