@@ -34,7 +34,7 @@ BROKEN_OFF = 130
 OBJECTS_PER_COLLECTION = 500_000
 """Number of new objects between two garbage collections. Python's default adds 0.25 s to the start-up time."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Error numbers of a full or faulty disk, which the input does not cause."""
+"""Error numbers (errno) of a full or faulty disk; the cause is not the input."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
 """Base class of usage errors of the command-line parser: from click, or from the copy of click in typer."""
 
@@ -125,7 +125,7 @@ OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
 
 
 def meant(error: Any) -> str:
-    """Return a suggestion for the end of a parser error message, such as `use --set seed=3`; empty without one."""
+    """Return a suggestion to append to a parser error message, such as `use --set seed=3`, or an empty string."""
     if (context := error.ctx) is None:
         return ""
     options = _options(context.command)

@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Functions of commands, mapped to their help entries or only to their examples; the latter are listed last."""
+"""Command functions, each with its help entry or only with examples; functions with examples only are listed last."""
 CORE: Commands = {
     runs.run: listed(
         "Run",

@@ -9,7 +9,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[int]]:
-    """Yield a list that receives the first signal, so that a run can end early. A second signal interrupts."""
+    """Yield a list that receives the first signal, so that a run can end early. A second signal interrupts the run."""
     received: list[int] = []
 
     def handle(number: int, _frame: Any) -> None:

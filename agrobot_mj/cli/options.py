@@ -149,7 +149,7 @@ def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
 def with_option(
     begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
 ) -> Callable[..., Any]:
-    """Return `begun` with the signature of `command` and an additional option."""
+    """Return the function `begun` with the signature of `command` and an additional option."""
     own = signature(command)
     option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]

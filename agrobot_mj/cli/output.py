@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Maximum number of scenarios checked for hints, and maximum number of hints printed."""
+"""Maximum number of scenarios checked for configuration hints, and maximum number of hints printed."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the distinct hints of the first scenarios to stderr and return them; no hints if `quiet`."""
+    """Print the distinct configuration hints of the first scenarios to stderr and return them; none if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints

@@ -30,7 +30,7 @@ COMMANDS: dict[str, HelpEntry] = {}
 
 
 def command_name(function: Callable[..., Any]) -> str:
-    """Return the name of a command: its function's name without trailing underscores, with spaces for the others."""
+    """Return the name of a command: the function name without trailing underscores, other underscores become spaces."""
     return function.__name__.rstrip("_").replace("_", " ")
 
 

@@ -64,7 +64,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorder of a run, to its folder, a live viewer or both; empty if neither is requested."""
+    """Return the recorders of a run, for its folder, for a live viewer or for both; empty if none is requested."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
