@@ -13,7 +13,7 @@ class Machine(NamedTuple):
     """Parameters of tractor, actuators and implement, which all plants use in addition to their own parameters."""
 
     tractor: TractorParameters = TractorParameters()
-    """Geometry and masses."""
+    """Geometry, masses and tyres of the tractor."""
     valve: Valve = Valve()
     """Steering valve and pump."""
     cylinder: Cylinder = Cylinder()

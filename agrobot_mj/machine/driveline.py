@@ -20,10 +20,11 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
-"""Drive of the compact tractor. Assumed values: torque above the grip on firm ground; 75 % of an engine of 18.6 kW."""
+"""Maximum torque [N m], maximum power [kW], stiffness [N m/rad] and damping [N m s/rad] of the drive of the compact
+tractor. Assumed values: torque above the grip on firm ground; 75 % of an engine of 18.6 kW."""
 BRAKING_M_S2 = 3.55
 """Deceleration of the tractor's mass by the brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The
-brake holds 21 deg, twice the 18 % required of parking brakes."""
+brake holds the tractor on a slope of 21 deg, twice the slope of 18 % required of parking brakes."""
 
 
 ReleaseDeg = Annotated[float, Field(gt=0, le=60)]
@@ -101,7 +102,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return the limits and the compliance: the given values, or default values scaled to the tractor."""
+        """Return the limits and the compliance: given values, or default values scaled to the size of the tractor."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -125,7 +126,7 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Limits and compliance of the driveline of a particular tractor."""
+    """Limits and compliance of the driveline of a machine."""
 
     torque: float
     """Relief torque of the hydrostat, summed over the driven wheels [N m]."""
@@ -149,17 +150,17 @@ class DriveLaw(NamedTuple):
     rate_limit: float
     """Maximum pedal rate [1/s]."""
     spring: float
-    """Pedal rate of the return spring without power [1/s]."""
+    """Rate at which the return spring moves the unpowered pedal [1/s]."""
     full_speed: float
     """Rim speed at full pedal [m/s]."""
     lag: float
-    """Fraction of the previous speed that remains after a step, exp(-dt / time constant) [-]."""
+    """Fraction of the previous rim speed that remains after a step, exp(-dt / time constant) [-]."""
     dt: float
-    """Time step [s]."""
+    """Time step of the physics [s]."""
 
 
 class DriveMemory(NamedTuple):
-    """State of the drive between steps; the arrays are written in place."""
+    """State of the drive between two physics steps; the arrays are written in place."""
 
     pedal: Array
     """Pedal position in [-1, 1], shape (1,) [-]."""
@@ -182,7 +183,7 @@ def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
 
 
 def reset_drive(memory: DriveMemory) -> None:
-    """Release the pedal and set the oil flow to zero."""
+    """Set the pedal to neutral and the oil flow to zero."""
     memory.pedal[:], memory.speed[:] = 0.0, 0.0
 
 

@@ -31,7 +31,10 @@ COMPACT_WIDTH_M = 2.0
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Yield a warning for each part implausible for weight or path `speed` [m/s]; `scrubs` includes the steering."""
+    """Yield a warning for each part that is implausible for the weight or the path `speed` [m/s].
+
+    With `scrubs` the tyres resist turning at standstill, and the force of the steering is also checked.
+    """
     hitched = machine.implement.hitched(machine.tractor)
     yield from _light(machine.tractor)
     yield from _tyres(machine, hitched)
@@ -97,8 +100,8 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the dimensions of a machine divided by those of the compact tractor [-]: wheelbase, track width, working
-    width, turning circle, mass, static axle loads and full speed.
+    """Return the size ratios of a machine to the compact tractor [-]: wheelbase, track width, working width, turning
+    circle, mass, static axle loads and full speed.
 
     The working width is the width of the implement if given; otherwise it scales with the track width.
     """

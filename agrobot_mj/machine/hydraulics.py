@@ -68,7 +68,7 @@ class Valve(Spec):
     priority: bool = True
     """Whether a priority valve supplies the steering first; otherwise the other consumers are supplied first."""
     supply_pressure_bar: Positive | None = None
-    """Supply pressure of a valve without pressure compensation [bar]. Default: with compensation."""
+    """Supply pressure of a valve without pressure compensation [bar]. Default: a valve with pressure compensation."""
 
     @property
     def largest_flow(self) -> float:
@@ -111,11 +111,11 @@ class Cylinder(Spec):
 
     @property
     def displacement(self) -> float:
-        """Oil volume per radian of the virtual front wheel [m3/rad]."""
+        """Oil volume displaced by the cylinder per radian of the virtual front wheel [m3/rad]."""
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the oil column between valve and wheels, as given or scaled to the front axle of a tractor."""
+        """Return the oil column between valve and wheels: given values, or values scaled to the front axle load."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -130,7 +130,7 @@ class OilColumn(NamedTuple):
     """Oil in the steering cylinder, hoses and linkage, referred to the kingpin of the virtual front wheel."""
 
     relief_torque: float
-    """Maximum torque, at which the relief valve opens [N m]."""
+    """Maximum torque of the cylinder, at which the relief valve opens [N m]."""
     stiffness: float
     """Stiffness of oil column and linkage [N m/rad]."""
     damping: float
@@ -221,7 +221,7 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] under a cylinder `pressure` [Pa], positive if it pushes to the left."""
+    """Return the flow [m3/s] at a cylinder `pressure` [Pa]; a positive pressure pushes to the left."""
     if law.supply <= 0.0 or flow == 0.0:
         return flow
     against = pressure if flow > 0.0 else -pressure

@@ -19,7 +19,7 @@ DRY_GRIP = 0.75
 
 
 class Linkage(Spec):
-    """Kingpins and steering linkage; `[steering.linkage]`."""
+    """Kingpins and steering linkage, the keys of `[steering.linkage]`."""
 
     kingpin_offset_m: Annotated[float, Field(ge=-0.1, le=0.3)] = 0.0
     """Scrub radius: distance on the ground from the kingpin axis outwards to the centre plane of the wheel [m]. Assumed

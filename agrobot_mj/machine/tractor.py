@@ -26,19 +26,19 @@ class AxleWheel(NamedTuple):
     axle: str
     """Axle of a tractor, "front" or "rear"; "rear" for an implement."""
     radius: float
-    """Free radius [m]."""
+    """Free radius of the wheel [m]."""
     width: float
-    """Section width [m]."""
+    """Section width of the tyre [m]."""
     mass: float
-    """Mass [kg]."""
+    """Mass of wheel and tyre [kg]."""
     load: float
-    """Static load on level ground [N]."""
+    """Static load of the wheel on level ground [N]."""
     stiffness: float
     """Vertical stiffness of the tyre [N/m]."""
     damping: float
     """Vertical damping of the tyre [N s/m]."""
     size: TyreSize | None = None
-    """Dimensions by the size code of the tyre, if given."""
+    """Tyre dimensions given by a size code; None without a code."""
 
     @property
     def deflection(self) -> float:
@@ -51,7 +51,7 @@ DAMPING_RATIO = 0.15
 AntennaPlace = Annotated[float, Field(ge=-20, le=20)]
 """Horizontal distance of an antenna from the rear axle [m]."""
 AXLES = ("front", "rear")
-"""Axles of a tractor, as the beginnings of their keys."""
+"""Names of the axles of a tractor, at the beginning of their keys."""
 TyreCode = Annotated[str, Field(min_length=1, max_length=40)]
 """Size code of a tyre, see `tyre_size`."""
 PressureBar = Annotated[float, Field(ge=0.3, le=8)]
@@ -107,16 +107,16 @@ class TractorParameters(Spec):
     """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. It replaces radius and width of the wheels,
     and gives section height and carcass. Default: a bias tyre of radius and width of the wheels."""
     rear_tyre: TyreCode | None = None
-    """Size code of the rear tyres, such as 520/85R42, as `front_tyre`. Default: none."""
+    """Size code of the rear tyres, such as 520/85R42. Effect and default as for `front_tyre`."""
     front_tyre_pressure_bar: PressureBar | None = None
     """Inflation pressure of the front tyres [bar]. Default: 0.6-2.4, for the static load at a deflection of 20 % of the
     section height."""
     rear_tyre_pressure_bar: PressureBar | None = None
     """Inflation pressure of the rear tyres [bar]. Default: as for the front tyres."""
     front_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one front tyre [N/m]. Default: from size and pressure [Rhyne2005], 7.6e4 here."""
+    """Vertical stiffness of one front tyre [N/m]. Default: from size and pressure [Rhyne2005], 7.6e4 (compact)."""
     rear_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one rear tyre [N/m]. Default: as for the front tyres, 9.7e4 here."""
+    """Vertical stiffness of one rear tyre [N/m]. Default: from size and pressure [Rhyne2005], 9.7e4 (compact)."""
     front_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     rear_tyre_damping_n_s_m: NonNegative | None = None
@@ -127,7 +127,7 @@ class TractorParameters(Spec):
     """Height of the front axle's pivot above the wheel centres, divided by the free radius of the front wheels [-].
     Assumed value (0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
-    """Maximum angle of the virtual front wheel of the bicycle model, in both directions [deg]. Paper, section V-B."""
+    """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
     """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
     antenna_ahead_m: AntennaPlace = 0.0
@@ -179,7 +179,7 @@ class TractorParameters(Spec):
 
     @property
     def size(self) -> float:
-        """Wheelbase divided by that of the compact tractor, the scale of views and arrows in recordings [-]."""
+        """Wheelbase divided by that of the compact tractor [-], used to scale views and arrows in recordings."""
         return self.wheelbase_m / COMPACT.wheelbase_m
 
     @property
@@ -230,12 +230,12 @@ class TractorParameters(Spec):
 
     @property
     def front_wheel(self) -> AxleWheel:
-        """Front wheel."""
+        """Properties of a front wheel."""
         return self._wheel("front", self.front_axle_load / 2)
 
     @property
     def rear_wheel(self) -> AxleWheel:
-        """Rear wheel."""
+        """Properties of a rear wheel."""
         return self._wheel("rear", self.rear_axle_load / 2)
 
     def _wheel(self, axle: str, load: float) -> AxleWheel:
@@ -260,12 +260,12 @@ class TractorParameters(Spec):
 
     @property
     def antenna(self) -> tuple[float, float, float]:
-        """Position of the GNSS antenna ahead, to the left and above the ground below the rear axle [m]."""
+        """Position of the GNSS antenna relative to the ground below the rear axle: ahead, left and up [m]."""
         return self.antenna_ahead_m, self.antenna_left_m, self.antenna_height_m
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:
-        """One front and one rear wheel."""
+        """Properties of a front and a rear wheel."""
         return self.front_wheel, self.rear_wheel
 
 

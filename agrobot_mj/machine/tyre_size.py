@@ -25,17 +25,17 @@ INCH = 0.0254
 KGF_MM = 9806.65
 """Stiffness of 1 kgf/mm [N/m]."""
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
-"""Section height / section width of inch codes that omit it, and of codes with `L` or a rim in half inches [-].
-Assumed value: 0.82-0.91 from 9.5-24 to 20.8-38, 0.67-0.72 from 11L-15 to 28L-26."""
+"""Ratio of section height to section width for inch codes without a ratio, and for codes with `L` or a rim in half
+inches [-]. Assumed values: 0.82-0.91 from 9.5-24 to 20.8-38, 0.67-0.72 from 11L-15 to 28L-26."""
 USUAL_DEFLECTION = 0.20
-"""Deflection / section height that determines the pressure if it is not given [-]. Assumed value: 0.17-0.28 from
-published loaded radii."""
+"""Ratio of deflection to section height, which determines the pressure if none is given [-]. Assumed value: 0.17-0.28
+from published loaded radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
-"""Range of this pressure [bar]. Assumed value: range of the pressure tables of field tyres. Light machines are at the
-minimum, where their tyres deflect less."""
+"""Minimum and maximum pressure computed from the load [bar]. Assumed values: range of the pressure tables of field
+tyres. Tyres of light machines have the minimum pressure and deflect less."""
 NOMINAL_ASPECT, NOMINAL_RIM = 0.75, 0.4
-"""Section height / section width [-], and minimum rim diameter / diameter [-], of a tyre without a size code. Assumed
-value: 0.7-0.9 and 0.4-0.65."""
+"""Ratio of section height to section width, and minimum ratio of rim diameter to diameter, of a tyre without size code
+[-]. Assumed values: 0.7-0.9 and 0.4-0.65."""
 RANGES = {
     "section width": (0.08, 1.3, "m"),
     "section height / section width": (0.25, 1.1, ""),
@@ -53,7 +53,7 @@ _FAMILIES = {
 _SERVICE = re.compile(r"\s+\d{2,3}(/\d{2,3})?\s?[A-G]\d?$")
 """Pattern of the load index and speed symbol after a code, such as 158A8."""
 METRIC_FROM = 100.0
-"""Minimum section width in millimetres of a code with a ratio; smaller widths are in inches."""
+"""Minimum section width [mm] in a metric code with a ratio; smaller numbers are in inches."""
 
 
 class TyreSize(NamedTuple):
@@ -74,11 +74,11 @@ class TyreSize(NamedTuple):
         return (self.diameter - self.rim) / 2
 
     def stiffness(self, pressure_bar: float) -> float:
-        """Return the vertical stiffness at an inflation pressure [N/m]."""
+        """Return the vertical stiffness [N/m] at an inflation pressure [bar]."""
         return KGF_MM * (0.00028 * 100.0 * pressure_bar * 1e3 * self._shape + 3.45)
 
     def pressure(self, load: float) -> float:
-        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], from `LEAST_BAR` to `MOST_BAR`."""
+        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], limited to `LEAST_BAR` and `MOST_BAR`."""
         k = load / (USUAL_DEFLECTION * self.section_height)
         bar = (k / KGF_MM - 3.45) / (0.00028 * 100.0 * 1e3 * self._shape)
         return min(max(bar, LEAST_BAR), MOST_BAR)

@@ -20,9 +20,9 @@ class Joint(NamedTuple):
 
     name: str
     axis: Place
-    """Unit vector of the axis."""
+    """Unit vector of the hinge axis [-]."""
     at: Place
-    """Point on the axis."""
+    """Point on the hinge axis, relative to the hitch of the tractor [m]."""
     limit: float
     """Maximum angle in both directions [rad]."""
 
@@ -31,7 +31,7 @@ class Axle(NamedTuple):
     """Axle with two wheels."""
 
     at: Place
-    """Midpoint between the wheel centres at static load."""
+    """Midpoint between the wheel centres at static load, relative to the hitch of the tractor [m]."""
     track: float
     """Distance between the centre planes of the wheels [m]."""
     wheel: AxleWheel
@@ -46,13 +46,13 @@ class DepthWheel(NamedTuple):
     """Wheel that carries the frame of a floating implement."""
 
     at: Place = (0.0, 0.0, 0.0)
-    """Lowest point of the unloaded wheel in contact with the ground."""
+    """Lowest point of the unloaded wheel in contact with the ground [m]."""
     stiffness: float = 0.0
     """Vertical stiffness; 0 without a depth wheel [N/m]."""
     damping: float = 0.0
     """Vertical damping [N s/m]."""
     rolling: float = 0.0
-    """Rolling resistance divided by load [-]."""
+    """Rolling resistance divided by the load of the wheel [-]."""
 
 
 class Unevenness(NamedTuple):
@@ -65,13 +65,13 @@ class Unevenness(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Box that represents a part in images."""
+    """Box that represents a part of an implement in images."""
 
     name: str
     half: Place
-    """Half lengths of the edges [m]."""
+    """Half lengths of the edges of the box [m]."""
     at: Place
-    """Position of the centre."""
+    """Position of the centre of the box, relative to the hitch of the tractor [m]."""
     paint: str
     """Name of a material in `models/tractor.xml`."""
 
@@ -80,22 +80,22 @@ class HitchedBody(NamedTuple):
     """Body of an implement at the hitch of the tractor."""
 
     mass: float
-    """Mass without wheels [kg]."""
+    """Mass of the implement without wheels [kg]."""
     centre: Place
-    """Centre of this mass."""
+    """Centre of mass of the implement without wheels, relative to the hitch of the tractor [m]."""
     inertia: tuple[float, float, float]
     """Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]."""
     joints: tuple[Joint, ...]
-    """Hinges; empty for an implement fixed rigidly to the tractor."""
+    """Hinges between tractor and implement; empty for an implement fixed rigidly to the tractor."""
     point: Place
-    """Working point on the ground, for which the cross-track error is evaluated."""
+    """Working point on the ground, for which the cross-track error is evaluated [m]."""
     antenna: Place | None
-    """Position of the GNSS antenna; None if the antenna is on the tractor."""
+    """Position of the GNSS antenna, relative to the hitch [m]; None if the antenna is on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
     tool_at: Place = (0.0, 0.0, 0.0)
-    """Position of the tool tip."""
+    """Position of the tool tip, relative to the hitch of the tractor [m]."""
     unevenness: Unevenness = Unevenness()
     shapes: tuple[Shape, ...] = ()
 
@@ -124,7 +124,7 @@ class ImplementBase(Spec):
     """Whether the GNSS antenna is on the implement, above the working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the body at the tractor's hitch; None without one. Raises ValueError if it cannot be mounted."""
+        """Return the body at the tractor's hitch, or None. Raises ValueError if the implement cannot be mounted."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
@@ -149,7 +149,7 @@ def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
 
 
 def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
-    """Return the sinkage of a point under a `load` [N], for a rigid tractor on elastic tyres [m].
+    """Return the distance [m] by which a point of a rigid tractor on elastic tyres sinks under a `load` [N].
 
     `at` and `behind` are the distances of the point and of the load behind the rear axle [m].
     """

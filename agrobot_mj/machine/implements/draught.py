@@ -19,22 +19,22 @@ ToolType = Literal[
 """Tools in `TOOLS`."""
 Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")
-"""Soil textures in the order F_1, F_2, F_3."""
+"""Soil textures in the order of the factors F_1, F_2, F_3 of D497."""
 DEEPEST = 2.0
-"""Depth / intended depth above which the draught is constant, as the frame slides on the soil [-]. Assumed value."""
+"""Ratio of depth to intended depth above which the draught is constant, as the frame slides [-]. Assumed value."""
 
 
 class Draught(NamedTuple):
     """Draught parameters of a tool, a row of the table in ASABE D497."""
 
     a: float
-    """Coefficient A [N per unit of width, for tillage also per cm of depth]."""
+    """Coefficient A of the speed-independent draught [N per unit of width, for tillage also per cm of depth]."""
     b: float
-    """Coefficient B [unit of A per km/h]."""
+    """Coefficient B of the draught proportional to the speed [unit of A per km/h]."""
     c: float
-    """Coefficient C [unit of A per (km/h)^2]."""
+    """Coefficient C of the draught proportional to the squared speed [unit of A per (km/h)^2]."""
     textures: tuple[float, float, float]
-    """Factors F_i for fine, medium and coarse soil [-]."""
+    """Factors of the soil texture for fine, medium and coarse soil [-]."""
     by_depth: bool
     """Whether the draught is proportional to the depth: True for tillage, False for seeding."""
     spread: float
@@ -58,23 +58,23 @@ class ToolLaw(NamedTuple):
     """Coefficients of a tool in its soil for the compiled kernel."""
 
     a: float
-    """Coefficient A times F_i and W [N, per cm of depth for tillage]."""
+    """Speed-independent draught of the tool in its soil [N, per cm of depth for tillage]."""
     b: float
-    """Coefficient B times F_i and W [N h/km, per cm of depth for tillage]."""
+    """Draught per speed of the tool in its soil [N h/km, per cm of depth for tillage]."""
     c: float
-    """Coefficient C times F_i and W [N h2/km2, per cm of depth for tillage]."""
+    """Draught per squared speed of the tool in its soil [N h2/km2, per cm of depth for tillage]."""
     by_depth: float
     """1 if the draught is proportional to the depth, otherwise 0."""
     depth: float
-    """Intended depth [m]."""
+    """Intended depth of the tool [m]."""
     cornering: float
-    """Lateral force divided by slip angle at the intended depth [N/rad]."""
+    """Lateral force of the tool divided by its slip angle, at the intended depth [N/rad]."""
     relaxation: float
     """Relaxation length of the lateral force [m]."""
     side_limit: float
-    """Maximum lateral force at the intended depth [N]."""
+    """Maximum lateral force of the tool at the intended depth [N]."""
     suction: float
-    """Downward force divided by draught [-]."""
+    """Downward force of the soil divided by the draught [-]."""
 
 
 @kernel
@@ -92,7 +92,7 @@ def draught(law: ToolLaw, speed: float, depth: float) -> float:
 
 
 class Tool(Spec):
-    """Type, size, depth, soil and lateral force of a tool; `[implement.tool]`."""
+    """Tool of an implement (`[implement.tool]`): type, size, depth, soil and lateral force."""
 
     type: ToolType = "mouldboard_plough"
     """Tool in ASABE D497 whose parameters give the draught."""
