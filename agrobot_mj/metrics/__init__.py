@@ -25,7 +25,7 @@ METRICS: list[Metric] = [
     BrakedDrift(),
 ]
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_offset"), "m")
-"""Units of link metrics without a unit in their names."""
+"""Units of the metrics of an external guidance program, for names without a unit."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
 """Units of metrics by the suffix of their names."""
 
@@ -43,7 +43,7 @@ def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric, from its column or else from the suffix of its name."""
+    """Return the unit of a metric, from its column or, if it has no column, from the suffix of its name."""
     known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
     return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 

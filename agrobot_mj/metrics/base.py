@@ -52,7 +52,7 @@ class LogLike(Protocol):
 
 
 class RunView:
-    """Log of a run and quantities that several metrics use; `route` is the sampled path, if available."""
+    """Log of a run, with quantities that several metrics use; `route` is the sampled path, if available."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
@@ -98,7 +98,7 @@ class Metric(Spec):
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return the number of values in the increasing `t` that are <= each of `times`, or < for side `left`."""
+    """Return, for each of `times`, how many values of the increasing `t` are <= this time (< with side `left`)."""
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 

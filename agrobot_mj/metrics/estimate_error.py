@@ -28,7 +28,7 @@ Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the main cause of the lateral error if `across`, otherwise of the horizontal error; empty without one."""
+    """Return the main cause of the lateral (`across`) or horizontal error; an empty string without a main cause."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
@@ -73,7 +73,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Return roll and pitch as assumed by the estimator, shape (ticks,) [rad], and whether it compensates tilt."""
+    """Return roll and pitch as the estimator assumes them, shape (ticks,) [rad], and whether it compensates tilt."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True

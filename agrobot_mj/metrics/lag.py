@@ -23,7 +23,7 @@ class Lag(NamedTuple):
     """Lag of the tractor behind its reference at the end of a run."""
 
     behind_m: float
-    """Distance behind the reference along the heading of the reference [m]."""
+    """Distance of the tractor behind the reference, along the heading of the reference [m]."""
     speed_m_s: float
     """Mean speed of the tractor in the final part [m/s]."""
     reference_m_s: float

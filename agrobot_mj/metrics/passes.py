@@ -40,7 +40,7 @@ class Passed(NamedTuple):
     """Offset of the CG from the line at these stations, positive to the left of the first pass, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """Return the errors of this pass, positive to the left of its direction; None for fewer than LEAST stations."""
+        """Return the errors of the pass, positive to the left of its direction; None for fewer than LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,

@@ -52,13 +52,13 @@ def without_errors(row: Row) -> dict[str, Any]:
 
 
 def failures(rows: Sequence[Row]) -> str:
-    """Return a text about failed runs, such as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`; empty without any."""
+    """Return a text about failed runs, such as `2 of 5: 1 stopped (no GNSS fix), 1 diverged`, or an empty string."""
     failed = [row for row in rows if not succeeded(row)]
     return f"{len(failed)} of {len(rows)}: {reasons(failed)}" if failed else ""
 
 
 def reasons(rows: Iterable[Row]) -> str:
-    """Return a text with count, outcome and reason of runs, most frequent first."""
+    """Return a text with the number, outcome and reason of runs, most frequent first."""
     ends: dict[str, list[Row]] = {}
     for row in rows:
         # Outcomes whose reasons differ only in their numbers are counted together.

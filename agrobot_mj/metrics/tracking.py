@@ -88,7 +88,7 @@ def _covers(t: Array, start: float, end: float) -> bool:
 
 
 class NetworkShare(Metric):
-    """Fraction of the steering command from the network, or from the integral that replaces the network."""
+    """Fraction of the steering command that comes from the network, or from the integral that replaces it."""
 
     kind: Literal["nn_share"] = "nn_share"
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
