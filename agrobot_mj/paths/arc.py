@@ -95,7 +95,7 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return distance / full speed [s] and speed / full speed [-] of the reference at time `t` [s]."""
+    """Return distance and speed of the reference at time `t` [s], both divided by the full speed [s, -]."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)

@@ -33,15 +33,15 @@ class PathOutline(NamedTuple):
     """Samples of a path in order of time, shape (n,) each; a curvature step is two samples at the same point."""
 
     t: Array
-    """Time [s]."""
+    """Time of each sample [s]."""
     x: Array
-    """East coordinate [m]."""
+    """East coordinate of each sample [m]."""
     y: Array
-    """North coordinate [m]."""
+    """North coordinate of each sample [m]."""
     curvature: Array
-    """Curvature, positive left [1/m]."""
+    """Curvature at each sample, positive left [1/m]."""
     speed: Array
-    """Absolute speed [m/s]."""
+    """Absolute speed at each sample [m/s]."""
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
@@ -96,7 +96,7 @@ class ReferencePath(Spec):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about changes to the data in the file of the path."""
+        """Sentences that describe changes to the data read from the file of the path."""
         return ()
 
     @property
@@ -116,7 +116,7 @@ class ReferencePath(Spec):
 
     @property
     def sharpest(self) -> Place:
-        """First point of maximum curvature."""
+        """First point of maximum curvature on the path."""
         raise NotImplementedError
 
     def at(self, t: float) -> Reference:

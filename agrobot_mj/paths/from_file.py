@@ -24,7 +24,7 @@ class FromFile(Timed):
         file: str
 
     _stamp: Stamp | None = PrivateAttr(default=None)
-    """Stamp of the file content from which the course was built."""
+    """Stamp of the file from whose content the course was built."""
 
     def model_post_init(self, context: Any, /) -> None:
         """Record the stamp of the file without reading it; paths with equal keys and different content differ."""

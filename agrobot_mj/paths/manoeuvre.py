@@ -32,7 +32,7 @@ class CoursePiece(Spec):
     """Maximum speed on the segment [m/s]. Default: the speed of the path."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return length [m], initial curvature [1/m] and change of curvature per metre travelled [1/m2]."""
+        """Return the length [m], the initial curvature [1/m] and the change of curvature per metre travelled [1/m2]."""
         raise NotImplementedError
 
     def piece(self, speed: float) -> Piece:

@@ -29,7 +29,7 @@ Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Transitions, Timed):
-    """Base class of parallel passes; a kind defines their direction. Width and turn radius default to the machine's."""
+    """Base class of parallel passes; a kind defines their direction. Default width and turn radius suit the machine."""
 
     sized: ClassVar = {**Transitions.sized, "swath_m": {"width": 1}, "turn_radius_m": {"turn": 1}}
     radius_key: ClassVar = "turn_radius_m"

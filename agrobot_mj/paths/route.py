@@ -36,8 +36,8 @@ BEYOND_S = 3600.0
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0
 """Grid spacing for comparing headings, and minimum lap length [m]."""
 MAX_DIFFERENCE = 0.01
-"""Maximum heading difference of two laps (one minus mean cosine), divided by its maximum over all lap lengths [-].
-Assumed value: excludes the exit from the field after the last pass."""
+"""Maximum difference between the headings of two laps, one minus mean cosine, divided by its maximum over all lap
+lengths [-]. Assumed value: excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8
 """Minimum heading change of a path with laps [rad]. Assumed value (45 deg)."""
 
@@ -121,7 +121,6 @@ def _nearest(samples: Matrix, x: float, y: float, near: float, low: float, high:
 
 @stage
 def _ahead(samples: Matrix, s: float) -> PathPoint:
-    """Return the path point at arc length `s` [m]."""
     k = max(int(np.searchsorted(samples[:, S], s + 1e-12, "right")) - 1, 0)
     a = _sample_at(samples, k)
     return _along(a, s - a.s, 0.0, k == 0)
@@ -227,7 +226,7 @@ class SampledRoute:
         return Sample(*self._samples[k].tolist())
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the path point at arc length `s` [m], extrapolating straight beyond the ends."""
+        """Return the path point at arc length `s` [m]; the path continues straight beyond its ends."""
         self._grow(beyond=s + STEP_M)
         return _ahead(self._samples, s)
 

@@ -35,7 +35,7 @@ UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mp
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
 SMALLEST_M = 1.0
-"""Extent of the points below which values in columns of metres are considered to be degrees [m]."""
+"""Extent of the points below which values in columns of metres are regarded as degrees [m]."""
 MOST_DEGREES = 180.0
 """Maximum absolute longitude [deg]."""
 
