@@ -62,7 +62,7 @@ EXTRAS = {
     "matplotlib": ("report", "a figure"),
     "filterpy": ("filters", "this estimator"),
 }
-"""Optional libraries that modules import at their top: the extra that installs each library, and its purpose."""
+"""Optional libraries that modules import at their top, each with the extra that installs it and its purpose."""
 
 
 def installed(module: str) -> bool:

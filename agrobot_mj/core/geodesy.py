@@ -22,7 +22,7 @@ class _Place(NamedTuple):
 
 
 class Origin(_Place):
-    """Geographic coordinates of x = y = 0."""
+    """Geographic coordinates of the origin x = y = 0 of a local plane."""
 
     __slots__ = ()
 

@@ -28,7 +28,7 @@ KEPT = 8
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "estimation", "paths")
 """Folders of the package with kernels or constants used by kernels."""
 MAKES_KERNELS = b"agrobot_mj.core.kernels import"
-"""Text that identifies files with kernels in other folders."""
+"""Text that identifies files with kernels outside `PARTS`."""
 CHECKSUM = 4
 """Length of the checksum [bytes]."""
 

@@ -20,7 +20,7 @@ from numpy.random import Generator, SeedSequence, _generator, default_rng
 from agrobot_mj.core.kernels import shared
 
 LIBRARY = str(_generator.__file__)
-"""Compiled module of numpy that exports the functions of its random distributions."""
+"""Path of the compiled module of numpy that exports the functions of its random distributions."""
 if config.DISABLE_JIT:
     normal: Any = ctypes.CDLL(LIBRARY).random_standard_normal
     normal.restype, normal.argtypes = ctypes.c_double, [ctypes.c_void_p]
@@ -31,7 +31,7 @@ else:
 
 
 def address(generator: Generator) -> int:
-    """Return the address of a generator, valid as long as the generator exists."""
+    """Return the address of a generator in memory, valid as long as the generator exists."""
     return int(ctypes.cast(generator.bit_generator.ctypes.bit_generator, ctypes.c_void_p).value or 0)
 
 
@@ -119,7 +119,7 @@ def shares(dt: float, correlation: float) -> Shares:
 
 @shared
 def wandered(value: float, weights: Shares, generator: int) -> float:
-    """Return the next value of a Gauss-Markov process, with white noise of the generator at this address."""
+    """Return the next value of a Gauss-Markov process, with white noise of the generator at the address `generator`."""
     white: float = normal(generator)
     return weights[0] * value + weights[1] * white
 

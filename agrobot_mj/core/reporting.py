@@ -8,10 +8,10 @@ from agrobot_mj.core.spec import Spec
 
 
 class Reporting(Spec):
-    """Part of a scenario that adds columns to the log."""
+    """Part of a scenario, such as a sensor or a guidance law, that adds columns to the log."""
 
     label: ClassVar[str]
-    """Name in figures. Default: the kind."""
+    """Name of the part in figures. Default: its kind."""
 
     @property
     def columns(self) -> tuple[Column, ...]:

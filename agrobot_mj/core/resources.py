@@ -78,7 +78,7 @@ Stamp = tuple[str, int, int, int]
 
 
 def stamp(name: str) -> Stamp | None:
-    """Return the stamp of a file; None if the file does not exist."""
+    """Return the stamp of a file, which identifies its content; None if the file does not exist."""
     path = library_file(name)
     try:
         status = path.stat()
@@ -88,7 +88,7 @@ def stamp(name: str) -> Stamp | None:
 
 
 def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
-    """Return the stamp of a file that fulfils the conditions of `checked`. Raise ValueError otherwise."""
+    """Return the stamp of a file that fulfils the conditions of `checked`. Raises ValueError otherwise."""
     path = checked(name, kinds, most_bytes)
     return stamp(name) or refuse(path, "the file no longer exists; create it again")
 

@@ -102,13 +102,13 @@ class Fix(NamedTuple):
     """GNSS solution at the antenna."""
 
     x: float
-    """Position, east [m]."""
+    """East coordinate of the antenna [m]."""
     y: float
-    """Position, north [m]."""
+    """North coordinate of the antenna [m]."""
     vx: float
-    """Velocity, east [m/s]."""
+    """East velocity of the antenna [m/s]."""
     vy: float
-    """Velocity, north [m/s]."""
+    """North velocity of the antenna [m/s]."""
     t: float = nan
     """Time at which the solution is valid, since the start; NaN if the receiver does not report it [s]."""
     z: float = nan
@@ -175,23 +175,23 @@ class Conditions(NamedTuple):
     """Latency added to the latency of the receiver, in whole ticks [s]."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)
-    """Offsets of the solution's position [m] and velocity [m/s], east and north."""
+    """Offsets of `gnss_offset`, the position [m], and of the velocity [m/s] of the solution, east and north."""
     gnss_frozen: Frozen = ""
     """Velocity reported while the receiver repeats its last position; "" if it is not frozen."""
     heading: Distortion = SOUND
     gyro: Distortion = SOUND
-    """Distortions of the heading from two antennas [rad] and of the yaw rate from the gyro [rad/s]."""
+    """Distortions of `heading`, the heading from two antennas [rad], and of the yaw rate from the gyro [rad/s]."""
     wheel_speed: Distortion = SOUND
     """Distortion of the measured wheel speed [m/s]."""
     steering_pot: Distortion = SOUND
     pedal_pot: Distortion = SOUND
-    """Distortions of the potentiometers of the steering [rad] and of the pedal [-]."""
+    """Distortions of the potentiometers `steering_pot` [rad] and `pedal_pot` [-]."""
     imu_roll: Distortion = SOUND
     imu_pitch: Distortion = SOUND
-    """Distortions of roll and pitch from the inertial unit [rad]."""
+    """Distortions of `imu_roll` and `imu_pitch`, the angles from the inertial unit [rad]."""
     valve: Distortion = SOUND
     pedal_valve: Distortion = SOUND
-    """Distortions of the voltages at the steering valve and at the pedal valve, relative to neutral [V]."""
+    """Distortions of the voltages at the steering `valve` and at the pedal valve, relative to neutral [V]."""
     valve_gain: float = 1.0
     """Remaining fraction of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
@@ -229,7 +229,7 @@ class Measurement(NamedTuple):
     """Yaw rate from the gyro; NaN if not measured [rad/s]."""
     roll: float = nan
     pitch: float = nan
-    """Roll and pitch from the inertial unit, left side up and nose down positive; NaN if not measured [rad]."""
+    """Angles `roll` and `pitch` of the inertial unit, left side up and nose down positive; NaN if missing [rad]."""
     wheel_speed: float = nan
     """Speed of the driven wheels from their sensor, forward positive; NaN if not measured [m/s]."""
     readings: Mapping[str, Any] = MappingProxyType({})
@@ -281,13 +281,13 @@ class Reference(NamedTuple):
     """
 
     x: float
-    """East coordinate [m]."""
+    """East coordinate of the CG [m]."""
     y: float
-    """North coordinate [m]."""
+    """North coordinate of the CG [m]."""
     vx: float
-    """Velocity, east [m/s]."""
+    """East velocity of the CG [m/s]."""
     vy: float
-    """Velocity, north [m/s]."""
+    """North velocity of the CG [m/s]."""
     yaw: float
     """Heading of the tractor, wrapped to (-pi, pi] [rad]."""
     curvature: float
@@ -304,13 +304,13 @@ class PathPoint(NamedTuple):
     t: float
     """Time at which the reference passes the point [s]."""
     x: float
-    """East coordinate [m]."""
+    """East coordinate of the path point [m]."""
     y: float
-    """North coordinate [m]."""
+    """North coordinate of the path point [m]."""
     yaw: float
     """Heading of a tractor on the path at this point, wrapped to (-pi, pi] [rad]."""
     curvature: float
-    """Curvature, left positive [1/m]."""
+    """Curvature of the path at this point, left positive [1/m]."""
     speed: float
     """Speed of the reference along the heading, negative in reverse [m/s]."""
     offset: float

@@ -73,7 +73,7 @@ MOST_OFFERED = 2
 NEAR_TABLES = 2
 """Maximum depth of a key that is suggested only because it has the same name in another table."""
 ALIKE = 0.65
-"""Minimum similarity of a suggested name to the unknown one [-]. Assumed value."""
+"""Minimum similarity of a suggested key name to the unknown name [-]. Assumed value."""
 
 
 class Key(NamedTuple):
