@@ -86,7 +86,7 @@ class BicycleLaw(NamedTuple):
 
 
 class Linear2(NamedTuple):
-    """Elements of the matrices A and B in d(v, gamma)/dt = A (v, gamma) + B delta."""
+    """Elements of A and B in d(v, gamma)/dt = A (v, gamma) + B delta, for lateral velocity v and yaw rate gamma."""
 
     A11: float
     A12: float
@@ -98,7 +98,7 @@ class Linear2(NamedTuple):
 
 @kernel
 def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
-    """Return the matrices A and B of the lateral dynamics at a non-zero speed `u`, negative in reverse [m/s]."""
+    """Return the matrices A and B of the lateral dynamics at a speed `u` [m/s], not zero, negative in reverse."""
     # slip angles use the rolling speed |u|; the term of the steering angle, -u delta / |u|, changes sign in reverse
     rolling, ahead = abs(u), 1.0 if u > 0.0 else -1.0
     coupling = -p.l_f * p.C_f + p.l_r * p.C_r
@@ -114,7 +114,7 @@ def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
 
 @kernel
 def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
-    """Return the steady-state (v, gamma) at a constant steering angle, the solution of A x = -B delta."""
+    """Return the steady-state lateral velocity [m/s] and yaw rate [rad/s] at a steering angle `delta` [rad]."""
     det = a.A11 * a.A22 - a.A12 * a.A21
     v = (-a.A22 * a.B1 + a.A12 * a.B2) / det * delta
     gamma = (a.A21 * a.B1 - a.A11 * a.B2) / det * delta
@@ -123,7 +123,7 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Return the exact (v, gamma) and change of yaw after `t` [s] at constant speed and steering angle."""
+    """Return lateral velocity, yaw rate and change of yaw after `t` [s] at constant speed and steering angle."""
     # relative to the steady state x_s the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
@@ -148,7 +148,7 @@ def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tup
 
 @kernel
 def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None:
-    """Advance `state` = (x, y, yaw, v, gamma) in place by `dt` [s]."""
+    """Advance `state` (position, yaw, lateral velocity v, yaw rate gamma) in place by `dt` [s]."""
     yaw, v, gamma = state[2], state[3], state[4]
     if abs(u) < CRAWL:
         a = lateral_dynamics(p, CRAWL)
@@ -172,7 +172,7 @@ def step(p: BicycleLaw, state: Array, u: float, delta: float, dt: float) -> None
 
 @kernel
 def planar_velocity(psi: float, u: float, v: float) -> tuple[float, float]:
-    """Return the velocity of the CG in ENU coordinates [m/s]."""
+    """Return the ENU velocity of the CG from heading `psi`, forward speed `u` and lateral velocity `v` [m/s]."""
     return u * cos(psi) - v * sin(psi), u * sin(psi) + v * cos(psi)  # [agrobots: kinematicmodeltractor2]
 
 

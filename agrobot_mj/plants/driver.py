@@ -41,7 +41,7 @@ class Trace:
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
-        """Return the mean of a field of `Truth` in the last `seconds`."""
+        """Return the mean of a field of `Truth` over the last `seconds` [s]."""
         return float(self[name][-round(seconds / TICK_S) :].mean())
 
 

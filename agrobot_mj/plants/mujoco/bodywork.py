@@ -66,26 +66,26 @@ class Outline(NamedTuple):
     """Dimensions of the body in the chassis frame on level ground [m]."""
 
     gap: float
-    """Minimum distance between body and wheels."""
+    """Minimum distance between body and wheels [m]."""
     inside: float
-    """Half the free width between the rear wheels."""
+    """Half the free width between the rear wheels [m]."""
     narrow: float
-    """Half the free width between the front wheels at full steering angle; negative without free width."""
+    """Half the free width between the front wheels at full steering angle; negative without free width [m]."""
     between: tuple[float, float]
-    """Rear and front end of the x interval between the rear wheels and the steered front wheels."""
+    """Rear and front end of the x interval between the rear wheels and the steered front wheels [m]."""
     floor: float
     dash: float
-    """x coordinate of the bonnet's rear end."""
+    """x coordinate of the bonnet's rear end [m]."""
     nose: float
-    """x coordinate of the bonnet's front end."""
+    """x coordinate of the bonnet's front end [m]."""
     half: float
-    """Half the width of the bonnet."""
+    """Half the width of the bonnet [m]."""
     low: float
-    """Height of the bonnet's lower edge."""
+    """Height of the bonnet's lower edge [m]."""
     high: float
-    """Height of the bonnet's top."""
+    """Height of the bonnet's top [m]."""
     bar: Triple
-    """x coordinate, half width and height of the highest part: roll bar, roof, seat or deck."""
+    """x coordinate, half width and height of the highest part: roll bar, roof, seat or deck [m]."""
 
 
 def undress(spec: mujoco.MjSpec) -> None:

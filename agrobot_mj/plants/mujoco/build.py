@@ -40,16 +40,16 @@ from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import TyreSet
 
 LIMIT = 4.0
-"""Maximum of (2 c dt + k dt^2) / m [-]."""
+"""Stability limit of (2 c dt + k dt^2) / m, with damper c, time step dt, spring k and mass m [-]."""
 FASTEST_M_S = 3.0
 """Speed at which the draught is evaluated [m/s]: typical field speed."""
 AT_LEAST = ("relaxation_radii", "relaxation_m")
-"""Suffixes of keys whose larger values give a softer spring."""
+"""Suffixes of keys for which a larger value gives a softer spring."""
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
 class Part(NamedTuple):
-    """Springs or dampers at contact points that one key defines."""
+    """Springs or dampers at contact points, defined by the value of one key."""
 
     key: str
     value: float | None
@@ -70,7 +70,7 @@ class Sprung(NamedTuple):
     points: Array
     """Positions of the points in the initial position of the model, shape (n, 3) [m]."""
     parts: tuple[Part, ...]
-    """Springs and dampers that act in parallel at these points."""
+    """Springs and dampers that act in parallel at the attachment points."""
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
@@ -228,7 +228,7 @@ frequency of a disc that rotates on its tyre [rad/s]. At 5 ms light wheels vibra
 
 
 class Mujoco(Spec):
-    """MuJoCo model of the tractor on its tyres; `[plant] kind = "mujoco"`."""
+    """MuJoCo model of the tractor on its tyres, selected by `[plant] kind = "mujoco"`."""
 
     kind: Literal["mujoco"] = "mujoco"
     tyre: Tyre = MagicFormula()

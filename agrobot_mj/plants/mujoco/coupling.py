@@ -44,14 +44,14 @@ def is_within_stops(c: Coupling, qpos: Array) -> bool:
 
 @kernel
 def set_coupled(c: Coupling, coupled: bool) -> None:
-    """Let MuJoCo couple the knuckles, or leave this to `accelerate`."""
+    """Enable or disable MuJoCo's coupling of the knuckles; if disabled, `accelerate` computes its force."""
     c.eq_active[c.rows[LEFT]] = coupled
     c.eq_active[c.rows[RIGHT]] = coupled
 
 
 @kernel
 def power(x: float, p: float) -> float:
-    """Return `x` to the power `p`."""
+    """Return `x` raised to the power `p`."""
     return x * x if p == 2.0 else x if p == 1.0 else float(x**p)
 
 
@@ -75,7 +75,7 @@ def impedance(solimp: Array, error: float) -> float:
 
 @kernel
 def coupled(v: Views, side: int) -> Vector:
-    """Return the gear ratio from crank to knuckle, the reference acceleration a_ref and the regularisation R."""
+    """Return, for the coupling of one side, the gear ratio from crank to knuckle, a_ref and the regularisation R."""
     c, i = v.coupling, v.coupling.rows[side]
     p, delta, knuckle = c.eq_data[i], v.qpos[v.steer_q], c.knuckles_v[side]
     square = delta * delta

@@ -167,9 +167,9 @@ class Motion(NamedTuple):
     """Position and velocity of a point, ENU."""
 
     place: tuple[float, float, float]
-    """Position [m]."""
+    """Position of the point, ENU [m]."""
     velocity: tuple[float, float, float]
-    """Velocity [m/s]."""
+    """Velocity of the point, ENU [m/s]."""
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
@@ -226,7 +226,7 @@ class RunningImplement:
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Reset all forces and the working distance to zero, as after placement."""
+        """Reset all forces and the working distance to zero, as after placing the tractor."""
         for array in self.arrays:
             array[:] = 0.0
 

@@ -42,7 +42,7 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Solver impedance of dry friction in kingpins and brake; joints creep by a degree within seconds at the default."""
+"""Solver impedance of dry friction in kingpins and brake; with the default, joints creep by a degree in seconds."""
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio [-] of the brake friction, small enough to take effect in one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
@@ -250,7 +250,7 @@ def _offset(body: mujoco.MjsBody) -> Array:
 
 
 def steiner(mass: float, d: Array) -> Array:
-    """Return the inertia of a point mass at `d` (3,) about the origin, shape (3, 3)."""
+    """Return the inertia of a point mass at the position `d` (3,) about the origin, shape (3, 3)."""
     return mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 

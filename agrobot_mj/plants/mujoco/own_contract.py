@@ -72,9 +72,9 @@ class MassProperties(NamedTuple):
     """Mass properties of the complete machine."""
 
     mass: float
-    """Mass [kg]."""
+    """Mass of the machine [kg]."""
     centre: Array
-    """Centre of mass, shape (3,) [m]."""
+    """Centre of mass of the machine, shape (3,) [m]."""
     moments: Array
     """Moments of inertia about the centre of mass: roll, pitch and yaw, shape (3,) [kg m2]."""
 

@@ -60,7 +60,7 @@ class Oil(NamedTuple):
     steer_windup: float
     """Deflection of the steering at relief pressure: relief torque divided by stiffness [rad]."""
     steer_lead: float
-    """Steering damping divided by stiffness [s]."""
+    """Damping of the steering divided by its stiffness [s]."""
     steer_play: float
     """Half the backlash between cylinder and wheels; 0 without backlash [rad]."""
     drive_radius: float
@@ -70,13 +70,13 @@ class Oil(NamedTuple):
     drive_power: float
     """Maximum driving power [W]."""
     drive_stiffness: float
-    """Stiffness of the trapped oil [N m/rad]."""
+    """Stiffness of the trapped oil in the drive [N m/rad]."""
     drive_lead: float
-    """Damping divided by stiffness [s]."""
+    """Damping of the drive divided by its stiffness [s]."""
     droop: float
     """Relative decrease of the drive's speed at its power limit [-]."""
     front_share: float
-    """Fraction of the motor torque at the front wheels; 0 without motors at the front wheels [-]."""
+    """Fraction of the motor torque that acts at the front wheels; 0 without motors at the front wheels [-]."""
     front_gear: float
     """Radius of the front wheels divided by radius of the rear wheels [-]."""
 
@@ -212,7 +212,8 @@ def open_relief_valves(v: Views, oil: Oil) -> None:
 def start_step(v: Views, direct: bool, before: bool) -> int:
     """Run the first half of a step; return 1 after an error.
 
-    A `direct` step is one without constraints for MuJoCo. After another one `before`, nothing resets the constraints.
+    In a `direct` step MuJoCo computes no constraints. Unless the step `before` was direct, this requires disabling the
+    coupling of the knuckles during the call.
     """
     if not direct:
         return int(step1(v.model, v.data))

@@ -25,8 +25,8 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Indices of a tool's state: soil deflections ahead and to the left, and working distance [m]; draught [N] and depth
-divided by the intended depth [-] in the previous step."""
+"""Indices of a tool's state: soil deflections ahead and to the left, and working distance [m]; draught [N], and depth
+divided by the intended depth [-], in the previous step."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 """Indices in an implement's report: soil draught and lateral force [N], depth [m] and depth-wheel load [N]."""
 
@@ -35,7 +35,7 @@ class Attached(NamedTuple):
     """Implement as input of the compiled loop; arrays are written in place."""
 
     body: int
-    """Body id; 0 without an implement."""
+    """MuJoCo id of the implement's body; 0 without an implement."""
     native: bool
     """Whether MuJoCo contact carries the wheels."""
     working: bool
@@ -47,7 +47,7 @@ class Attached(NamedTuple):
     uneven: Array
     """Draught divided by its mean along the path, shape (n,) [-]."""
     uneven_step: float
-    """Distance between the entries of `uneven` [m]."""
+    """Distance along the path between the entries of `uneven` [m]."""
     wheels: Index
     """Body ids of the implement's wheels, shape (0,) or (2,)."""
     tyres: TyreSet
@@ -64,7 +64,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return draught / mean draught [-] at a working distance [m], interpolated in a pattern that repeats."""
+    """Return draught divided by mean draught [-] at a working distance [m], interpolated in a repeating pattern."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -73,7 +73,7 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the deflection of a spring after a change of its stiffness; added stiffness has no deflection yet."""
+    """Return the deflection `z` after a stiffness change from `before` to `now`; added stiffness has no deflection."""
     return z * before / now if now > before else z
 
 

@@ -46,7 +46,7 @@ class Coupling(NamedTuple):
     constraint: Array
     qacc: Array
     factor: Array
-    """Factor L of the inertia L' D L, below the diagonal, in rows as follows."""
+    """Factor L of the inertia matrix L' D L, below the diagonal, in sparse rows (see the next three fields)."""
     inverse_diagonal: Array
     row_nonzeros: AnyArray
     columns: AnyArray
