@@ -1,10 +1,9 @@
 """Hints about keys of a valid scenario that have no effect, or probably another effect than intended.
 
 Hints do not end a run. Hints about the path: bends too tight, curvature changes too fast, and a path that leaves the
-ground. At a step dk of the curvature, the wheels need the time T = d(delta)
-rate, in which the tractor travels v T. The offset after the step has its minimum, dk (v T)^2
-24, if the law starts to steer half of this distance before the step. For a gradual change, T is the time that the
-wheels need in addition to the duration of the change.
+ground. At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor travels v T.
+The offset after the step has its minimum, dk (v T)^2 / 24, if the law starts to steer half of this distance before the
+step. For a gradual change, T is the time that the wheels need in addition to the duration of the change.
 """
 
 from collections.abc import Iterator
@@ -107,12 +106,12 @@ class Change(NamedTuple):
     """Position of the change (east, north) [m]."""
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the additional time T that the wheels need at the steering rate `rate` [rad/s], see the module [s]."""
+        """Return the time [s] that the wheels need in addition to the change, at the steering rate `rate` [rad/s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 
     def leaves(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the minimum lateral offset after the change, at the steering rate `rate` [rad/s] [m]."""
+        """Return the minimum lateral offset [m] after the change, at the steering rate `rate` [rad/s]."""
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":

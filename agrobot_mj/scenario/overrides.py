@@ -167,12 +167,12 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
 
 def absolute_values(overrides: Mapping[str, Any], *folders: Path) -> dict[str, Any]:
-    """Return a copy of overrides by dotted key with absolute file paths, as by `absolute_paths`."""
+    """Return a copy of overrides by dotted key, with file paths made absolute as in `absolute_paths`."""
     return {key: absolute_value(key, value, *folders) for key, value in overrides.items()}
 
 
 def absolute_value(key: str, value: Any, *folders: Path) -> Any:
-    """Return a copy of the value of a dotted key with absolute file paths, as by `absolute_paths`."""
+    """Return a copy of the value of a dotted key, with file paths made absolute as in `absolute_paths`."""
     table = {key.rpartition(".")[2]: deepcopy(value)}
     absolute_paths(table, *folders)
     return table.popitem()[1]

@@ -66,7 +66,7 @@ class Tables(Spec):
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
     """Title in lists and reports, one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file, for information."""
+    """Version of agrobot_mj that wrote the file; has no effect."""
     expected_outcome: Outcome = "completed"
     """Expected outcome of the run; any other outcome gives exit status 1."""
     expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
@@ -74,11 +74,11 @@ class Tables(Spec):
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed of all random generators."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
-    """Maximum simulated time. Default: the duration of the path. Passing the end of the path ends the run early [s]."""
+    """Maximum simulated time [s]. Default: duration of the path. Passing the end of the path ends the run early."""
     physics: Literal["standard", "fast"] = "standard"
-    """Physics step: `standard`, 2 ms; `fast`, 5 ms, 2.5 ms with a drawn implement or light wheels, 2 ms on `ruts`."""
+    """Physics step: 2 ms (`standard`) or 5 ms (`fast`; 2.5 ms with drawn implement or light wheels, 2 ms on `ruts`)."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
-    """Physics step. Default: set by `physics`. Must divide the tick of 0.05 s; tyres are stable up to 5 ms [s]."""
+    """Physics step, a divisor of the tick of 0.05 s; tyres are stable up to 5 ms [s]. Default: set by `physics`."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
     """Machine: a name (`agrobot-mj list --machines`) or a file. Keys of the scenario take precedence."""
     tractor: TractorParameters = TractorParameters()
@@ -89,7 +89,7 @@ class Tables(Spec):
     path: Path = FigureEight()
     controller: Controller = PdT2fnn()
     fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
-    """List of faults and disturbances, `[[fault]]`."""
+    """Faults and disturbances of the run, a list of `[[fault]]` tables."""
     guidance: Guidance = Kinematic()
     """Guidance law: computes steering angle and speed from estimate and path."""
     gains: Gains = "tuned"
@@ -110,7 +110,7 @@ class Tables(Spec):
         return max(1, round(duration / TICK_S))
 
     def expects(self, outcome: str, reason: str = "") -> bool:
-        """Return whether outcome and reason of a run are the expected ones."""
+        """Return whether outcome and reason of a run are as expected."""
         return outcome == self.expected_outcome and self.expected_reason in reason
 
     @property
