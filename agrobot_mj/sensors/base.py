@@ -72,7 +72,7 @@ class CompiledSensor(Sensor):
     """Base class of sensors with a compiled law; the tractor may be without the sensor."""
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
-    """Function of parameters, values, addresses of the random streams, and motion; returns values and reading."""
+    """Compiled function that returns values and reading for parameters, values, stream addresses and motion."""
     absent: ClassVar[Any] = nan
     """Reading of a tractor without the sensor."""
 

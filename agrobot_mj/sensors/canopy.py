@@ -31,7 +31,7 @@ class CanopyState(NamedTuple):
 
 
 class Canopy(Spec):
-    """Polygon with an obstructed view of the sky; `[[sensors.gnss.canopy]]`."""
+    """Polygon with an obstructed view of the sky, an item of `[[sensors.gnss.canopy]]`."""
 
     points: Annotated[tuple[tuple[Place, Place], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),

@@ -24,17 +24,17 @@ FIX, DGPS = Quality.FIX, Quality.DGPS
 
 
 class DualAntennaLaw(NamedTuple):
-    """Parameters of the antenna pair, as numbers for kernels."""
+    """Parameters of the antenna pair, as numbers for compiled kernels."""
 
     enabled: bool
     baseline: float
     """Distance between the antennas [m]."""
     sigma: float
-    """White noise of the relative position [m]."""
+    """Standard deviation of the white noise of the relative position [m]."""
     slow: float
     """Standard deviation of the slow relative position error [m]."""
     kept: Shares
-    """Weights of last value and white noise in the slow error."""
+    """Weights of the last value and of white noise in the slow error [-]."""
     mounting: float
     """Constant mounting error [rad]."""
 
@@ -57,7 +57,7 @@ def antenna_heading(
 
 
 class DualAntenna(Spec):
-    """Second antenna on the roof for the heading; the paper's tractor has none; `[sensors.gnss.dual_antenna]`."""
+    """Second antenna on the roof for the heading (`[sensors.gnss.dual_antenna]`); the paper's tractor has none."""
 
     sized: ClassVar = {"baseline_m": {"track": 1}}
 
@@ -66,7 +66,7 @@ class DualAntenna(Spec):
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """Distance between the antennas [m]. Assumed value (0.5-1.5), the width of a roof."""
     sigma_m: NonNegative = 0.003
-    """White noise of the relative position across the baseline [m]. Assumed value (0.002-0.004: carrier phase)."""
+    """Standard deviation of the relative position's white noise [m]. Assumed value (0.002-0.004: carrier phase)."""
     wander_sigma_m: NonNegative = 0.003
     """Standard deviation of the slow relative position error [m]. Assumed value (0.002-0.006: multipath)."""
     wander_time_s: Positive = 115.0

@@ -77,9 +77,9 @@ class ErrorPart(NamedTuple):
 
     slow: float
     fast: float
-    """Standard deviations of the correlated and of the white position error per axis [m]."""
+    """Standard deviations of the correlated (`slow`) and white (`fast`) position error per axis [m]."""
     kept: Shares
-    """Weights of last value and white noise in the correlated error."""
+    """Weights of the last value and of white noise in the correlated error [-]."""
 
 
 class FurtherPart(NamedTuple):
@@ -88,11 +88,11 @@ class FurtherPart(NamedTuple):
     sigma: float
     """Standard deviation per axis; 0 without the error [m]."""
     kept: Shares
-    """Weights of last value and white noise in the error."""
+    """Weights of the last value and of white noise in the additional error [-]."""
 
 
 class GnssLaw(NamedTuple):
-    """Parameters of the receiver, as numbers for kernels."""
+    """Parameters of the receiver, as numbers for compiled kernels."""
 
     fixed: ErrorPart
     floating: ErrorPart
@@ -101,7 +101,7 @@ class GnssLaw(NamedTuple):
     height_ratio: float
     """Height error divided by horizontal error per axis [-]."""
     velocity_sigma: float
-    """White noise of the velocity, per axis [m/s]."""
+    """Standard deviation of the white velocity noise per axis [m/s]."""
     dual: DualAntennaLaw
     """Parameters of the second antenna."""
 
@@ -110,11 +110,11 @@ class Sky(NamedTuple):
     """Reception conditions and faults of a solution."""
 
     quality: int = Quality.FIX
-    """Quality, a constant of `Quality`."""
+    """Quality of the solution, a constant of `Quality`."""
     offset: tuple[float, float] = (0.0, 0.0)
-    """Offset of the position, east and north [m]."""
+    """Offset of the reported position, east and north [m]."""
     velocity_offset: tuple[float, float] = (0.0, 0.0)
-    """Offset of the velocity, east and north [m/s]."""
+    """Offset of the reported velocity, east and north [m/s]."""
 
 
 CLEAR = Sky()
@@ -188,7 +188,7 @@ class GnssState(NamedTuple):
 
 
 class Gnss(Sensor):
-    """RTK-GNSS receiver; `[sensors.gnss]`."""
+    """RTK-GNSS receiver, the keys of `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
     """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Paper, section V-A."""
@@ -215,7 +215,7 @@ class Gnss(Sensor):
     height_ratio: NonNegative = 2.0
     """Height error divided by horizontal error per axis, for all errors [-]. Assumed value (1.5-3)."""
     velocity_sigma_m_s: NonNegative = 0.03
-    """White noise of the velocity, per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
+    """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
     """Number of solutions per second, at intervals of whole ticks [Hz]. Assumed value (5-20 for guidance)."""
     latency_s: Latency = 0.0
@@ -232,7 +232,7 @@ class Gnss(Sensor):
     """Parts of the field with an obstructed view of the sky, `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
-        """Return the configured distances of the antenna ahead and to the left for the true ones [m]."""
+        """Return the configured distances of the antenna ahead and to the left [m]. Default: the true distances."""
         given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
         return ahead if given_ahead is None else given_ahead, left if given_left is None else given_left
 

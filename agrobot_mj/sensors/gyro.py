@@ -16,16 +16,16 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, Sense
 
 
 class GyroLaw(NamedTuple):
-    """Parameters of the gyro, as numbers for kernels."""
+    """Parameters of the gyro, as numbers for compiled kernels."""
 
     body: bool
     """Whether the gyro tilts with the chassis."""
     sigma: float
-    """White noise [deg/s]."""
+    """Standard deviation of the white noise [deg/s]."""
     bias: float
     """Constant bias [deg/s]."""
     step: float
-    """Standard deviation of a step of the random walk [deg/s]."""
+    """Standard deviation of a step of the bias random walk [deg/s]."""
 
 
 class GyroValues(NamedTuple):
@@ -45,7 +45,7 @@ def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: Sense
 
 
 class Gyro(CompiledSensor, OptionalSensor):
-    """Yaw-rate gyro; `[sensors.gyro]`."""
+    """Yaw-rate gyro, the keys of `[sensors.gyro]`."""
 
     column = Column("gyro", "rad/s", "yaw rate from the gyro")
     law = gyro_rate

@@ -25,15 +25,15 @@ class ImplementFix(NamedTuple):
 
 
 class ImplementGnssLaw(NamedTuple):
-    """Parameters of the receiver on the implement, as numbers for kernels."""
+    """Parameters of the receiver on the implement, as numbers for compiled kernels."""
 
     sigma: float
     """Standard deviation of the position error per axis [m]."""
     slow: float
     fast: float
-    """Standard deviations of the correlated and of the white error, divided by `sigma` [-]."""
+    """Standard deviations of the correlated (`slow`) and white (`fast`) error, divided by `sigma` [-]."""
     kept: Shares
-    """Weights of last value and white noise in the correlated error."""
+    """Weights of the last value and of white noise in the correlated error [-]."""
 
 
 class ImplementGnssValues(NamedTuple):
@@ -55,7 +55,7 @@ def implement_fix(
 
 
 class ImplementGnss(CompiledSensor):
-    """RTK-GNSS receiver on the implement; `[sensors.implement_gnss]`."""
+    """RTK-GNSS receiver on the implement, the keys of `[sensors.implement_gnss]`."""
 
     law = implement_fix
     absent = ImplementFix()

@@ -45,15 +45,15 @@ class UnitMotion(NamedTuple):
     """Motion at the end of a tick, used to compute the acceleration in the next tick."""
 
     velocity: Vector
-    """Velocity of the unit, ENU [m/s]."""
+    """Velocity of the inertial unit, ENU [m/s]."""
     speed: float
     """Speed of the tractor along its heading [m/s]."""
     yaw: float
-    """Heading [rad]."""
+    """Heading of the tractor [rad]."""
 
 
 class ImuLaw(NamedTuple):
-    """Parameters of the inertial unit, as numbers for kernels."""
+    """Parameters of the inertial unit, as numbers for compiled kernels."""
 
     dt: float
     """Length of a tick [s]."""
@@ -64,15 +64,15 @@ class ImuLaw(NamedTuple):
     keep: float
     """Fraction of the tilt error that remains after a tick [-]."""
     shown: float
-    """Tilt error that an acceleration causes in a tick [rad s2/m]."""
+    """Tilt error that a unit acceleration causes in a tick [rad s2/m]."""
     place: Vector
     """Position of the unit relative to the ground below the rear axle: ahead, left and up [m]."""
     sigma: float
-    """White noise of each axis [deg]."""
+    """Standard deviation of the white noise of each axis [deg]."""
     slow: float
     """Standard deviation of the slow error of each axis [deg]."""
     kept: Shares
-    """Weights of last value and white noise in the slow error."""
+    """Weights of the last value and of white noise in the slow error [-]."""
     bias: tuple[float, float]
     """Constant errors of roll and pitch [deg]."""
 
@@ -153,7 +153,7 @@ def _force(pull: Vector, motion: SensedMotion) -> Vector:
 
 
 class Imu(CompiledSensor):
-    """Inertial unit on the chassis; the paper's tractor has none; `[sensors.imu]`."""
+    """Inertial unit on the chassis (`[sensors.imu]`); the paper's tractor has none."""
 
     sized: ClassVar = {"up_m": {"length": 1}}
     law = attitude

@@ -24,7 +24,7 @@ FULL_LOCK = pi / 4
 
 
 class PotentiometerLaw(NamedTuple):
-    """Parameters of a potentiometer, as numbers for kernels."""
+    """Parameters of a potentiometer, as numbers for compiled kernels."""
 
     before: Index
     """Index of the physics step before each sample, shape (samples,)."""
@@ -35,7 +35,7 @@ class PotentiometerLaw(NamedTuple):
     counts: float
     """Resolution steps (counts) per unit of the measured signal."""
     sigma: float
-    """White noise of each sample [counts]."""
+    """Standard deviation of the white noise of each sample [counts]."""
 
 
 @jit
@@ -58,7 +58,7 @@ class Potentiometer(Sensor):
     resolution_deg: Positive = 1.0
     """Resolution to which each sample is rounded [deg]. Paper, section V-B."""
     noise_sigma_deg: NonNegative = 0.5
-    """White noise of each sample; it reduces the rounding error of the mean [deg]. Assumed value (0.2-1)."""
+    """Standard deviation of the white noise of each sample; reduces rounding errors [deg]. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
     """Number of evenly spaced samples per tick, the last at the end of the tick [-]. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
@@ -127,12 +127,12 @@ class SteeringPotentiometer(Potentiometer):
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Reading in straight driving: a wrong centre in the on-board computer [deg]."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Angle from the centre divided by the true angle to the left: a wrong scale in the on-board computer [-]."""
+    """Measured angle from the centre divided by the true angle to the left: a wrong scale in the computer [-]."""
     scale_right: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Angle from the centre divided by the true angle to the right [-]."""
+    """Measured angle from the centre divided by the true angle to the right: a wrong scale in the computer [-]."""
 
     def characteristic(self, delta: Array) -> Array:
-        """Return the readings for true angles (n,), without noise [rad]."""
+        """Return the measured angles for true angles `delta` (n,), without noise [rad]."""
         if self.second_order_deg != 0.0 or self.third_order_deg != 0.0:
             share = delta / FULL_LOCK
             delta = delta + np.radians(self.second_order_deg * share**2 + self.third_order_deg * share**3)
@@ -148,7 +148,7 @@ class SteeringPotentiometer(Potentiometer):
 
 
 class PedalPotentiometer(Potentiometer):
-    """Potentiometer of the pedal, which measures the pedal position; `[sensors.pedal_pot]`."""
+    """Potentiometer that measures the pedal position, the keys of `[sensors.pedal_pot]`."""
 
     place = "pedal_pot"
 

@@ -25,16 +25,16 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, Sense
 
 
 class SpeedLaw(NamedTuple):
-    """Parameters of a speed sensor, as numbers for kernels."""
+    """Parameters of a speed sensor, as numbers for compiled kernels."""
 
     sigma: float
-    """White noise [m/s]."""
+    """Standard deviation of the white noise [m/s]."""
     scale: float
     """One plus the constant relative error [-]."""
     slow: float
     """Standard deviation of the slow relative error [-]."""
     kept: Shares
-    """Weights of last value and white noise in the slow error."""
+    """Weights of the last value and of white noise in the slow error [-]."""
     least: float
     """Minimum speed, below which the reading is zero [m/s]."""
 
@@ -48,7 +48,6 @@ class SpeedValues(NamedTuple):
 
 @jit
 def _speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], speed: float) -> tuple[SpeedValues, float]:
-    """Return the new state and the measured value for a true speed [m/s]."""
     slow = wandered(s.slow, p.kept, streams[0])
     white = normal(streams[0])
     found = (p.scale + p.slow * slow) * speed + p.sigma * white
@@ -78,7 +77,7 @@ class SpeedSensor(CompiledSensor, OptionalSensor):
 
 
 class WheelSpeed(SpeedSensor):
-    """Wheel-speed sensor of the driven axle; `[sensors.wheel_speed]`."""
+    """Wheel-speed sensor of the driven axle, the keys of `[sensors.wheel_speed]`."""
 
     column = Column("wheel_speed", "m/s", "speed of the driven wheels from their sensor")
     law = wheel_speed
@@ -101,7 +100,7 @@ class WheelSpeed(SpeedSensor):
 
 
 class RadarSpeed(SpeedSensor):
-    """Doppler radar for the speed over ground; `[sensors.radar_speed]`."""
+    """Doppler radar for the speed over ground, the keys of `[sensors.radar_speed]`."""
 
     column = Column("radar_speed", "m/s", "ground speed from the radar, never negative")
     law = radar_speed

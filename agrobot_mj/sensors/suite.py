@@ -166,7 +166,7 @@ class SensorState(NamedTuple):
 
 
 class Sensors(Spec):
-    """All sensors of the tractor; `[sensors]`."""
+    """All sensors of the tractor, the tables of `[sensors]`."""
 
     gnss: Gnss = Gnss()
     """RTK-GNSS receiver."""
