@@ -52,14 +52,14 @@ class Derived(NamedTuple):
 
     gnss_x: float
     gnss_y: float
-    """GNSS position of the antenna, east and north; NaN without a fix [m]."""
+    """Position of the antenna from GNSS, east (`gnss_x`) and north (`gnss_y`); NaN without a fix [m]."""
     ahead: float
     left: float
-    """Position of the reference relative to the true CG, along and left of the reference heading [m]."""
+    """Position of the reference relative to the true CG, ahead and left in the frame of the reference [m]."""
     p_xx: float
     p_xy: float
     p_yy: float
-    """Estimated covariance of the rear-axle position [m2]."""
+    """Estimated covariance of the rear-axle position: elements `p_xx`, `p_xy` and `p_yy` [m2]."""
     p_yaw: float
     """Estimated variance of the heading [rad2]."""
     nees: float

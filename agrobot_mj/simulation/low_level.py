@@ -41,7 +41,7 @@ class LowLevelLoops:
         self._run = bound(loops_step, self.law, start, wishes_of(Command(0.0, 0.0), False), 0.0, 0.0, 0.0, TICK_S)
 
     def drive(self, states: LoopStates, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Return the valve voltages and the brake, and update `states`; the command may bypass each of both loops."""
+        """Return the valve voltages and the brake, and update `states`; the command may bypass one or both loops."""
         reference, other = situation.reference, self.other
         wishes = wishes_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering

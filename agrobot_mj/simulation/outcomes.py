@@ -43,8 +43,8 @@ class Watch:
     def trouble(self, truth: Truth, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
         """Return the outcome that ends the run after this tick, or None.
 
-        `distance` [m] is the distance from the reference, `asked` [-] the pedal position commanded by the speed loop,
-        and `led` whether the tractor should follow the reference in this tick.
+        `distance` [m] is the distance from the reference, `asked` [-] the pedal position commanded by the speed loop.
+        `led` states whether the tractor should follow the reference in this tick.
         """
         found = self.plant.trouble()
         if found is not None:

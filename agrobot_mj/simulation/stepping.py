@@ -265,9 +265,9 @@ class Simulation:
         self._broken_off = False
 
     def branch(self, number: int) -> None:
-        """Continue with other noise: all random generators of the stages switch to the streams with this `number`.
+        """Continue with different noise: the random generators of all stages switch to the streams with this `number`.
 
-        Past signals, values sampled once (ground, biases) and present values of random walks do not change. Raises
+        Past signals, values drawn once (ground, biases) and current values of random walks do not change. Raises
         TypeError unless `number` is an integer.
         """
         check_argument("number", number, isinstance(number, int), "a whole number")
