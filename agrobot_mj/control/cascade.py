@@ -55,7 +55,7 @@ class Cascade(GuidanceLaw):
         return CascadeState(self.controller.init())
 
     def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:
-        """Evaluate the outer law and the yaw controller; return the new state and the command."""
+        """Return the new state and the command, from the outer law and the yaw controller."""
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(

@@ -62,7 +62,7 @@ class Sensed(NamedTuple):
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
-    """Return the measurements of a tick, the fix (NaN if missing) and the fix quality, as numbers for kernels."""
+    """Return the measurements of a tick, the fix (NaN if missing) and its quality, as numbers for compiled kernels."""
     unit = m.readings.get("imu")
     force = (nan, nan, nan) if unit is None else tuple(getattr(unit, f"force_{axis}", nan) for axis in "xyz")
     sensed = Sensed(m.t, m.steer, m.pedal, m.gyro, m.roll, m.pitch, m.wheel_speed, force)  # type: ignore[arg-type]
@@ -116,7 +116,7 @@ class Evidence(NamedTuple):
 
 
 class GyroEvidence(NamedTuple):
-    """Last measured yaw rate and the time since which the gyro has repeated it."""
+    """State of the check for repeated yaw rates: last measured yaw rate, and time of its first measurement."""
 
     reading: float = nan
     """Last measured yaw rate; NaN without a gyro [rad/s]."""
@@ -190,9 +190,9 @@ class TurnEvidence(NamedTuple):
     known_s: float = 0.0
     """Time covered by valid fixes [s]."""
     late: complex = 0j
-    """Mean over SWAY_S of the velocity rotated back by the gyro angle; 0 before the first fix [m/s]."""
+    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S; 0 before the first fix [m/s]."""
     long: complex = 0j
-    """Mean over TURN_TIME_S of the velocity rotated back by the gyro angle [m/s]."""
+    """Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]."""
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
         """Return the means after a tick of `dt` [s]; reset without a gyro, and `HELD_S` after the last valid fix."""
@@ -219,7 +219,7 @@ kernel_method("after")
 
 @shared
 def drift_of(evidence: Evidence) -> float:
-    """Return the distance between the measured position and the integral of the measured velocities [m]."""
+    """Return the distance between the measured position and the position from integrated fix velocities [m]."""
     return sqrt(evidence.east * evidence.east + evidence.north * evidence.north)
 
 

@@ -1,7 +1,8 @@
 """Cascade of the paper with curvature feed-forward: delta = atan(L kappa) plus the output of the yaw controller.
 
-The yaw controller then only rejects disturbances: tyre slip, side slope and steering errors. kappa is the curvature at
-the reference point `preview_s` later, the response time of the steering. Source: [Snider2009], kinematic steady state.
+The yaw controller then only rejects disturbances: tyre slip, side slope and steering errors. L is the wheelbase, kappa
+the path curvature at the reference point `preview_s` later, the response time of the steering. Source: [Snider2009],
+kinematic steady state.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ class Feedforward(CascadeLaw):
     ends_turns: ClassVar = True
 
     def feedforward(self, situation: Situation) -> float:
-        """Return the steering angle atan(L kappa) for the curvature at the reference point `preview_s` later [rad]."""
+        """Return the feed-forward steering angle for the curvature at the reference point `preview_s` later [rad]."""
         kappa, L = situation.route.at(situation.t + self.preview_s).curvature, situation.machine.wheelbase_m
         return atan(L * kappa)
 

@@ -38,7 +38,7 @@ MAX_HEADING_CHANGE = radians(6.0)
 RISE_M_S2 = 1.0
 """Maximum increase rate of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Look-back distances, divided by l_r, at which the curvature is averaged: quantiles of an exponential distribution."""
+"""Look-back distances for averaging the curvature (exponential quantiles), divided by the CG to rear-axle distance."""
 DISTURBANCE_COLUMNS = (
     Column("heading_disturbance", "rad", "estimated crab angle or heading bias b, left positive"),
     Column("curvature_disturbance", "1/m", "estimated curvature d added to that of the steering angle, left positive"),
@@ -95,8 +95,8 @@ class Following(GuidanceLaw):
     def rolling(self, situation: Situation) -> tuple[float, float]:
         """Return slip length and effective wheelbase [m].
 
-        The slip length is the distance from the CG to the point without sideslip: l_r if the tyres do not slip. The
-        effective wheelbase is the small-angle ratio of steering angle to curvature at this point.
+        The slip length is the distance from the CG to the point without sideslip, which is the rear axle if the tyres
+        do not slip. The effective wheelbase is the small-angle ratio of steering angle to curvature at this point.
         """
         return situation.machine.cg_to_rear_axle, situation.machine.wheelbase_m
 

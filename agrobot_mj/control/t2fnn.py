@@ -113,7 +113,8 @@ class T2Fnn(Spec):
     def update(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float]:
-        """Move the centres, compute tau_n [rad], then train widths, f and q on tau_c [rad] for `dt` [s].
+        """Move the centres, compute tau_n [rad], then train widths, consequents and weight q on tau_c [rad] for `dt`
+        [s].
 
         Guard 6: with `learn=False` only the centres change.
         """
