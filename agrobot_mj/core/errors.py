@@ -14,7 +14,7 @@ MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
 PLUGIN = "a plugin's kind needs --plugin FILE.py"
 """End of the messages about unknown kinds."""
 LIKENESS = 0.6
-"""Minimum similarity of a word suggested in place of an unknown one [-]. Assumed value."""
+"""Minimum similarity of a word suggested in place of an unknown word [-]. Assumed value."""
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:

@@ -130,7 +130,7 @@ def _checksum(path: str, content: bytes) -> bytes:
 
 
 class PackageCache(FunctionCache):  # type: ignore[misc]
-    """Cache without code for classes outside the package, which may change and are missing in other processes."""
+    """Kernel cache that excludes code for classes outside the package, because these classes may change."""
 
     def __init__(self, function: Any) -> None:
         before = config.CACHE_DIR
@@ -144,7 +144,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled code for the argument types `sig`; None if the cache has none."""
+        """Return the compiled code for the argument types `sig`; None if the cache does not contain the code."""
         load = super().load_overload
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 

@@ -18,7 +18,7 @@ MOST_BYTES = 50e6
 """Maximum size of an input file, a map of 1000 km [bytes]."""
 
 Learned = Mapping[str, Array]
-"""Learned values by quantity, shape (n, 2): arc length [m], NaN without a location, and value."""
+"""Learned values by quantity, shape (n, 2): arc length [m] (NaN for a value without a location) and value."""
 
 
 def learned_table(learned: Learned) -> Any:
@@ -49,7 +49,7 @@ def read_learned(name: str) -> Learned:
 
 
 def require_quantity(name: str, *quantities: str) -> None:
-    """Raise ValueError naming the key `file` unless the file contains all these quantities."""
+    """Raise ValueError naming the key `file` unless the learned file `name` contains all given quantities."""
     try:
         learned = read_learned(name)
         if missing := [quantity for quantity in quantities if quantity not in learned]:

@@ -149,7 +149,7 @@ class Distortion(NamedTuple):
     """Distortion of the signal on a faulty line: of a measurement or a valve voltage. Default: no fault."""
 
     scale: float = 1.0
-    """Transmitted signal divided by the true one; negative for a reversed sign [-]."""
+    """Transmitted signal divided by the true signal; negative for a reversed sign [-]."""
     offset: float = 0.0
     """Offset added to the scaled signal, in the unit of the signal."""
     delay_s: float = 0.0
@@ -163,7 +163,7 @@ class Distortion(NamedTuple):
 SOUND = Distortion()
 
 Frozen = Literal["", "nothing", "velocity", "live_velocity"]
-"""Velocity reported by a receiver whose position is frozen: zero, the last or the true one; "" if not frozen."""
+"""Velocity reported by a receiver whose position is frozen: zero, the last or the true velocity; "" if not frozen."""
 
 
 class Conditions(NamedTuple):
@@ -218,7 +218,7 @@ class Measurement(NamedTuple):
     t: float
     """Time since the start [s]."""
     fix: Fix | None
-    """GNSS solution delivered in this tick; None if there is none."""
+    """GNSS solution delivered in this tick; None if no solution was delivered."""
     quality: int
     """Quality of the newest delivered solution, a constant of `Quality`."""
     steer: float
@@ -314,7 +314,7 @@ class PathPoint(NamedTuple):
     speed: float
     """Speed of the reference along the heading, negative in reverse [m/s]."""
     offset: float
-    """Signed distance of the given point from the path, positive to the left of the heading [m]."""
+    """Signed distance of the query point from the path, positive to the left of the heading [m]."""
     direction: float = 1.0
     """Direction of travel, also defined where the reference is at rest: 1 forward, -1 in reverse [-]."""
 

@@ -37,7 +37,7 @@ SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5
 UNEVEN = 0.5
 """Maximum deviation of a time step from the median step, divided by the median step [-]."""
 SAME_TIME = 1.5
-"""Mean number of rows per time above which the times are rounded; below it some rows are repeated [-]."""
+"""Mean number of rows with equal time above which the times are rounded; below it, single rows are repeated [-]."""
 LATEST_STEP_S = 1e-5
 """Median time step below which the times cannot be in seconds [s]."""
 MOST_STEPS = 1e8
@@ -89,7 +89,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return a mask (n,) of the rows whose cell is one of the numbers or words `accepted`. Raises as `read_columns`."""
+    """Return a mask (n,) of the rows whose cell is one of `accepted`. Raises the errors of `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])

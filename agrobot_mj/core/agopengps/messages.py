@@ -44,7 +44,7 @@ class SteerSettings(NamedTuple):
     counts_per_degree: int
     """Scale of the angle sensor [counts/deg]."""
     offset: int
-    """Offset added to the output of the angle sensor; AgOpenWeb subtracts it [counts]."""
+    """Offset added to the output of the angle sensor [counts]; the host AgOpenWeb subtracts this offset."""
     ackermann: int
     """Scale of left steering angles [%]."""
 
