@@ -74,7 +74,7 @@ class Stuck(LineFault):
     """Stuck signal, at its last value or at zero, caused by a frozen bus message, a broken shaft or a jammed spool.
 
     A line that is stuck from the start of a run repeats the first value. A valve with a stuck line keeps its spool
-    position; at zero it has no flow.
+    position; a valve stuck at zero has no flow.
     """
 
     kind: Literal[

@@ -73,7 +73,7 @@ class SoftTyre(Scripted):
 
     @property
     def subject(self) -> str:
-        """Kind and wheel: faults of different wheels may overlap in time."""
+        """Kind of fault and wheel; time windows of faults of different wheels may overlap."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -102,7 +102,7 @@ class Payload(Scripted):
 
     @property
     def subject(self) -> str:
-        """Kind and position: payloads at different positions may overlap in time."""
+        """Kind of fault and position; time windows of payloads at different positions may overlap."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property
@@ -128,7 +128,7 @@ class Drawbar(Scripted):
     pull_n: Annotated[float, Field(ge=0, le=1e5)] = 1500.0
     """Mean pull [N]. Assumed value (500-3000): a light cultivator, a fifth of the weight; the tyres hold about 4000."""
     noise_share: Spread = 0.0
-    """Standard deviation of the pull divided by its mean [-]. Assumed value: 0; 0.1-0.3 in soil."""
+    """Standard deviation of the pull divided by its mean [-]. Default: 0. Assumed value in soil (0.1-0.3)."""
     noise_time_s: Positive = 0.5
     """Correlation time of the pull [s]. Assumed value: a correlation length of 0.5 m in the soil, driven at 1 m/s."""
 
@@ -152,7 +152,7 @@ class SideForce(Scripted):
     force_n: Annotated[float, Field(ge=-1e5, le=1e5)] = 300.0
     """Mean force to the left [N]. Assumed value: wind of 15 m/s on 2 m2; up to 1000 for side draught."""
     gust_share: Spread = 0.0
-    """Standard deviation of the force divided by its mean [-]. Assumed value: 0; 0.2-0.5 for wind."""
+    """Standard deviation of the force divided by its mean [-]. Default: 0. Assumed value for wind (0.2-0.5)."""
     gust_time_s: Positive = 2.0
     """Correlation time of the gusts [s]. Assumed value (1-5)."""
 

@@ -80,7 +80,7 @@ class Driveline(Spec):
     """Relative decrease of the rim speed from no load to the full power of the engine [-]. Default: constant speed.
     Assumed value (0.05-0.1) for mechanical governors."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
-    """Rim speed of the driven front wheels divided by that of the rear wheels [-]. Assumed value (1.01-1.05)."""
+    """Rim speed of the driven front wheels divided by rim speed of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
     """Stiffness of trapped oil and shafts at the mean wheel angle [N m/rad]. Default: scaled with mass and rear wheel
     radius from 6e4 for the compact tractor."""

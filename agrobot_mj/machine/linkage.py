@@ -22,17 +22,17 @@ class Linkage(Spec):
     """Kingpins and steering linkage, the keys of `[steering.linkage]`."""
 
     kingpin_offset_m: Annotated[float, Field(ge=-0.1, le=0.3)] = 0.0
-    """Scrub radius: distance on the ground from the kingpin axis outwards to the centre plane of the wheel [m]. Assumed
-    value: none; 0.02-0.08 for compact tractors."""
+    """Scrub radius: distance on the ground from the kingpin axis outwards to the centre plane of the wheel [m].
+    Default: 0. Assumed value for compact tractors (0.02-0.08)."""
     kingpin_inclination_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Inward inclination of the kingpin tops [deg]. Assumed value: 0; 5-10 for tractors."""
+    """Inward inclination of the kingpin tops [deg]. Default: 0. Assumed value for tractors (5-10)."""
     caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
-    """Caster: backward inclination of the kingpin tops [deg]. Assumed value: 0; 0-5 for tractors."""
+    """Caster: backward inclination of the kingpin tops [deg]. Default: 0. Assumed value for tractors (0-5)."""
     backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Total play between cylinder and wheels, at the wheel [deg]. Assumed value: 0; 0.3-1 for good joints, 2-4 for
-    worn ones."""
+    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (0.3-1 for good joints, 2-4
+    for worn joints)."""
     friction_n_m: NonNegative = 0.0
-    """Friction torque of kingpins and seals, sum of both wheels [N m]. Assumed value: 0; 5-20 for tractors."""
+    """Friction torque of kingpins and seals of both wheels [N m]. Default: 0. Assumed value for tractors (5-20)."""
 
     @property
     def moved(self) -> bool:

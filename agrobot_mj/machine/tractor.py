@@ -92,13 +92,13 @@ class TractorParameters(Spec):
     pitch_inertia_kg_m2: Positive = 340.0
     """Pitch inertia I_y of the tractor about its CG [kg m2]. Assumed value (280-400): gyration radius of 0.67 m."""
     front_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.28
-    """Free radius of a front wheel [m]. Assumed value: tyre of class 6-12."""
+    """Free radius of a front wheel [m]. Assumed value, typical of a 6-12 tyre."""
     rear_wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.42
-    """Free radius of a rear wheel [m]. Assumed value: tyre of class 9.5-16."""
+    """Free radius of a rear wheel [m]. Assumed value, typical of a 9.5-16 tyre."""
     front_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.16
-    """Section width of a front tyre [m]. Assumed value: tyre of class 6-12."""
+    """Section width of a front tyre [m]. Assumed value, typical of a 6-12 tyre."""
     rear_wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.24
-    """Section width of a rear tyre [m]. Assumed value: tyre of class 9.5-16."""
+    """Section width of a rear tyre [m]. Assumed value, typical of a 9.5-16 tyre."""
     front_wheel_mass_kg: Positive = 18.0
     """Mass of one front wheel with its tyre [kg]. Assumed value (12-25)."""
     rear_wheel_mass_kg: Positive = 45.0

@@ -69,7 +69,7 @@ class Sensor(Reporting):
 
 
 class CompiledSensor(Sensor):
-    """Base class of sensors with a compiled law; the tractor may be without the sensor."""
+    """Base class of optional sensors with a compiled law."""
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
     """Compiled function that returns values and reading for parameters, values, stream addresses and motion."""

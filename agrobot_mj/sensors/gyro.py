@@ -55,7 +55,7 @@ class Gyro(CompiledSensor, OptionalSensor):
     sigma_deg_s: NonNegative = 0.1
     """Standard deviation of the white noise [deg/s]. Assumed value (0.05-0.3) for the mean of a MEMS gyro in a tick."""
     bias_deg_s: float = 0.0
-    """Constant bias [deg/s]. Assumed value: 0; up to 0.1 after calibration."""
+    """Constant bias [deg/s]. Default: 0. Assumed value after calibration (up to 0.1)."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002
     """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01; maximum for a MEMS gyro during warm-up)."""
 

@@ -109,7 +109,7 @@ class Potentiometer(Sensor):
 
 
 class SteeringPotentiometer(Potentiometer):
-    """Potentiometer at the virtual front wheel of the bicycle model or at one knuckle; `[sensors.steering_pot]`.
+    """Potentiometer at the virtual front wheel of the bicycle model or at one knuckle (`[sensors.steering_pot]`).
 
     At a knuckle the sensor measures the angle of this wheel, which by Ackermann is larger on the inside of a bend. The
     rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order (delta / 45 deg)^3. The

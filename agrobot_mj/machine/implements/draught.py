@@ -104,7 +104,7 @@ class Tool(Spec):
     texture: Texture = "medium"
     """Texture of the soil, which selects the factor F_i of D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Draught of this field divided by the draught from D497, which is accurate within 25 to 50 % [-]."""
+    """Draught of the field divided by the draught from D497, which is accurate within 25 to 50 % [-]."""
     noise_share: Spread = 0.15
     """Standard deviation of the draught divided by its mean; log-normal distribution [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5

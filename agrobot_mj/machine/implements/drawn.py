@@ -51,7 +51,7 @@ class Springs(NamedTuple):
 
 
 TYRE = Springs(500.0 * GRAVITY * 1.75 / 2.0 / 2, 0.3, 1.8e5, 1800.0)
-"""Tyre of the default trailer. Assumed value (1e5-3e5 N/m): 4 % deflection, 15 % of critical damping."""
+"""Tyre of the default trailer. Assumed values: 4 % deflection (stiffness 1e5-3e5 N/m), 15 % of critical damping."""
 
 
 class Drawn(ImplementBase):
@@ -79,9 +79,9 @@ class Drawn(ImplementBase):
     track_m: Annotated[float, Field(ge=0.2, le=8)] = 1.1
     """Track width of the axle [m]. Assumed value (1-1.5)."""
     wheel_radius_m: Annotated[float, Field(ge=0.1, le=2)] = 0.3
-    """Free radius of a wheel [m]. Assumed value: tyre of about 10.0/75-15."""
+    """Free radius of a wheel [m]. Assumed value, typical of a 10.0/75-15 tyre."""
     wheel_width_m: Annotated[float, Field(ge=0.02, le=2)] = 0.2
-    """Section width of a tyre [m]. Assumed value: tyre of about 10.0/75-15."""
+    """Section width of a tyre [m]. Assumed value, typical of a 10.0/75-15 tyre."""
     wheel_mass_kg: Positive = 20.0
     """Mass of one wheel [kg]. Assumed value (15-30)."""
     tyre_stiffness_n_m: Positive | None = None
