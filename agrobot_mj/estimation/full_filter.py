@@ -113,7 +113,7 @@ class FullFilter(NamedTuple):
     antenna: tuple[float, float, float]
     """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
     swing_filter: float
-    """Time constant of the low-pass filter of the antenna velocity due to tilting; 0 for none [s]."""
+    """Time constant for filtering the antenna velocity due to tilting; 0 disables the filter [s]."""
 
 
 @jit

@@ -87,7 +87,7 @@ class Settings(NamedTuple):
     filter: FullFilter
     """Noise levels and limits of the filter."""
     cg: tuple[float, float, float]
-    """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
+    """Position of the CG relative to the rear-axle point R: ahead, left and up [m]."""
     tilts: bool
     """Whether measured roll and pitch are used (terrain compensation)."""
     body: bool

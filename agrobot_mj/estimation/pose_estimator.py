@@ -35,7 +35,7 @@ class PoseSettings(NamedTuple):
     """Parameters of a `PoseEstimator`, as numbers for kernels; its keys describe the fields without a description."""
 
     cg: tuple[float, float, float]
-    """Position of the CG relative to the rear-axle point R in vehicle axes: l_r, 0, height [m]."""
+    """Position of the CG relative to the rear-axle point R: ahead, left and up [m]."""
     antenna: tuple[float, float, float]
     """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
     wheelbase: float
@@ -166,7 +166,7 @@ def along(yaw: float, motion: Vector) -> float:
 
 
 class PoseEstimator(StateEstimator):
-    """Velocity KF and pose filter; subclasses define `pose_filter`, and `beliefs` for additional states."""
+    """Base class of estimators with a velocity filter and a pose filter; subclasses define `pose_filter`, `beliefs`."""
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
     compiled: ClassVar[Any] = None
