@@ -56,7 +56,7 @@ def number(value: float | None) -> float | None:
 
 
 def finite(value: float | None) -> float | None:
-    """Return a finite number; reject NaN, and infinity written as such or caused by overflow."""
+    """Return a finite number; reject NaN and infinite values, including values that overflow."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value

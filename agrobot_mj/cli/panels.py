@@ -18,7 +18,7 @@ class HelpEntry(NamedTuple):
     advanced: bool = False
     """Whether only `--help-all` lists the command."""
     now: str = ""
-    """Replacement of a deprecated command, which is hidden and will be removed in the next version."""
+    """Command that replaces this deprecated command, which is hidden and will be removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:

@@ -17,7 +17,7 @@ class Contour(Parallel):
     uphill_deg: float = 90.0
     """Direction of steepest ascent, counter-clockwise from east [deg]."""
     first_uphill: Literal["left", "right"] = "left"
-    """Side of the first pass that is uphill, seen in the direction of travel."""
+    """Uphill side of the first pass, seen in the direction of travel."""
 
     @property
     def orientation(self) -> tuple[float, float]:

@@ -27,7 +27,7 @@ class LaneChange(Timed):
     change_m: Positive = 12.0
     """Length of the change along the line [m]. Assumed value (8-20); bend radius of 8.8 m with the default offset."""
     straight_m: Positive = 20.0
-    """Length of each straight before, between and after changes [m]. Assumed value (10-30): oscillations decay."""
+    """Length of each straight before, between and after changes [m]. Assumed value (10-30), so that errors decay."""
     double: bool = False
     """Whether the path returns to the first line."""
     heading_deg: float = 0.0

@@ -24,7 +24,7 @@ from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Maximum relative difference of the lap lengths of learned map and path [-]. Assumed value: points 0.25 m apart."""
+"""Maximum relative difference of the lap lengths of learned map and path [-]. Assumed value: points every 0.25 m."""
 
 
 def hints(scenario: Scenario) -> list[str]:

@@ -25,7 +25,7 @@ RESERVED = ("implement", "wheel_il", "wheel_ir")
 ALONG, UPRIGHT = 0.999, 0.7
 """Minimum cosines of the axes of wheels and axle, and of the kingpins [-]: 2.5 and 45 deg."""
 PLACE_M, SHARE = 0.01, 0.05
-"""Maximum error of a position [m], and of a wheel centre above its free radius, divided by the radius [-]."""
+"""Maximum error of a position [m], and of the height of a wheel centre, divided by the free radius [-]."""
 ASIDE = 0.1
 """Maximum distance of the centre of mass from the centre line, divided by the track width [-]."""
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)

@@ -38,7 +38,7 @@ CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
 """Cosine of the tilt, 60 deg, above which the tractor has rolled over [-]. Assumed value above all tip-over angles."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
-"""Factors for an applied brake on `dof_invweight0` of the wheels, which softens their dry friction, and on `impratio`
+"""Factors, while the brake is applied, on `dof_invweight0` of the wheels (softens their dry friction) and on `impratio`
 [-]. Friction in MuJoCo creeps under load: with these factors by 0.2 um/s (`contact`: 0.15 um/s) on 10 deg."""
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""

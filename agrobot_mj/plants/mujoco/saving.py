@@ -29,6 +29,6 @@ class MujocoState(NamedTuple):
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:
-    """Return views of those results of a step that the log, or the next step before their update, reads."""
+    """Return views of the results of a step that the log reads, or that the next step reads before updating them."""
     found = data.actuator_force, data.sensordata, data.cvel, data.subtree_com
     return *found, model.geom_friction, data.warning.number

@@ -32,7 +32,7 @@ DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 
 
 class Attached(NamedTuple):
-    """Implement as input of the compiled loop; arrays are written in place."""
+    """Data of an implement for the compiled loop; the arrays are written in place."""
 
     body: int
     """MuJoCo id of the implement's body; 0 without an implement."""
