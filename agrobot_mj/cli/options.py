@@ -166,7 +166,7 @@ def names(text: str, option: str) -> list[str]:
 
 
 def seconds(text: str) -> list[float]:
-    """Return comma-separated times [s]."""
+    """Return the times [s] in a comma-separated list."""
     try:
         times = [float(name) for name in names(text, "--at")]
     except ValueError:

@@ -121,9 +121,9 @@ class GyroEvidence(NamedTuple):
     reading: float = nan
     """Last measured yaw rate; NaN without a gyro [rad/s]."""
     t: float = 0.0
-    """Time of the first of the equal measurements [s]."""
+    """Time of the first measurement of the repeated yaw rate [s]."""
     steer: float = nan
-    """Measured steering angle at the first of the equal measurements [rad]."""
+    """Measured steering angle at the first measurement of the repeated yaw rate [rad]."""
 
     def after(self, m: Sensed) -> "GyroEvidence":
         """Return the state after a tick, unchanged if the gyro repeats its yaw rate."""

@@ -182,7 +182,6 @@ class Nmpc(Following):
 
 
 def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
-    """Return the heading minus the path tangent [rad]."""
     return wrap(situation.estimate.yaw - deviation.place.yaw)
 
 

@@ -29,9 +29,9 @@ class FilteredRate(NamedTuple):
     """State of a filtered derivative: last value and filtered rate of change."""
 
     value: float = nan
-    """Last value; NaN before the first value [unit]."""
+    """Last value of the signal; NaN before the first value [unit of the signal]."""
     rate: float = 0.0
-    """Filtered rate of change of the value [unit/s]."""
+    """Filtered rate of change of the signal [unit of the signal per s]."""
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
         """Return the state after a new value, `dt` [s] later, filtered with the time constant `filter_s` [s]."""

@@ -72,7 +72,7 @@ class References(NamedTuple):
     means: Matrix
     """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and extra compliance, shape (n, 7)."""
     covariances: Covariances
-    """Covariances of the states, shape (n, 7, 7)."""
+    """Covariances of the states in `means`, shape (n, 7, 7)."""
     begun: Vector
     """Start time of each reference, shape (n,) [s]. Later fixes update only the first reference."""
 

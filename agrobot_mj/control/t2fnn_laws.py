@@ -35,7 +35,7 @@ class T2FnnState(NamedTuple):
     d2_upper: Array
     """Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]."""
     f: Array
-    """Consequents of the rules, shape (I, J) [rad]."""
+    """Consequents of the fuzzy rules, shape (I, J) [rad]."""
     q: float
     """Weight q of the lower firing strengths in the output [-]."""
     x1: float | None = None
@@ -59,7 +59,7 @@ class Learning(NamedTuple):
     """Learning settings of a network, taken from `T2Fnn`."""
 
     alpha: float
-    """Learning rate [rad/s]."""
+    """Learning rate of the network [rad/s]."""
     delta_s: float
     """Smoothing width of the sign function [rad]."""
     floor: float

@@ -14,7 +14,7 @@ from numba.core.types import containers
 
 
 def box_in_c() -> None:
-    """Enable the conversion in C for all kernels of this process."""
+    """Enable the conversion of kernel results to Python objects in C, for all kernels of this process."""
     for kind in (containers.NamedTuple, containers.NamedUniTuple):
         pythonapi._boxers.functions[kind] = _box_record
     serialize._numba_unpickle = lru_cache(maxsize=None)(serialize._numba_unpickle)

@@ -31,7 +31,7 @@ PARTS = (
 """Folders of the package that affect the results of a run."""
 PACKAGE = Path(__file__).parents[1]
 NONE = "00000000"
-"""Digest of missing content."""
+"""Digest of missing content, such as an unreadable file."""
 _plugins: dict[Path, str] = {}
 """Digest of each plugin file at the time of loading."""
 
@@ -61,7 +61,7 @@ def code() -> tuple[str, str, str]:
 
 
 def code_text() -> str:
-    """Return the digests of `code` as one text."""
+    """Return the digests that `code` returns as one text."""
     return "-".join(code())
 
 
@@ -86,7 +86,7 @@ def digest(*contents: bytes, digits: int = len(NONE)) -> str:
 
 
 def joined(digests: Iterable[str]) -> str:
-    """Return one digest of several digests."""
+    """Return the digest of a sequence of digests."""
     return digest(*map(str.encode, digests))
 
 

@@ -165,7 +165,6 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             return None
 
     def _discard(self) -> None:
-        """Delete the cache files of this function."""
         for file in Path(self._cache_path).glob(f"{self._impl.filename_base}.*nb[ic]"):
             file.unlink(missing_ok=True)
         _tell()

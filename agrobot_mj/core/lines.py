@@ -14,7 +14,7 @@ class SignalLine(NamedTuple):
     """State of a signal line between two ticks."""
 
     last: float | None = None
-    """Last value that arrived; None before the first one."""
+    """Last value that arrived; None before the first value."""
     pending: tuple[float, ...] = ()
     """Values in transit, oldest first."""
 

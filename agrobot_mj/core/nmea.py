@@ -53,7 +53,7 @@ def checksum(text: str) -> str:
 
 
 def sentence(*fields: object) -> bytes:
-    """Return the complete sentence with these fields."""
+    """Return the complete NMEA sentence with these fields."""
     text = ",".join(map(str, fields))
     return f"${text}*{checksum(text)}\r\n".encode("ascii")
 

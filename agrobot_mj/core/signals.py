@@ -77,7 +77,7 @@ class Truth(NamedTuple):
     rear_x: float
     """East coordinate of R, the point on the ground below the centre of the rear axle [m]."""
     rear_y: float
-    """North coordinate of R [m]."""
+    """North coordinate of the rear-axle point R [m]."""
     antenna: tuple[float, float, float]
     """Position of the GNSS antenna, ENU [m]."""
     antenna_velocity: tuple[float, float, float]
@@ -93,7 +93,7 @@ class Truth(NamedTuple):
     knuckle_samples: Array | None = None
     """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
-    """Velocity of R, ENU [m/s]."""
+    """Velocity of the rear-axle point R, ENU [m/s]."""
     implement: tuple[float, float] = (nan, nan)
     """Working point of the implement, east and north; NaN without an implement [m]."""
 
@@ -138,11 +138,11 @@ class PointMass(NamedTuple):
     kg: float
     """Mass; negative for removed ballast [kg]."""
     ahead: float
-    """Distance ahead of R, the point on the ground below the rear axle [m]."""
+    """Distance ahead of the rear-axle point R on the ground [m]."""
     left: float
-    """Distance to the left of R [m]."""
+    """Distance to the left of the rear-axle point R [m]."""
     up: float
-    """Height above R [m]."""
+    """Height above the rear-axle point R [m]."""
 
 
 class Distortion(NamedTuple):
@@ -246,13 +246,13 @@ class Estimate(NamedTuple):
     yaw: float
     """Heading, or course of R from an estimator that determines the course, wrapped to (-pi, pi] [rad]."""
     speed: float
-    """Velocity of R along `yaw`, negative in reverse [m/s]."""
+    """Velocity of the rear-axle point R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
     """Yaw rate [rad/s]."""
     rear_x: float
-    """East coordinate of R [m]."""
+    """East coordinate of the rear-axle point R [m]."""
     rear_y: float
-    """North coordinate of R [m]."""
+    """North coordinate of the rear-axle point R [m]."""
     covariance: Array
     """Covariance of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
     nis: float = nan
@@ -260,13 +260,13 @@ class Estimate(NamedTuple):
     steer_bias: float = nan
     """Measured steering angle minus the angle that explains the motion, left positive; NaN if not estimated [rad]."""
     sideslip: float = 0.0
-    """Course of R minus heading, if `yaw` is the course; 0 if not identifiable [rad]."""
+    """Course of the rear-axle point R minus heading, if `yaw` is the course; 0 if not identifiable [rad]."""
     aligned: bool = True
     """Whether the yaw has been determined; until then `yaw` is the initial value."""
     fix_age: float = nan
     """Age of the newest accepted fix; before the first fix, the time since the start [s]."""
     position_sigma: float = nan
-    """Standard deviation of the position of R in the direction of maximum uncertainty [m]."""
+    """Standard deviation of the position of the rear-axle point R in the direction of maximum uncertainty [m]."""
     nis_mean: float = nan
     """NIS of the position, smoothed over several seconds; about 2 for a consistent filter [-]."""
 
@@ -300,7 +300,7 @@ class PathPoint(NamedTuple):
     """Point of a path that is nearest to a given point."""
 
     s: float
-    """Arc length of the path from its start [m]."""
+    """Arc length from the start of the path to the point [m]."""
     t: float
     """Time at which the reference passes the point [s]."""
     x: float

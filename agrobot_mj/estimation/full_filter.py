@@ -254,7 +254,6 @@ def _ground_speed(core: Core, fix: Fix, side: SideLoad) -> float:
 
 @jit
 def _slip(f: FullFilter, core: Core, pitch: float, speed: float, wheel: float, dt: float) -> WheelSlip:
-    """Return the slip variation updated with the wheel speed and the speed of a fix."""
     if abs(speed) < SLIPPING_SPEED or core.search.active or not isfinite(wheel):
         return WheelSlip(0.0, 0.0, core.slip.memory)
     scale, s_v, s_w = wheel_scale(core.mean, pitch), f.levels.velocity_sigma, f.levels.wheel_sigma

@@ -51,26 +51,26 @@ class FixRows(NamedTuple):
     position_nis: float
     """Normalised innovation squared (NIS) of the position [-]."""
     velocity_nis: float
-    """NIS of the velocity [-]."""
+    """Normalised innovation squared (NIS) of the velocity [-]."""
 
 
 class FixNumbers(NamedTuple):
     """Fix of the rear-axle point R, with the lever arm and the variances of its measurement rows."""
 
     x: float
-    """East position of R [m]."""
+    """East position of the rear-axle point R [m]."""
     y: float
-    """North position of R [m]."""
+    """North position of the rear-axle point R [m]."""
     vx: float
-    """East velocity of R [m/s]."""
+    """East velocity of the rear-axle point R [m/s]."""
     vy: float
-    """North velocity of R [m/s]."""
+    """North velocity of the rear-axle point R [m/s]."""
     heading: float
     """Heading from two antennas; NaN if not measured [rad]."""
     lever_east: float
-    """East offset of the antenna from R, which rotates with the yaw [m]."""
+    """East offset of the antenna from the rear-axle point R, which rotates with the yaw [m]."""
     lever_north: float
-    """North offset of the antenna from R [m]."""
+    """North offset of the antenna from the rear-axle point R [m]."""
     velocity_variance: float
     """Variance of the velocity per axis [m2/s2]."""
     course_variance: float

@@ -60,9 +60,9 @@ class TyreSize(NamedTuple):
     """Nominal dimensions of an unloaded tyre."""
 
     width: float
-    """Section width [m]."""
+    """Section width of the tyre [m]."""
     diameter: float
-    """Diameter [m]."""
+    """Diameter of the tyre [m]."""
     rim: float
     """Rim diameter [m]."""
     radial: bool
@@ -70,7 +70,7 @@ class TyreSize(NamedTuple):
 
     @property
     def section_height(self) -> float:
-        """Section height [m]."""
+        """Section height of the tyre [m]."""
         return (self.diameter - self.rim) / 2
 
     def stiffness(self, pressure_bar: float) -> float:

@@ -75,7 +75,7 @@ class TimedCourse:
 
     @cached_property
     def sharpest(self) -> Place:
-        """Point of maximum curvature."""
+        """Point of maximum curvature of the course."""
         return self.course.sharpest()
 
     def time_at(self, distance: float) -> float:

@@ -27,7 +27,7 @@ WINDOW_M = 4.0
 ROUNDING_M = 1e-6
 """Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]."""
 CHUNK_S = 20.0
-"""Time interval of the samples added at a time [s]."""
+"""Time interval by which the sampled path is extended [s]."""
 BEND = 1.4
 """Maximum heading change of the path from the middle of the search window to each end, below a right angle [rad]."""
 BEYOND_S = 3600.0

@@ -62,9 +62,9 @@ class Tables(Spec):
     """Tables of one experiment. Their validation opens no files."""
 
     name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
-    """Short name. Default: the file name."""
+    """Short name of the scenario. Default: the file name."""
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
-    """Title in lists and reports, one line."""
+    """Title of the scenario in lists and reports, one line."""
     version: str = __version__
     """Version of agrobot_mj that wrote the file; has no effect."""
     expected_outcome: Outcome = "completed"

@@ -36,7 +36,7 @@ class DualAntennaLaw(NamedTuple):
     kept: Shares
     """Weights of the last value and of white noise in the slow error [-]."""
     mounting: float
-    """Constant mounting error [rad]."""
+    """Constant mounting error of the heading [rad]."""
 
 
 @jit

@@ -41,7 +41,7 @@ class GnssReading(NamedTuple):
     fix: Fix | None
     """Position and velocity; None without a solution."""
     quality: int
-    """Quality, a constant of `Quality`."""
+    """Quality of the solution, a constant of `Quality`."""
 
 
 class FixErrors(NamedTuple):
@@ -159,7 +159,6 @@ def solution(
 
 @jit
 def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
-    """Return an additional correlated error after a tick: east, north and up."""
     if p.sigma == 0.0:
         return error
     east, north = wandered_plane((error[0], error[1]), p.kept, generator)
@@ -172,7 +171,7 @@ class Delivery(NamedTuple):
     canopies: tuple[CanopyState, ...]
     """State of each canopy."""
     heading: SignalLine = SignalLine()
-    """Line that transmits the heading from two antennas."""
+    """Signal line that transmits the heading from two antennas."""
     pending: tuple[GnssReading, ...] = ()
     """Solutions in transit, one per tick, oldest first."""
     last: Fix | None = None

@@ -108,7 +108,6 @@ class Rows:
             self._extend(values, poses)
 
     def _extend(self, values: Array, poses: Array) -> None:
-        """Append rows (n, columns) and their poses (n, bodies, 7)."""
         begin, end = self.filled, self.filled + len(values)
         self._make_room(end)
         self.values[begin:end], self.poses[begin:end] = values, poses

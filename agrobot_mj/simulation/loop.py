@@ -189,7 +189,6 @@ class Loop:
         return command
 
     def _stands(self, command: Command, reference: Reference) -> bool:
-        """Return whether the brake still holds the tractor after this command."""
         return self.stages.brake.after(command, reference, TICK_S).stands
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:

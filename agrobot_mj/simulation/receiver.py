@@ -31,7 +31,7 @@ class MountedReceiver(NamedTuple):
     speed: float = 0.0
     """Estimated speed of the last tick [m/s]."""
     t: float = 0.0
-    """Time of the heading [s]."""
+    """Time at which the heading is valid [s]."""
 
     def yaw_rate(self, measured: Measurement) -> float:
         """Return the yaw rate of the gyro or, without gyro, from steering angle and speed [rad/s]."""

@@ -25,9 +25,9 @@ class SteerData(NamedTuple):
     steer: float
     """Setpoint of the steering angle, left positive; valid also while steering is not engaged [rad]."""
     cross_track: int = NO_LINE
-    """Cross-track error in the encoding of the host."""
+    """Cross-track byte in the encoding of the host program."""
     sections: int = 0
-    """Bit mask of sections 1-16."""
+    """Bit mask of the implement sections 1-16."""
 
 
 class SteerSettings(NamedTuple):

@@ -24,11 +24,11 @@ class Joint(NamedTuple):
     at: Place
     """Point on the hinge axis, relative to the hitch of the tractor [m]."""
     limit: float
-    """Maximum angle in both directions [rad]."""
+    """Maximum angle of the hinge in both directions [rad]."""
 
 
 class Axle(NamedTuple):
-    """Axle with two wheels."""
+    """Axle of an implement, with two wheels."""
 
     at: Place
     """Midpoint between the wheel centres at static load, relative to the hitch of the tractor [m]."""
@@ -48,9 +48,9 @@ class DepthWheel(NamedTuple):
     at: Place = (0.0, 0.0, 0.0)
     """Lowest point of the unloaded wheel in contact with the ground [m]."""
     stiffness: float = 0.0
-    """Vertical stiffness; 0 without a depth wheel [N/m]."""
+    """Vertical stiffness of the wheel; 0 without a depth wheel [N/m]."""
     damping: float = 0.0
-    """Vertical damping [N s/m]."""
+    """Vertical damping of the wheel [N s/m]."""
     rolling: float = 0.0
     """Rolling resistance divided by the load of the wheel [-]."""
 
@@ -73,7 +73,7 @@ class Shape(NamedTuple):
     at: Place
     """Position of the centre of the box, relative to the hitch of the tractor [m]."""
     paint: str
-    """Name of a material in `models/tractor.xml`."""
+    """Name of the material of the box in `models/tractor.xml`."""
 
 
 class HitchedBody(NamedTuple):

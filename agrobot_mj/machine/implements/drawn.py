@@ -34,13 +34,13 @@ class Springs(NamedTuple):
     """
 
     load: float
-    """Static load [N]."""
+    """Static load of the reference tyre [N]."""
     radius: float
-    """Free radius [m]."""
+    """Free radius of the reference tyre [m]."""
     stiffness: float
-    """Vertical stiffness [N/m]."""
+    """Vertical stiffness of the reference tyre [N/m]."""
     damping: float
-    """Vertical damping [N s/m]."""
+    """Vertical damping of the reference tyre [N s/m]."""
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
         """Return vertical stiffness [N/m] and damping [N s/m]: given values, or values for a static load [N] and free
@@ -93,7 +93,7 @@ class Drawn(ImplementBase):
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Factor on the rolling resistance of the tyres relative to `plant.tyre` [-]."""
     tool: Tool = Tool()
-    """Tool, used if `lowered`."""
+    """Tool of the implement, used if `lowered`."""
     tool_behind_m: Length = 2.0
     """Distance of the tool centre behind the hitch [m]. Assumed value: at the axle."""
     antenna_height_m: Length = 2.0
@@ -143,7 +143,6 @@ class Drawn(ImplementBase):
         )
 
     def _shapes(self, axle: tuple[float, float, float], centre: tuple[float, float, float]) -> tuple[Shape, ...]:
-        """Return drawbar, axle beam, frame and body for images."""
         l, w, h = self.length_m / 2, self.width_m / 2, self.height_m / 2  # noqa: E741
         front = max(-centre[0] - l, 0.2)
         above = max(axle[2] + self.wheel_radius_m + 0.05 + h, centre[2])

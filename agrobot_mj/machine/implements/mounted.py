@@ -51,7 +51,7 @@ class Mounted(ImplementBase):
     height_m: Length = 0.5
     """Height of the frame [m]. Assumed value (0.4-1)."""
     tool: Tool = Tool()
-    """Tool, used if `lowered`."""
+    """Tool of the implement, used if `lowered`."""
     tool_behind_m: Length = 0.7
     """Distance of the tool centre behind the hitch [m]. Assumed value (0.5-1.2)."""
     tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
@@ -105,7 +105,6 @@ class Mounted(ImplementBase):
         return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)
 
     def _shapes(self, tractor: TractorParameters, ground: float) -> tuple[Shape, ...]:
-        """Return headstock, beam, toolbar, leg, share and depth wheel for images."""
         bar = self.cg_height_m - tractor.hitch_height_m
         x, y, leg = -self.tool_behind_m, self.tool_left_m, (bar - ground) / 2
         wide = self.width_m / 2

@@ -66,7 +66,7 @@ class Sprung(NamedTuple):
     axis: int
     """Direction: 0 forward, 1 to the left, 2 up."""
     bodies: tuple[int, ...]
-    """Body that moves with each point."""
+    """MuJoCo id of the body to which each point is attached."""
     points: Array
     """Positions of the points in the initial position of the model, shape (n, 3) [m]."""
     parts: tuple[Part, ...]

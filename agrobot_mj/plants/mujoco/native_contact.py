@@ -57,7 +57,6 @@ class NativeContacts:
         return axle
 
     def _slip(self, i: int, forward: Array, left: Array) -> tuple[float, float]:
-        """Return the slip angle [rad] and slip ratio of wheel `i`."""
         body = self.bodies[i]
         mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, self.velocity, 0)
         v_x, v_y = float(self.velocity[3:] @ forward), float(self.velocity[3:] @ left)

@@ -33,7 +33,7 @@ class TractorMotion(NamedTuple):
     antenna: Motion
     rear: Motion
     attitude: Vector
-    """Yaw, pitch and roll [rad]."""
+    """Yaw, pitch and roll of the chassis [rad]."""
     speed: float
     lateral_speed: float
     yaw_rate: float

@@ -55,7 +55,7 @@ class Attached(NamedTuple):
     bristles: Array
     """Bristles of the tyres, shape (2, 3); see `stepping.Tyred`."""
     wheel_report: Array
-    """Report of the tyres, shape (2, 6)."""
+    """Report of the implement's tyres, shape (2, 6); see `tyres.patch`."""
     memory: Array
     """State of the tool, shape (5,): see `AHEAD`."""
     report: Array
