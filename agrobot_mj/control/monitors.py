@@ -146,7 +146,7 @@ class SupervisorLimits(Reporting):
     overspeed_s: Positive = 0.3
     """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one period of oscillation on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15); ramps cause 0.05."""
+    """Maximum difference of commanded and measured pedal [-]. Assumed value (0.05-0.15); speed ramps cause 0.05."""
     pedal_mismatch_s: Positive = 0.14
     """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal reaches its end in 0.5 s."""
     max_pedal_rate_per_s: Positive = 2.2
@@ -186,7 +186,7 @@ class SupervisorLimits(Reporting):
     """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
     """Maximum difference between roll or pitch and the tilt derived from the specific force, mean of 4 s [deg]. Assumed
-    value (4-10): starting with 0.5 m/s2 causes 3, ridges of 3 cm at 3 m/s cause up to 4.5."""
+    value (4-10): a start with 0.5 m/s2 causes 3, ridges of 3 cm at 3 m/s cause up to 4.5."""
     max_attitude_age_s: Positive = 2.0
     """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), short compared with a turn."""
 

@@ -48,7 +48,7 @@ class Stanley(Integrating):
     kind: Literal["stanley"] = "stanley"
     label: ClassVar = "Stanley"
     gain_per_s: Positive = 0.91
-    """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T [s]."""
+    """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
     softening_m_s: NonNegative = 0.99
     """Softening speed u_0, which reduces the gain at low speed [m/s]. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54

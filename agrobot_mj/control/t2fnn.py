@@ -61,7 +61,7 @@ class T2Fnn(Spec):
     d_max: Positive = 100.0
     """Maximum width of a fuzzy set [unit of the input]. Assumed value; a set of this width contains all inputs."""
     f_init: Positive = 0.01
-    """Magnitude of the initial rule consequents [rad]. Assumed value; with 0, q would saturate in one step."""
+    """Magnitude of initial rule consequents [rad]. Assumed value; with 0, q would saturate in one step (guard 4)."""
     q_init: Fraction = 0.5
     """Initial weight q of the lower firing strengths [-]. Assumed value, the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"

@@ -70,7 +70,7 @@ class EkfFull(StateEstimator):
     imu_wander_sigma_deg: NonNegative = 0.14
     """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, as for the sensor."""
     lean_sigma_deg: NonNegative = 0.1
-    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3), the roll in bends."""
+    """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
     roll_deg_s2_m: NonNegative = 0.4
     """Unmeasured roll in a bend divided by the specific side force [deg s2/m]. Assumed value: 0.4 on firm ground and
     tilled soil, 0.6 in ruts."""
@@ -137,7 +137,7 @@ class EkfFull(StateEstimator):
     variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
     without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
-    """Wheel slip divided by the component of gravity along a climb [s2/m]. Assumed value for firm ground."""
+    """Wheel slip divided by gravity along a climb [s2/m]. Assumed value for firm ground; higher on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of the wheel slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09

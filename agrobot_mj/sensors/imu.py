@@ -178,9 +178,9 @@ class Imu(CompiledSensor):
     wander_time_s: Positive = 60.0
     """Correlation time of the slow error [s]. Assumed value: tens of seconds to minutes."""
     roll_bias_deg: float = 0.0
-    """Constant error of the roll from mounting and calibration [deg]. Default: 0. Assumed value (up to 0.5)."""
+    """Constant error of the roll from mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
     pitch_bias_deg: float = 0.0
-    """Constant error of the pitch from mounting and calibration [deg]. Default: 0. Assumed value (up to 0.5)."""
+    """Constant error of the pitch from mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
