@@ -1,10 +1,11 @@
 """Common parts of the path-following laws: deviation from the path, speed command and steering limits.
 
-The CG follows the path. If the rear axle rolls without sideslip, the heading of the tractor differs from the path
-tangent by the sideslip beta of the CG:  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel. On an arc,
-sin(beta) = l_r kappa. The path of the rear axle has the curvature tan(beta) / l_r, which requires the steering angle
-delta = atan(L tan(beta) / l_r). In forward travel beta follows from the path behind the tractor, and in reverse from
-the path ahead (the bounded solution). The required steering angle is therefore continuous at a step of the curvature.
+The CG follows a path that has the curvature kappa at the arc length s. If the rear axle, l_r behind the CG, rolls
+without sideslip, the heading of the tractor differs from the path tangent by the sideslip beta of the CG:  d(beta)/ds =
+kappa - sin(beta) / l_r  in the direction of travel. On an arc, sin(beta) = l_r kappa. The path of the rear axle has the
+curvature tan(beta) / l_r, which requires the steering angle delta = atan(L tan(beta) / l_r), with the wheelbase L. In
+forward travel beta follows from the path behind the tractor, and in reverse from the path ahead (the bounded solution).
+The required steering angle is therefore continuous at a step of the curvature.
 
 Errors are in the frame of the heading, positive left, in both directions of travel. The curvature is the rotation of
 the heading per distance along the heading, so that delta and kappa also have the same sign in reverse.

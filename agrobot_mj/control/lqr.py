@@ -1,10 +1,12 @@
 """LQR on the linear bicycle model with steady-state slip, steering lag and delay, integral action and feed-forward.
 
-Model at the speed u (negative in reverse), with path errors of the CG and delta minus its feed-forward value:
+Model at the speed u (negative in reverse), with the errors e_y (cross-track) and e_psi (heading) of the CG, the yaw
+rate gamma, and the steering angle delta and its command delta_c, both minus the feed-forward angle:
   e_y' = u e_psi + a gamma,  e_psi' = gamma,  gamma = u delta / (L + K u^2),  tau delta' = delta_c(t - T) - delta,
-with the understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r) and the distance a = l_r - m l_f u^2 / (L C_r) from the CG
-to the point without sideslip [Snider2009], [Rajamani2012]. The model is discretised at the tick; delayed commands are
-states. The cost is
+with the mass m, wheelbase L, axle distances l_f and l_r from the CG, cornering stiffnesses C_f and C_r, lag tau and
+delay T of the steering, understeer K = m (l_r C_r - l_f C_f) / (L C_f C_r), and distance a = l_r - m l_f u^2 / (L C_r)
+from the CG to the point without sideslip [Snider2009], [Rajamani2012]. The model is discretised at the tick; delayed
+commands are states. The cost is
   (e_y / offset)^2 + (e_psi / heading)^2 + (delta' / rate)^2 + (delta_c / steer)^2 + (integral of e_y / integral)^2.
 The gains solve the discrete Riccati equation on a grid of speeds, once per process, and are interpolated.
 

@@ -3,10 +3,10 @@
 Model in the frame of the heading, with cross-track error e_y of the CG and heading minus path tangent e:
   e_y' = u sin e + v cos e + u b,  e' = gamma - kappa (u cos e - v sin e) / (1 - kappa e_y),
   gamma = u (tan(delta) / L + d),  v = l_r gamma,  tau delta' = delta_c(t - T) - delta,
-at constant speed u (negative in reverse) and the curvature kappa of the path ahead. A Kalman filter on e_y and e
-estimates the disturbances d (curvature: steering bias, slope, slip) and b (crab angle, bias of the estimated heading),
-which removes the steady-state error. The decision variables are the rates of the steering command. The cost, summed
-over the horizon of 2 s, is
+with the speed u (constant, negative in reverse), lateral velocity v, yaw rate gamma, steering angle delta, its command
+delta_c, and curvature kappa of the path ahead. A Kalman filter on e_y and e estimates the disturbances d (curvature:
+steering bias, slope, slip) and b (crab angle, bias of the estimated heading), which removes the steady-state error. The
+decision variables are the rates of the steering command. The cost, summed over the horizon of 2 s, is
   (e_y / offset)^2 + (course error / heading)^2 + (rate / rate_deg_s)^2
 subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic programming) minimise this
 cost [Rawlings2017]. Every tick has exactly two steps, for bounded computing time and repeatable results. In reverse the

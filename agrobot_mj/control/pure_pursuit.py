@@ -1,8 +1,9 @@
 """Pure pursuit: steering along the arc that leads the rear axle to a goal point ahead on its path.
 
-With the goal (a, b) in the frame of the heading, relative to the rear axle R:  kappa = 2 b / (a^2 + b^2), delta =
-atan(L kappa). The goal is on the path of R that corresponds to the given path of the CG, at a look-ahead distance that
-increases with the speed. The same equation holds in reverse, with the goal behind. Source: [Coulter1992], [Snider2009].
+With the goal (a, b) in the frame of the heading, relative to the rear axle R, the curvature is kappa = 2 b / (a^2 +
+b^2), and the steering angle delta = atan(L kappa) with the wheelbase L. The goal is on the path of R that corresponds
+to the given path of the CG, at a look-ahead distance that increases with the speed. The same equation holds in reverse,
+with the goal behind. Source: [Coulter1992], [Snider2009].
 
 The arc begins at the position of R predicted for `prediction_s` later at the current yaw rate. The prediction
 compensates the delay and lag of the steering, which would otherwise cause oscillation at speed.

@@ -46,7 +46,6 @@ def _own(owner: type) -> dict[str, str]:
 
 
 def _definitions(body: list[ast.stmt]) -> Iterator[ast.ClassDef | ast.FunctionDef]:
-    """Yield the classes and functions of a block, including those in nested blocks."""
     for statement in body:
         if isinstance(statement, ast.ClassDef | ast.FunctionDef):
             yield statement

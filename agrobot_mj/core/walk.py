@@ -170,7 +170,6 @@ def offered(found: Sequence[str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a text such as `name (kind = 'x')` with quotes around the name."""
     key, blank, kind = text.partition(" ")
     return f"{key!r}{blank}{kind}"
 

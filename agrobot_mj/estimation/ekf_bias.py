@@ -8,7 +8,7 @@ in a bend of 10 m on level ground, and the crab angle on a side slope.
 
 States: x, y [m] of R, course chi [rad, not wrapped], steering bias b [rad], and g_x, g_y [-], the correlated error of
 the fix, a first-order Gauss-Markov process [Brown2012] in units of its standard deviation s. Inputs and measurement as
-in `ekf`:
+in `ekf` (speed u, steering angle delta, measured position z):
 
   chi' = u tan(delta - b) / L,    x' = u cos(chi),  y' = u sin(chi),    random walk of b and g,    z = (x, y) + s g
 

@@ -263,7 +263,6 @@ def _slip(f: FullFilter, core: Core, pitch: float, speed: float, wheel: float, d
 
 @jit
 def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: SideLoad) -> FixRows:
-    """Return the measurement rows of a rear-axle fix, `gap` [s] after the last fix."""
     (east, north), s_v, s_h = core.lever.offset, f.levels.velocity_sigma, f.levels.heading_sigma
     course_variance = sway / gap
     numbers = FixNumbers(fix.x, fix.y, fix.vx, fix.vy, fix.heading, east, north, s_v * s_v, course_variance, s_h * s_h)

@@ -16,18 +16,18 @@ crab angle. The resistance of the rear wheels to turning shifts the point withou
 
 kappa is computed from the smoothed steering angle and fades at standstill. The yaw rate is unsuitable: bumps turn the
 body about its centre, which would give d = 0.5 m and heading errors of 4 deg on rough ground. g is first-order
-Gauss-Markov [Brown2012] in units of its standard deviation. v, omega, the biases, k, c, s and l are random walks in
-time, and d, which changes with the ground, is a random walk in distance. l is the shift of the antenna due to constant
-pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, which moves the antenna on a cab
-roof by 3 cm. Unmeasured roll follows from the side force of the bend. The course also has white noise, whose density
-`sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay of the paper's Euler step. After
-the first two-antenna heading there are two more states: the excess sideslip b, a random walk added to beta, and the
-mounting error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of innovation,
-Jacobian and variance:
+Gauss-Markov [Brown2012] in units of its standard deviation sigma. v, omega, the biases, k, c, s and l are random walks
+in time, and d, which changes with the ground, is a random walk in distance. l is the shift of the antenna due to
+constant pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, which moves the antenna
+on a cab roof by 3 cm. Unmeasured roll follows from the side force of the bend. The course also has white noise, whose
+density `sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay of the paper's Euler
+step. After the first two-antenna heading there are two more states: the excess sideslip b, a random walk added to beta,
+and the mounting error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of
+innovation, Jacobian and variance:
 
   gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
   0 = omega - v tan(delta - b_s) / L,
-  fix = (x, y) + s g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
+  fix = (x, y) + sigma g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
   its heading = psi + m
   at a standstill 0 = v, 0 = omega
 """

@@ -2,8 +2,8 @@
 
 An implement that enters the soil changes the slip within a second by ten times its random walk on firm ground. The
 change appears in m, the low-pass filtered difference between wheel speed and fix speed. If m exceeds its own noise, m^2
-/ tau is the variance of a random walk, which is applied immediately so that the wheel scale can follow. Without fixes
-the filter uses the mean of this variance over `MEMORY_S`, whose initial value depends on the implement.
+/ `RESIDUAL_S` is the variance of a random walk, which is applied immediately so that the wheel scale can follow.
+Without fixes the filter uses the mean of this variance over `MEMORY_S`, whose initial value depends on the implement.
 """
 
 from math import exp

@@ -10,9 +10,9 @@ The flow saturates at the limit of the valve section or at the available pump fl
 engine speed; without a priority valve other consumers take their flow first. A valve without pressure compensation is
 an orifice: its flow decreases as sqrt(1 - p / p_supply), with the pressure p against the motion [Merritt1967].
 
-The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant treats
-it as rigid; the MuJoCo plant adds the spring of the trapped oil. Bore and arm set the steering rate. By default relief
-pressure, stiffness and damping follow from the front axle load.
+The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant has a
+rigid cylinder; the MuJoCo plant adds the spring of the trapped oil. Bore and arm set the steering rate. By default
+relief pressure, stiffness and damping follow from the front axle load.
 """
 
 from math import exp, inf, pi, sqrt

@@ -1,8 +1,8 @@
 """Linear bicycle model of the paper, for level ground only.
 
-The lateral velocity v and yaw rate gamma follow the equation sondenklem of the paper, and the pose follows
-kinematicmodeltractor2. The slip angle of a tyre is its lateral velocity divided by the rolling speed |u|. The model is
-therefore also valid in reverse, where an understeering tractor oversteers.
+The lateral velocity v and yaw rate gamma follow the equation `sondenklem` of the paper, the pose follows the equation
+`kinematicmodeltractor2` (docs/equations.md). The slip angle of a tyre is its lateral velocity divided by the rolling
+speed |u|. The model is therefore also valid in reverse, where an understeering tractor oversteers.
 
 Speed and steering angle are constant during a step. The solution for v and gamma is then exact (closed-form exponential
 of the 2 x 2 matrix); the position is integrated with Simpson's rule. Below `CRAWL`, v and gamma have their steady-state

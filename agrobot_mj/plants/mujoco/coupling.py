@@ -1,7 +1,7 @@
 """Steps in which the coupling of the knuckles is the only constraint: its force in closed form, without the solver.
 
-MuJoCo computes constraint forces f from a quadratic problem. With couplings only, which act in both directions, it is
-linear: with the inertia M, the Jacobian J, the acceleration a_0 without constraints and the regularisation R
+MuJoCo computes constraint forces f from a quadratic problem. With couplings only, which act in both directions, the
+problem is linear: with the inertia M, the Jacobian J, the acceleration a_0 without constraints and the regularisation R
 
   (J M^-1 J' + R) f = a_ref - J a_0.
 

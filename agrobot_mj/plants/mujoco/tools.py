@@ -5,10 +5,11 @@ The longitudinal force reaches the draught within the distance `GIVE`, against t
 
   dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
 
-so that F_y = -C tan(alpha) in steady travel, and the soil is a spring at rest. Stiffness and limit are proportional to
-T divided by the intended depth. Deeper or harder soil that the tool newly enters has no deflection yet: the force is
-unchanged and the mean deflection decreases, so that no motion of a tool gains energy. The suction is a downward force
-proportional to the draught. All forces act at half depth.
+with the stiffness C and relaxation length sigma, so that F_y = -C tan(alpha) in steady travel at the slip angle alpha,
+and the soil is a spring at rest. Stiffness and limit are proportional to T divided by the intended depth. Deeper or
+harder soil that the tool newly enters has no deflection yet: the force is unchanged and the mean deflection decreases,
+so that no motion of a tool gains energy. The suction is a downward force proportional to the draught. All forces act at
+half depth.
 """
 
 from math import floor
