@@ -42,7 +42,7 @@ CLOSER_M, STRAYING_M = 0.1, 0.5
 minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
 Assumed values."""
 TURNED_AWAY = 0.3
-"""Accepted increase of the path distance while turning towards the path, divided by the minimum turning radius [-]."""
+"""Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-]."""
 DRIFT_SIGMAS = 2.5
 """Number of standard deviations added to the drift limit [-]. Assumed value for slow receivers and ridges."""
 MAX_RATIO = 3.0
@@ -152,9 +152,9 @@ class SupervisorLimits(Reporting):
     max_pedal_rate_per_s: Positive = 2.2
     """Maximum plausible rate of the measured pedal position [1/s]. Assumed value (2-5); the pedal moves at 1.5 1/s."""
     max_wheel_lag_m_s: Positive = 0.35
-    """Maximum deficit of wheel speed relative to fix speed [m/s]. Assumed value (0.2-0.5): antenna oscillation."""
+    """Maximum excess of fix speed over wheel speed [m/s]. Assumed value (0.2-0.5) for antenna oscillation."""
     max_wheel_lag_share: NonNegative = 0.3
-    """Additional accepted wheel-speed deficit, divided by the fix speed [-]. Assumed value (0.2-0.4) for bumps."""
+    """Additional accepted excess of fix speed, divided by fix speed [-]. Assumed value (0.2-0.4) for bumps."""
     wheel_lag_s: Positive = 0.3
     """Maximum duration of a low wheel speed [s]. Assumed value (0.2-0.5), half a period of antenna oscillation."""
     outvoted_s: Positive = 1.0
@@ -164,7 +164,7 @@ class SupervisorLimits(Reporting):
     """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
     value (6-15) for wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Additional accepted angle mismatch, divided by the larger angle [-]. Assumed value (0.3-0.6): sliding wheels."""
+    """Additional accepted mismatch, divided by the larger angle [-]. Assumed value (0.3-0.6) for sliding wheels."""
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0

@@ -50,7 +50,8 @@ values: a float solution, correlated for 20 s."""
 HEADING_SIGMA = radians(0.35)
 """Standard deviation of a two-antenna heading [rad]. Assumed value."""
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
-"""Initial standard deviations of the states; units as in `means`. Assumed values: two fixes, cold gyro, worn tyres."""
+"""Initial standard deviations of the states, in the units of `References.means`. Assumed values for two fixes, a cold
+gyro, worn tyres and soil."""
 POSITION_WALK, ANGLE_WALK, BIAS_WALK, COMPLIANCE_WALK = 0.005, radians(0.03), radians(0.003), radians(0.01)
 """Random walks of position [m/sqrt(s)], frame angle theta [rad/sqrt(s)], gyro bias [rad/s/sqrt(s)] and tyre compliance
 [rad s2/m/sqrt(s)]. Assumed values for antenna oscillation, gyro noise, gyro warm-up and changes of the ground."""

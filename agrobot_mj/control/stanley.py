@@ -53,11 +53,12 @@ class Stanley(Integrating):
     softening_m_s: NonNegative = 0.99
     """Softening speed u_0, which reduces the gain at low speed [m/s]. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """Damping k_d, forward only: steering angle per yaw-rate error [s]. Assumed value (0.2-0.8), the steering lag."""
+    """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (0.2-0.8), the lag."""
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Gain k_i, forward only: steering angle per unexpected front-axle motion [rad/m]. Assumed value (0-0.3)."""
+    """Integral gain k_i in forward travel: steering angle per unexpected motion of the front axle [rad/m]. Assumed
+    value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
         "softening_m_s": (0.0, 1.0),

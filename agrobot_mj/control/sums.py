@@ -25,7 +25,7 @@ SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
 [sqrt(rad)]. Assumed values for six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
 """Specific force that doubles the random walks of sideslip and wheel scale (fourth-power law), and specific force
-assumed without an inertial unit [m/s2]. Assumed values: tyres begin to slide on slopes of 15 deg, the maximum slope."""
+assumed without an inertial unit [m/s2]. Assumed values for slopes of 15 deg, on which tyres begin to slide."""
 DRAUGHT = 3.0
 """Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of one sixth of the tractor's
 weight (0.1-0.3), divided by the mass on the rear axle."""

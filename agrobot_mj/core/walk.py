@@ -175,7 +175,6 @@ def _quoted(text: str) -> str:
 
 
 def _kind(key: Key) -> str:
-    """Return the quoted kind of the class that defines a key; empty if the class has no kind."""
     kind = key.owner.model_fields.get("kind")
     return repr(kind.default) if kind and isinstance(kind.default, str) else ""
 

@@ -102,13 +102,13 @@ class EkfFull(StateEstimator):
     wheel_sigma_m_s: Positive = 0.02
     """Standard deviation of the wheel-speed noise, as used by the filter [m/s]. Assumed value, as for the sensor."""
     steer_sigma_deg_s: Positive = 1.0
-    """Standard deviation of the yaw rate computed from the steering angle [deg/s]. Assumed value (0.5-3): tyre lag."""
+    """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
     """Rear sideslip divided by specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for antenna oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, except gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): gyro scale, tilt."""
+    """Random walk of the heading, except gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05) for scale and tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for pedal changes."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0

@@ -114,9 +114,11 @@ class TractorParameters(Spec):
     rear_tyre_pressure_bar: PressureBar | None = None
     """Inflation pressure of the rear tyres [bar]. Default: as for the front tyres."""
     front_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one front tyre [N/m]. Default: from size and pressure [Rhyne2005], 7.6e4 (compact)."""
+    """Vertical stiffness of one front tyre [N/m]. Default: computed from size and pressure [Rhyne2005], 7.6e4 for the
+    compact tractor."""
     rear_tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one rear tyre [N/m]. Default: from size and pressure [Rhyne2005], 9.7e4 (compact)."""
+    """Vertical stiffness of one rear tyre [N/m]. Default: computed from size and pressure [Rhyne2005], 9.7e4 for the
+    compact tractor."""
     front_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     rear_tyre_damping_n_s_m: NonNegative | None = None

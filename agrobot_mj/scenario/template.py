@@ -55,7 +55,6 @@ def template(name: str) -> str:
 
 
 def _in_default(key: str) -> bool:
-    """Return whether the default scenario contains this table. Others belong to another kind of the parent table."""
     part: object = Scenario()
     for name in key.split("."):
         part = getattr(part, name, None)
