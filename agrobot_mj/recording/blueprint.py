@@ -17,11 +17,11 @@ from agrobot_mj.recording.plots.network import Map
 from agrobot_mj.recording.transport.timeline import TIMELINE
 
 FOLLOWED = "world/bodies/chassis/boxes"
-"""Entity that the camera follows, which must have geometry."""
+"""Entity that the following camera tracks. The entity must have geometry."""
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
-"""Entities that grow during a run: their content stays visible after the time at which it was logged."""
+"""Entities to which content is added during a run. Earlier content remains visible."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
-"""Background colours of the view that follows the tractor and of the top view."""
+"""Background colours (0xRRGGBBAA) of the view that follows the tractor and of the top view."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
@@ -32,23 +32,23 @@ TABS = {
     "Network": ("network/",),
     "More": ("reported/",),
 }
-"""Further tabs, with the path prefixes of their plots. A tab without plots is omitted."""
+"""Tabs of plots in addition to the scene, with the path prefixes of their plots. A tab without plots is omitted."""
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
-"""Path prefixes of additional plots of a tab. They do not create the tab."""
+"""Path prefixes of plots that are added to an existing tab. They do not create the tab."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Initial position of the following camera relative to the default tractor: forward, left and up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Initial target point of the following camera, in the same frame [m]."""
+"""Initial target point of the following camera, relative to the default tractor: forward, left and up [m]."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground visible in the top view, divided by the camera height [-]. Measured in the viewer."""
 TILT = 0.1
-"""Southward tilt of the camera of the top view [-]. In a vertical view, the viewer may show south at the top."""
+"""Tilt of the top-view camera to the south [-]. With an exactly vertical view, the viewer may show south at the top."""
 COLUMNS, MOST_PLOTS = 3, 12
 """Number of columns of plots on a tab, and maximum number of plots on a tab. More plots continue on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Height of a lane, of the rest of the state view, and maximum height of the view [fraction of the tab height]."""
+"""Heights of a state lane and of the rest of the state view, and maximum height of the view [fraction of the tab]."""
 NAMES = "world/names"
-"""Entity with the 3D names. The top view hides them, because they would overlap."""
+"""Entity of the name labels in 3D. The top view hides them, because they would overlap."""
 
 
 class Shown(NamedTuple):
@@ -59,7 +59,7 @@ class Shown(NamedTuple):
     """Heat maps of the neural network."""
     lanes: int = 3
     frames: Mapping[str, Frame] = MappingProxyType({})
-    """Axes and legend of each plot, by path of the plot. The viewer chooses missing ones."""
+    """Axes and legend of each plot, by path of the plot. The viewer chooses the axes of other plots."""
     outcome: str = ""
     size: float = 1.0
     """Size of the tractor, including drawn implements, divided by the size of the default tractor [-]."""
@@ -69,7 +69,8 @@ class Shown(NamedTuple):
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
     """Return the layout of a run that ends at `end_s` [s].
 
-    The top view contains all `places` (n, 3) [m]. The tractor starts at the first one with the heading `yaw` [rad].
+    The top view contains all points `places` (n, 3) [m]. The tractor starts at the first point, with the heading `yaw`
+    [rad].
     """
 
     def framed(starts: tuple[str, ...]) -> list[tuple[Plot, Frame]]:
@@ -95,7 +96,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """Return a layout: the scene with plots next to it, further tabs, and a tab of text. All panels are collapsed."""
+    """Return a layout with the scene, plots `beside` it, further tabs and a tab of text. Panels are collapsed."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -115,7 +116,8 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots with heights that suit their axes, and of views `below` with fractions of the height."""
+    """Return a column of plots with heights that suit their axes, and of views `below` with given fractions of the
+    height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -132,7 +134,7 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with equal time axes. If one time axis reserves space for a legend, all do."""
+    """Return the plots with time axes of equal length. If one time axis reserves space for a legend, all do."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)
@@ -150,7 +152,8 @@ def scenes(
 ) -> rrb.Vertical:
     """Return two views of the scene: one that follows the entity `followed`, and a top view of all `places` (n, 3) [m].
 
-    `size` is the size of the tractor divided by the default size. Entities in `growing` stay visible after their time.
+    `size` is the size of the tractor divided by the default size. Content of the entities `growing` remains visible
+    after its time.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
@@ -177,7 +180,7 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """Return the view of a plot with the fraction `share` of the tab height. A single series has no legend."""
+    """Return the view of a plot that occupies the fraction `share` of the tab height. A single series has no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; clipped, maximum {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

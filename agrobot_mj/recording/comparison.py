@@ -38,13 +38,13 @@ PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_G
 POSE_TICKS = 2
 """Number of ticks between recorded poses."""
 BESIDE = 3
-"""Number of plots next to the scene."""
+"""Maximum number of plots next to the scene."""
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 """Height of the lowest track above the ground, and vertical distance between stacked tracks [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
-"""Half width of the top track, and increase of the half width for each lower track [pixels]."""
+"""Half width of the uppermost track, and increase of the half width from a track to the track below [pixels]."""
 PAINTED = 0.12
-"""Minimum difference between colour channels of parts that get the colour of the run; grey parts stay grey [-]."""
+"""Minimum difference between colour channels (0-1) of geoms that get the colour of the run. Grey geoms stay grey."""
 GHOST = 0.22
 """Opacity of the translucent tractors [-]."""
 NAME_M, NAME_STEP_M = 0.2, 0.2
@@ -65,7 +65,7 @@ class RecordedRun(NamedTuple):
     """Number of tracks drawn above the track of this run; 0 for the run with the opaque tractor."""
 
     values: dict[str, Array]
-    """Available signals of the run in the unit of the plot, by path of the plot in `COMPARED`."""
+    """Signals of the run that are plotted, in the unit of the plot, by path of the plot in `COMPARED`."""
 
     @property
     def place(self) -> str:
@@ -74,7 +74,8 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record named runs to `path`, on the ground of the first run, if Rerun is enabled. Raises OSError."""
+    """Record named runs to `path` on the ground of the first run, if Rerun is enabled. OSError: `path` is not
+    writable."""
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [
@@ -185,7 +186,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
-    """Return a geom in the colour of the run if it is coloured. Tyres, metal and glass remain grey."""
+    """Return a geom in the colour of the run unless the geom is grey (tyres, metal, glass)."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:

@@ -1,4 +1,4 @@
-"""Recording of a run, written in blocks during the run. The file can be opened even if the process was killed."""
+"""Recording of a run, written in blocks during the run. The file can be opened even if the process is killed."""
 
 import errno
 import uuid
@@ -60,7 +60,7 @@ class Recording:
             raise OSError(errno.ENOSPC, "there is no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
-        """Send the rows `first` to `rows.filled`, and wait until they are written."""
+        """Send the log rows `first` to `rows.filled`, and wait until they are written."""
         if self.rows.filled == first or not self.recording:
             return
         times = nanoseconds(self.rows.column("t", first))
@@ -91,7 +91,7 @@ class Recording:
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
-        """Send a layout of the present content. The viewer uses the last layout."""
+        """Send a layout for the content recorded up to `end_s` [s]. The viewer uses the layout sent last."""
         places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
         plots, frames = self.signals.shown, dict[str, Frame]()
         if outcome:  # constant plots are identified at the end of the run

@@ -16,19 +16,20 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
-"""Height of all plots of a tab, height of the title and time axis of a plot, minimum distance of labels [pixels]."""
+"""Height of all plots of a tab, height of title and time axis of a plot, minimum distance of labels [pixels]."""
 MARGIN = 0.04
 """Margin above and below the values [fraction of the range], so that the outermost label is complete."""
 THIRD = 1.6
 """Maximum factor by which an axis is extended to obtain a third label [-]."""
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
-"""Number of axis steps if the values are unknown, and number of steps below which steps are divided by ten [-]."""
+"""Number of labelled steps of an axis with unknown values, and number below which steps are divided by ten [-]."""
 ROOM = 1.02
 """Length of the time axis divided by the duration of the run [-]."""
 EDGE = 0.045
-"""Fraction at the end of the time axis in which a label would be cut off [-]."""
+"""Width at the end of the time axis within which a label would be cut off [fraction of the axis]."""
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""An axis may end at CUT_AT times the CUT_QUANTILE of the values, if their maximum exceeds CUT_ABOVE times this end."""
+"""Limits for axes that cut off rare values: if the maximum exceeds `CUT_ABOVE` times e = `CUT_AT` times the quantile
+`CUT_QUANTILE` of the values, the axis ends at e."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),
@@ -37,7 +38,8 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 }
 """Corners for a legend in order of preference, with two flags: on the right, at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
-"""Width of an empty legend and of a character, height of an empty legend and of a line [pixels]. Measured."""
+"""Size of a legend: width without text, width per character, height without entries, height per entry [pixels].
+Measured."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Maximum fractions: of points hidden by a legend, and of an axis reserved for a legend [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
@@ -50,7 +52,7 @@ class Range(NamedTuple):
     low: float
     high: float
     beyond: float | None = None
-    """Maximum of the values if the axis cuts it off, otherwise None."""
+    """Maximum of the values if the axis ends below it, otherwise None."""
 
 
 class Frame(NamedTuple):
@@ -60,13 +62,13 @@ class Frame(NamedTuple):
     """Range of the values; None for the automatic range of the viewer."""
     legend: Corner2D = Corner2D.RightTop
     room: float = 0.0
-    """Fraction of the time axis reserved for the legend; 0 if a corner is free enough [-]."""
+    """Fraction of the time axis reserved for the legend [-]; 0 if the legend fits in a corner."""
     mean_s: float | None = None
     """Window length of the moving mean drawn with the signals [s]; None without a mean."""
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
-    """Return the axes of a plot of `numbers` (n, series) at times `t` (n,) [s]; `beside`: next to the scene."""
+    """Return the axes of a plot, next to the scene if `beside`, of `numbers` (n, series) at times `t` (n,) [s]."""
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
@@ -84,14 +86,14 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return the width and height of a legend with `names`, divided by those of a plot of the size `of` [pixels]."""
+    """Return the size of a legend with `names` as fractions (width, height) of a plot of the size `of` [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
     """Return the corner in which a legend hides the fewest points, and the number of hidden points. `numbers` (n,
-    series) are the values, `along` (n,) their positions on the time axis [-]."""
+    series) are the values, `along` (n,) their positions on the time axis and `size` the size  [-] of the legend."""
     up = (numbers - values.low) / (values.high - values.low)
 
     def hidden(corner: Corner2D) -> int:
@@ -105,7 +107,7 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, extended until an axis of `most_steps` steps contains two labels."""
+    """Return the range from `low` to `high`, extended until an axis with at most `most_steps`  steps has 2 labels."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):
@@ -125,7 +127,7 @@ def most_steps(share: float) -> float:
 
 
 def pixels(values: Range | None) -> float:
-    """Return the height at which a plot has space for all labels of its value axis [pixels]."""
+    """Return the height of a plot at which its value axis has space for all labels [pixels]."""
     steps = USUAL_STEPS
     if values is not None:
         span = (values.high - values.low) * (1 + 2 * MARGIN)
@@ -135,7 +137,7 @@ def pixels(values: Range | None) -> float:
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """Return the range of the finite `values` and of `includes`; None (automatic range) if all values are equal."""
+    """Return the range of the finite `values` and of `includes`. None (automatic range) if all are equal."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None

@@ -51,9 +51,9 @@ class Plot(NamedTuple):
     includes: tuple[float, ...] = ()
     """Values that the axis range always includes."""
     may_be_cut: bool = False
-    """Whether the axis may cut off rare values that would compress all others."""
+    """Whether the axis may cut off rare extreme values, so that other values are readable."""
     steps: bool = False
-    """Whether values are constant between points, so that the line has steps."""
+    """Whether the line has steps, because values are constant between points."""
     as_logged: bool = False
     """Whether the log already contains the values in the unit of the plot."""
     legend: bool = True
@@ -136,12 +136,12 @@ PLOTS = (
     ),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
-"""All plots of a run except those of the network, in the order of the tabs."""
+"""All plots of a run, in the order of the tabs, except the plots of the fuzzy neural network."""
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
 """Path prefixes of the plots next to the scene."""
 
 DIFFERENCE = "difference"
-"""Signal of a comparison: cross-track error minus the cross-track error of the first run."""
+"""Name of the difference signal of a comparison: cross-track error minus the cross-track error of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
     _single("difference", "Cross-track error minus that of", "m", "", DIFFERENCE),
@@ -158,11 +158,11 @@ NEGATED = ("tau_n",)
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
 """Unit of a plot by unit of the log column, for plots that do not define a unit."""
 REPORTED = "reported/"
-"""Path prefix of plots of log columns that the catalogue does not contain."""
+"""Path prefix of the plots of log columns that are not listed in the catalogue."""
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """Return a plot for each log column that is marked for plotting and is not shown elsewhere."""
+    """Return a plot for each log column that is marked for plotting and is not in the columns `elsewhere`."""
     known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
     return [
         _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)._replace(
@@ -179,7 +179,7 @@ def _title(column: Column) -> str:
 
 
 def derived(rows: Rows, first: int) -> dict[str, Array]:
-    """Return estimation errors and 3 sigma bounds, computed from the rows of the log from `first`, in SI units."""
+    """Return estimation errors and 3 sigma bounds in SI units, computed from the log rows from `first`."""
 
     def of(name: str) -> Array:
         return rows.column(name, first)

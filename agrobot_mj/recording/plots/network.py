@@ -35,30 +35,30 @@ COLOURS = tuple(
 MOST_LINES = 18
 """Maximum number of lines of a plot. For larger networks, evenly spaced parameters are plotted."""
 EVERY_TICKS = 5
-"""Number of ticks between heat maps, and between points of the parameter plots. Both change slowly."""
+"""Number of ticks between heat maps, and between points of the parameter plots. Both vary slowly."""
 MOST_LABELS = 64
 """Maximum number of cells of a heat map whose values are shown as text."""
 BESIDE, ABOVE = 0.2, 0.2
-"""Distance of the set names from the map: left [fraction of its width], and above [fraction of its height]."""
+"""Distance of fuzzy-set names from the heat map: left [fraction of its width], above [fraction of its height]."""
 MOST_SHARE = 1e3
-"""Normalised firing strength above which the network counts as diverged and heat maps are omitted [-]."""
+"""Normalised firing strength above which the network has diverged and heat maps are omitted [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
 """Unit of each input of the network: 1, yaw-rate error; 2, derivative of the yaw-rate error."""
 
 
 class Map(NamedTuple):
-    """Heat map of firing strengths: rows are the sets of x1, columns the sets of x2."""
+    """Heat map of firing strengths. Each row is a fuzzy set of input x1, each column a fuzzy set of input x2."""
 
     entity: str
     title: str
     sizes: tuple[int, int]
     columns: Index
-    """Log columns with the cell values, row by row."""
+    """Columns of the log that contain the values of the cells, row by row."""
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Return the plots of the network whose parameters are in the log `columns`; empty without a network."""
+    """Return the plots of the network whose parameters are in the log `columns`. Empty without a network."""
     if not family("c1", columns):
         return []
     return [
@@ -84,13 +84,13 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the line of a rule. The colour shows the set of x2, the line width the set of x1."""
+    """Return the line for the consequent of a rule. Its colour shows the set of x2, its width the set of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the line of a parameter of a fuzzy set. The colour shows the set, the line width the bound."""
+    """Return the line for a parameter of a fuzzy set. Its colour shows the set, its width the lower or upper bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -104,12 +104,12 @@ def _lines(series: list[Series]) -> tuple[Series, ...]:
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:
-    """Return the columns with the name `start` and one or two numbers: `start`_0, ... or `start`_0_0, ..."""
+    """Return the columns whose name consists of `start` and one or two numbers: `start`_0, ... or `start`_0_0, ..."""
     return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return the network columns of a log; empty without a network."""
+    """Return the columns of the network in a log. Without a network, the list is empty."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -134,7 +134,7 @@ class Firing:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send a heat map for every fifth of the rows `first` to `rows.filled`, at the times `times` (n,)."""
+        """Send a heat map for every fifth row from `first` to `rows.filled`; `times` (n,) are the row times."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
             values = self.rows.values[np.ix_(first + chosen, shown.columns)]

@@ -23,7 +23,7 @@ SETTLED_S = 5.0
 """Time after which axes include the bounds of the estimate [s]. The initial bounds are wide."""
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
-"""Line widths: normal, of a signal with a mean, of the mean; and difference to the next wider line [pixels]."""
+"""Line widths: normal, signal with a moving mean, moving mean; increment of `Series.wider` [pixels]."""
 PALE = 0x48
 """Opacity of a signal that has a mean, out of 0xFF."""
 MEAN_S = 2.0
@@ -35,24 +35,25 @@ MEAN = "mean"
 WINDOWS = 100
 """Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
 MOST_NOISE = 0.1
-"""Mean noise amplitude in the noisier half of the windows above which a mean is drawn, per range [-]. Assumed value."""
+"""Mean noise amplitude (noisier half of the windows) per signal range, above which a mean is drawn [-]. Assumed
+value."""
 
 
 class _Lines(NamedTuple):
-    """Plot, with its columns in the table of all signals."""
+    """Plot with the columns and factors of its series."""
 
     plot: Plot
     columns: Index
-    """Column of the table for each series."""
+    """Column of each series in the table of all signals."""
     factors: Array
     """Factor of each series from the SI unit of the log to the unit of the plot, including the sign."""
 
 
 class Signals:
-    """Sender of the plots of a run. The style of a plot is sent with its first values."""
+    """Sender of the plots of a run."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Create the catalogue plots with existing columns, then the plots `more`. Columns in `without` are omitted."""
+        """Create the catalogue plots with the existing columns except `without`, then the plots `more`."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -67,7 +68,7 @@ class Signals:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the rows `first` to `rows.filled` at the times `times` (n,)."""
+        """Send the log rows `first` to `rows.filled`; `times` (n,) are the times of these rows."""
         table = self._table(first)
         finite, turns = np.isfinite(table), first + np.arange(len(times))
         clocks: dict[bytes, rr.TimeColumn] = {}
@@ -123,7 +124,7 @@ def _varies(numbers: Array) -> bool:
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Return moving means of `numbers` (rows, series), NaN for missing values. Return None if no series is noisy."""
+    """Return the moving means of `numbers` (rows, series), NaN at missing values. Return None if no series is noisy."""
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
     if len(numbers) < 2 * WINDOWS or not 0 < span < np.inf:
@@ -136,7 +137,7 @@ def noisy_means(numbers: Array) -> Array | None:
 
 
 def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -> None:
-    """Send the moving `means` (rows, series) of a noisy plot, and a style that makes its signals pale."""
+    """Send the moving `means` (rows, series) of a noisy plot, and a style that draws its signals faintly."""
     there = np.isfinite(means).all(axis=1) & (np.arange(len(t)) % MEAN_TICKS == 0)
     entity = f"{plot.entity}/{MEAN}"
     stream.log(plot.entity, style(plot, PALE, PALE_WIDTH), static=True)

@@ -1,6 +1,6 @@
 """States over time, shown as coloured lanes: GNSS solution, steering limit, supervisor, link, faults and run outcome.
 
-A lane of `LANES` is recorded if the log contains its column. The values are integers from 0; only changes are sent.
+A lane in `LANES` is recorded if the log contains its column. Only changes are sent.
 """
 
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708
 
 
 class Lane(NamedTuple):
-    """Lane of a state over time. The values are integers from 0, which index `labels` and `colours`."""
+    """Lane of a state over time. A state is an integer, from 0, that indexes `labels` and `colours`."""
 
     path: str
     labels: tuple[str, ...]
     colours: tuple[int, ...]
     column: str = ""
     faults: tuple[Scripted, ...] = ()
-    """Faults of a fault lane, which has no column: the state is 1 while one of them is active."""
+    """Faults shown by a fault lane, which has no column: the state is 1 while one of them is active."""
 
     @property
     def entity(self) -> str:
@@ -63,22 +63,22 @@ LANES = (
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
-"""Lane of the run: `running`, then the outcome at the end."""
+"""Lane of the run: `running`, then the outcome at the end of the run."""
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults grouped by subject. The faults of one subject share a lane."""
+    """Return the faults by subject, such as the affected signal. The faults of a subject share a lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
 
 def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
-    """Return whether any of the faults is active at each of the times `t` (n,) [s]."""
+    """Return whether at least one of the faults is active at each time `t` (n,) [s]."""
     return np.array([any(fault.active(at) for fault in faults) for at in t.tolist()], dtype=bool)
 
 
 class States:
-    """Sends the states to the viewer whenever they change."""
+    """Sender of the states, which are sent when they change."""
 
     def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
         scripted = [
@@ -94,7 +94,7 @@ class States:
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the state changes in the rows `first` to `rows.filled`, at the times `times` (n,)."""
+        """Send the state changes in the log rows `first` to `rows.filled`; `times` (n,) are the times of these rows."""
         if first == 0:
             stream.log(RUN.entity, _style(RUN), static=True)
             _send(stream, RUN, times[:1], [RUNNING])

@@ -1,4 +1,4 @@
-"""Repair of incomplete recordings, whose writer was killed or is still active.
+"""Repair of incomplete recordings. Their writing process was killed or is still active.
 
 A complete recording ends with a footer. The viewer cannot open a recording that ends within a chunk, but Rerun's
 command-line program can copy its complete chunks.
@@ -15,7 +15,7 @@ from pathlib import Path
 from agrobot_mj.recording.transport.viewer import RERUN
 
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""Marker in the footer of a complete recording, and number of bytes at the end of the file that contain the marker."""
+"""Marker in the footer of a complete recording, and number of bytes at the end of the file that include the marker."""
 
 
 def ends_well(path: Path) -> bool:
@@ -27,7 +27,7 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield a recording that the viewer can open: `path`, or a temporary repaired copy of an incomplete file."""
+    """Yield a recording that the viewer can open: `path`, or a temporary repaired copy if incomplete."""
     if ends_well(path):
         yield path
         return

@@ -67,7 +67,7 @@ if (typeof DecompressionStream === "undefined") {
 
 
 def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Path | None = None) -> Path:
-    """Write a page with a recording, and a PNG that is shown until the viewer has started. Return the page."""
+    """Write a page with a recording, and a PNG shown until the viewer has started. Return the path of the page."""
     files = viewer_files()
     with whole(recording) as readable:
         content = readable.read_bytes()
@@ -97,7 +97,7 @@ def _base64(data: bytes) -> str:
 
 
 def viewer_files() -> Mapping[str, bytes]:
-    """Return the script and the WebAssembly module of rerun-sdk's web viewer, by file name. Raises OSError."""
+    """Return the files of rerun-sdk's web viewer by name. Raises OSError if they cannot be obtained."""
     web = free_port()
     ports = ("--port", str(free_port()), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports)

@@ -25,13 +25,13 @@ except ImportError:  # pragma: no cover - Windows has no file size limits
     resource = None  # type: ignore[assignment]
 
 PATIENCE_S = 5.0
-"""Time limit of a flush [s]. A normal flush takes a thousandth of this time."""
+"""Time limit for a flush [s], a thousand times the duration of a normal flush."""
 LAST_WORDS_S = 0.5
-"""Delay between a failed flush and the truncation of the file, in which Rerun tries again to write [s]."""
+"""Delay after a failed flush before the file is truncated, because Rerun tries again to write [s]."""
 FULL_BYTES = 200_000
-"""Free space below which a disk counts as full [bytes]. On a full disk Rerun writes incomplete chunks silently."""
+"""Free space below which a disk is full [bytes]. On a full disk, Rerun writes incomplete chunks without an error."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) for the static content [bytes]. Below this limit Rerun waits forever."""
+"""Minimum file size limit (`ulimit -f`) required for the static content [bytes]. Below it, Rerun would wait forever."""
 
 
 class Sink:
@@ -91,7 +91,8 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Replace a link or recording by an empty file. Raises OSError, or `ScenarioError` for a foreign file."""
+    """Replace a link or an existing recording by an empty file. Raises OSError if this fails, and `ScenarioError` if
+    the folder contains files that agrobot-mj did not write."""
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
@@ -106,8 +107,7 @@ def _make(path: Path) -> None:
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
     """Return whether Rerun is enabled; the environment variable `RERUN` may disable it.
 
-    If it is disabled, a message is printed once to stderr, and an earlier recording at `path` is deleted, because it
-    belongs to another run.
+    If Rerun is disabled, a message is printed once to stderr, and a recording of an earlier run at `path` is deleted.
     """
     if rr.is_enabled(stream):
         return True

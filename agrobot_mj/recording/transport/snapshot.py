@@ -36,17 +36,17 @@ SIZE, TITLE_BAR = (1920, 1080), 37
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
 """Duration of an animation [s], frame rate [1/s], maximum size [pixels], and number of colours."""
 SHOWN_S = 60.0
-"""Default time of an image [s]; a shorter recording is shown at its end."""
+"""Default time at which an image shows the recording [s]. A shorter recording is shown at its end."""
 TRIES = 3
-"""Maximum number of attempts. The time limits of attempt n are n times those of the first attempt."""
+"""Maximum number of attempts. Attempt number n has n times the time limits of the first attempt."""
 START_S = 30.0
 """Time limit for the start of the viewer in the first attempt [s]."""
 LOAD_S = 60.0
 """Time limit for loading a recording in the first attempt [s]."""
 TOASTS_S = 4.5
-"""Duration for which start-up messages of the viewer cover the image [s]."""
+"""Time after the start during which messages of the viewer cover the image [s]."""
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
-"""Time in which all views are rendered after a change of time or tab, and in an animation after each frame [s]."""
+"""Time for the viewer to render all views: after a change of time or tab, and after each frame of an animation [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
@@ -55,7 +55,7 @@ class SnapshotError(Exception):
 
 
 class _LateError(Exception):
-    """Failure of the viewer after which another attempt may succeed."""
+    """Failure of the viewer that may not occur in another attempt."""
 
 
 def snapshots(
@@ -69,9 +69,10 @@ def snapshots(
 ) -> list[Path]:
     """Write a PNG of each tab (default: all) at each time [s] to `folder`/<tab>_<time>.png. Return the files.
 
-    A 3D view can be named in place of a tab and then fills the image. The kinds `gif` and `mp4` are animations of the
-    10 s after each time, or of the last 10 s near the end; `mp4` needs the program ffmpeg. Default time: `SHOWN_S`, or
-    the end. `size` is the width and height of the images [pixels]. Progress is printed to stderr unless `quiet`.
+    If `tabs` contains the name of a 3D view, the view fills the image. The kinds `gif` and `mp4` are animations that
+    start at each time and last 10 s, or end with the recording; `mp4` needs the program ffmpeg. Default time:
+    `SHOWN_S`, or the end of a shorter recording. `size` is the width and height of the images [pixels]. Progress is
+    printed to stderr unless `quiet`.
 
     Raises `SnapshotError` if the viewer cannot render or open the file, `ScenarioError` for an unknown tab or a time
     after the end.
@@ -158,7 +159,7 @@ def _animation(
 
 
 def as_mp4(frames: Sequence[Image.Image]) -> bytes:
-    """Encode frames with ffmpeg as a video that browsers can play. Raises `SnapshotError` if ffmpeg fails."""
+    """Encode frames with ffmpeg as an MP4 video that browsers can play. Raises `SnapshotError` if ffmpeg fails."""
     even = "scale=trunc(iw/2)*2:trunc(ih/2)*2"  # the pixel format requires even sizes
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "video.mp4"
@@ -183,7 +184,7 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return a common colour palette of all frames, computed from ten evenly spaced frames including the last."""
+    """Return a palette for all frames of an animation, computed from ten evenly spaced frames including the last."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):
@@ -192,7 +193,7 @@ def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
-    """Return the image of the viewer, without its title bar, or of one view at a time [s]."""
+    """Return an image of the viewer without its title bar, or of its view named `view`, at time `t` [s]."""
     viewer.set_time(TIMELINE, duration=t, play_state="paused")
     viewer.take_screenshot(max_size=64)  # loads the data of the first frame
     time.sleep(settle_s)

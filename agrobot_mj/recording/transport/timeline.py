@@ -1,4 +1,4 @@
-"""Shared definitions of recordings: application name, the timeline `sim_time` (time since the start), and columns."""
+"""Shared definitions of recordings: application name, timeline `sim_time` (time since the start), and columns."""
 
 from collections.abc import Iterable
 
@@ -27,7 +27,7 @@ def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterabl
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
     """Return a column with `size` instances of a component at each time.
 
-    An archetype's method `columns` gives the same result, but takes four times as long.
+    The method `columns` of a Rerun archetype gives the same result, but takes four times as long.
     """
     offsets = np.arange(0, len(batch.as_arrow_array()) + 1, size, dtype=np.int32)
     return rr.ComponentColumn(descriptor, batch, offsets=offsets)

@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the Rerun command. On Linux it is the binary itself, which can end with its parent process."""
+    """Return the command that starts Rerun. On Linux it is the binary itself, which can end with its parent process."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -55,7 +55,7 @@ def serve(file: Path) -> int:
 def started(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Run a viewer in a separate process session; the viewer ends with the block or with this process."""
+    """Start a viewer in a separate process session. The viewer ends with the block or with this process."""
     process = None
     try:
         with held_back():  # a signal before the assignment would leave the viewer running
@@ -74,13 +74,13 @@ def started(
 
 
 def _die_with_parent() -> None:
-    """Let the kernel send SIGTERM to the viewer when its parent ends, even by SIGKILL. Called in the viewer process."""
+    """Make Linux send SIGTERM to the viewer when its parent ends, even by SIGKILL. Called in the viewer process."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 
 
 def end(process: "subprocess.Popen[bytes]") -> None:
-    """Terminate a viewer that leads a process session, together with its launcher."""
+    """Terminate a viewer and its launcher. The viewer is the leader of a process session."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
         process.wait(timeout=5)
@@ -99,7 +99,8 @@ def free_port() -> int:
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run, and wait until it listens. On failure, print a message and return False."""
+    """Start a viewer that outlives the run, and wait until it accepts connections. Return False after an error
+    message."""
     quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

@@ -1,4 +1,4 @@
-"""Event markers in the scene: start and end of faults, steering at its limit, end of the run.
+"""Event markers in the scene: start and end of faults, steering at its limit, outcome of the run.
 
 A marker is a labelled point at the position of the tractor at the time of the event. It stays visible afterwards. The
 marker of the outcome is above the tractor; a completed run has none.
@@ -18,7 +18,7 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
-"""Bright colours: a label has the colour of its point, and the ground is dark."""
+"""Colours of markers and their labels for good, doubtful and bad events. They are bright because the ground is dark."""
 LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
 """Height of a marker above the ground [m], height of the outcome above the default tractor [m], size on the screen."""
 MOST_EVENTS = 40
@@ -35,14 +35,14 @@ class Events:
         self.count, self.limited = 0, -QUIET_TICKS - 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send markers for the events in the rows from `first`, at the times `times` (n,)."""
+        """Send markers for the events in the log rows from `first`; `times` (n,) are the times of these rows."""
         found = self._faults(first, len(times)) + self._saturations(first, len(times))
         found = sorted(found)[: MOST_EVENTS - self.count]
         self.count += len(found)
         self._send(stream, found)
 
     def finish(self, stream: rr.RecordingStream, outcome: str, last: int) -> None:
-        """Send a marker of the outcome at row `last`, unless the run is completed."""
+        """Send a marker of the outcome at log row `last`, unless the run is completed."""
         if outcome != "completed":
             self._send(stream, [(last, outcome.replace("_", " "), BAD)], ABOVE_M * self.size)
 

@@ -29,19 +29,19 @@ MOST_TILES = 6_000
 MOST_VERTICES = 60_000
 """Maximum number of vertices of subdivided tiles. A vertex needs 52 bytes, including normal and triangles."""
 FINEST_M = 0.1
-"""Minimum distance between vertices on relief [m]: 7 vertices per furrow of 0.75 m."""
+"""Minimum distance between vertices on relief [m]: about 7 per furrow of 0.75 m."""
 SMOOTH_M = 0.004
-"""Maximum deviation from a straight line at which relief is not subdivided in a direction [m]."""
+"""Maximum deviation from a straight line at which a tile is not subdivided in the direction of the line [m]."""
 BORDER_M = 0.25
 """Distance between vertices at borders of patches [m]."""
 BLEND_M = 0.35
 """Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]."""
 CORRIDOR_M = 4.0
-"""Distance from the path within which all tiles with relief are subdivided, if necessary more coarsely [m]."""
+"""Distance from the path within which all tiles with relief are subdivided, with fewer segments if necessary [m]."""
 DIVIDED_M = 25.0
 """Distance from the path above which relief is omitted, because relief flickers in distant views [m]."""
 ROUGH_LIFT_M = 0.02
-"""Maximum height of mesh corners above relief [m]."""
+"""Maximum height of the corners of mesh triangles above relief [m]."""
 SHADES = 0.96, 1.04
 """Brightness factors of the two shades of tiles [-]."""
 SUN = np.array([-0.45, 0.45, 0.77])
@@ -65,8 +65,11 @@ class _Field(NamedTuple):
     rows: int
 
     def points(self, tiles: Index, steps: Steps, beyond: float = 0.0) -> tuple[Array, Array]:
-        """Return the nodes of `tiles` (n, 2), given by row and column, divided into `steps` (in x, in y) and extended
-        by `beyond` [m] on each side: x and y [m], shape (n, steps[1] + 1, steps[0] + 1) each."""
+        """Return the coordinates x and y of the nodes of `tiles`, shape (n, steps[1] + 1, steps[0] + 1) each [m].
+
+        `tiles` (n, 2) are rows and columns of the grid. Each tile is divided into `steps` segments (in x, in y) and
+        extended by `beyond` [m] on each side.
+        """
         u, v = (np.arange(count + 1) / count for count in steps)
         u, v = u + (2 * u - 1) * beyond / self.width, v + (2 * v - 1) * beyond / self.height
         x = self.x0 + self.width * (tiles[:, 1, None, None] + u[None, None, :])
@@ -81,13 +84,14 @@ class _Field(NamedTuple):
 
 
 def on_ground(ground: Ground, points: Array, lift: float) -> Array:
-    """Return points (n, 2) raised by `lift` above the ground and above the corners of its mesh, shape (n, 3) [m]."""
+    """Return points (n, 2) raised by `lift` [m] above the ground, on relief also above its mesh, shape (n, 3) [m]."""
     lift += 0.0 if ground.is_plane else ROUGH_LIFT_M
     return np.column_stack([points, heights(ground, points[:, 0], points[:, 1]) + lift])
 
 
 def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Array]:
-    """Return the slopes dh/dx and dh/dy [-] at `x` and `y` [m], by central differences over +-`reach` [m]."""
+    """Return the slopes dh/dx and dh/dy of the ground height h at `x` and `y` [m], by differences over +-`reach`
+    [m]."""
     dx = heights(ground, x + reach, y) - heights(ground, x - reach, y)
     dy = heights(ground, x, y + reach) - heights(ground, x, y - reach)
     return dx / (2 * reach), dy / (2 * reach)
@@ -117,7 +121,7 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
 
 
 def smooth_corners(ground: Ground, path: Array) -> Array:
-    """Return the ground around `path` (n, 2) without relief, at tile corners, shape (rows + 1, columns + 1, 3) [m]."""
+    """Return the mean ground around `path` (n, 2) [m] at tile corners, shape (rows + 1, columns + 1, 3) [m]."""
     field = _field(ground, path)
     if ground.is_plane:
         field = _Field(field.x0, field.y0, field.width * field.columns, field.height * field.rows, 1, 1)
@@ -177,7 +181,7 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
 
 
 def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
-    """Return whether the relief of `tiles` (n, 2) is straight in x and in y. Furrows are straight in one direction."""
+    """Return whether the relief of `tiles` (n, 2) is straight along x and along y. Furrows often are along one."""
     if ground.is_plane or not len(tiles):
         return False, False
     z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))
@@ -188,14 +192,14 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
 
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Return a mask (n,) of the tiles (n, 2) that contain, or blend with, more than one type of ground."""
+    """Return a mask (n,) of the `tiles` (n, 2) with several types of ground, including a margin for blending."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Return the heights of all tile corners, shape (rows + 1, columns + 1) [m]: mean heights next to coarse tiles."""
+    """Return the heights of all tile corners, shape (rows + 1, columns + 1) [m]. Coarse tiles have mean heights."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact
@@ -222,7 +226,7 @@ def _coarse(field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array
 
 
 def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Steps) -> _Part:
-    """Return the subdivided tiles. Their edges next to coarse tiles are straight, so that there are no gaps."""
+    """Return the subdivided tiles. Their edges next to coarse tiles are straight, so that the mesh has no gaps."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
     z = heights(ground, x, y)
@@ -248,7 +252,7 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Step
 
 
 def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
-    """Build tiles from positions and slopes of their nodes, (n, rows, columns) each, and the shades `squares` (n,)."""
+    """Return tiles with node positions `nodes`, slopes `tilts`, (n, rows, columns) each, and shades `squares` (n,)."""
     count, rows, columns = nodes[0].shape
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -275,7 +279,7 @@ def _apron(ground: Ground, field: _Field) -> _Part:
 
 
 def _cells(rows: int, columns: int) -> Index:
-    """Return the vertex indices of two triangles per cell of a grid, shape (rows, columns, 2, 3)."""
+    """Return the vertex indices of the two triangles of each cell of a grid, shape (rows, columns, 2, 3)."""
     width = columns + 1
     corner = width * np.arange(rows)[:, None] + np.arange(columns)
     found: Index = corner[..., None, None] + np.array([[0, 1, width + 1], [0, width + 1, width]])
@@ -283,7 +287,7 @@ def _cells(rows: int, columns: int) -> Index:
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return friction scale [-] and cone index [Pa] at `x` and `y` [m]. A cone index of 0 is unset."""
+    """Return friction scale [-] and cone index [Pa] at `x` and `y` [m]. A cone index of 0 means not specified."""
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
@@ -307,7 +311,7 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
 
 
 def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
-    """Return `colours` (n, 3) blended with the mean soil colours around `positions` (n, 3) [m]."""
+    """Return `colours` (n, 3) blended with the soil colours around `positions` (n, 3) [m], within `BLEND_M`."""
     offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
     x, y = positions[:, 0], positions[:, 1]
     painted = [by_soil(colours, *properties(surface, x + a, y + b)) for a in offsets for b in offsets]

@@ -1,6 +1,6 @@
 """Moving content of the scene: poses of bodies, tracks, tyre marks, forces, uncertainty ellipse and markers.
 
-The uncertainty ellipse shows 3 sigma of the estimated position of R as a line on the ground.
+The uncertainty ellipse is a line on the ground, at 3 sigma of the estimated position of the rear-axle centre R.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ class Belief:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the ellipses of the rows from `first`, at the times `times` (n,)."""
+        """Send the ellipses of the log rows from `first`; `times` (n,) are the times of these rows."""
         if first == 0:
             style = rr.Ellipsoids3D.from_fields(colors=COLOUR, line_radii=WIDTH, fill_mode=FillMode.MajorWireframe)
             stream.log(BELIEF, style, static=True)
@@ -56,14 +56,16 @@ class Belief:
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
-    """Return the standard deviations along the principal axes (n, 2) [m] and the first principal axes (n, 2)."""
+    """Return the standard deviations along two principal axes (n, 2) [m] and the first axes (n, 2) of covariances (n,)
+    [m2]."""
     p = np.stack([p_xx, p_xy, p_xy, p_yy], axis=-1).reshape(-1, 2, 2)
     variances, directions = np.linalg.eigh(p)
     return np.sqrt(np.maximum(variances, 0.0)), directions[:, :, 0]
 
 
 def _laid(axis: Array, dx: Array, dy: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) on ground with slopes `dx`, `dy` (n,), the first axes above `axis` (n, 2)."""
+    """Return rotation matrices (n, 3, 3) that lay a plane on ground with slopes `dx`, `dy` (n,) [-]. Seen from above,
+    the first axis has the direction `axis` (n, 2)."""
     first = np.column_stack([axis, axis[:, 0] * dx + axis[:, 1] * dy])
     normal = np.column_stack([-dx, -dy, np.ones(len(dx))])
     first, normal = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (first, normal))
@@ -71,12 +73,12 @@ def _laid(axis: Array, dx: Array, dy: Array) -> Array:
 
 
 FARTHEST_M = 1e6
-"""Distance from the origin above which bodies are not recorded [m]. At this distance the viewer resolves 6 cm."""
+"""Distance from the origin beyond which bodies are not recorded [m]. There, the viewer has a resolution of 6 cm."""
 PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
 
 
 class BodyMotion:
-    """Sender of all moving content of the scene, as long as the poses are valid."""
+    """Sender of all moving content of the scene. Sending ends at the first invalid pose."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario, reference: Array) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1
@@ -91,7 +93,7 @@ class BodyMotion:
             self.parts += [Forces(wheels, scenario.tractor), self.trail]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the rows `first` to `rows.filled` at the times `times` (n,), up to the last valid row."""
+        """Send the log rows `first` to `rows.filled`, up to the last valid row; `times` (n,) are the row times."""
         times = times[: self._sound(first)]
         if not times.size or first != self.last + 1:
             return
@@ -107,7 +109,7 @@ class BodyMotion:
         self.last = first + len(times) - 1
 
     def finish(self, stream: rr.RecordingStream, log: Log) -> None:
-        """Send the content that is available only at the end of the run: last tyre marks, outcome and ruts."""
+        """Send the content that requires the finished run: last tyre marks, outcome and ruts."""
         if self.last < 0:
             return
         if self.trail:
@@ -123,7 +125,7 @@ class BodyMotion:
 
 
 def sound_rows(poses: Array, *more: Array) -> int:
-    """Return the number of rows of `poses` (n, bodies, 7) and of columns `more` (n,) before the first invalid row."""
+    """Return the number of rows before the first row with an invalid value in `poses` (n, bodies, 7) or `more` (n,)."""
     table = np.column_stack([poses.reshape(len(poses), -1), *more])
     there = (np.abs(table) < FARTHEST_M).all(axis=1)  # False for NaN
     return len(table) if there.all() else int(there.argmin())

@@ -1,4 +1,4 @@
-"""Names in the scene: of the three tracks, at separate positions along the path, and of compared tractors."""
+"""Name labels in the scene: of the three tracks, at separate positions along the path, and of compared tractors."""
 
 from collections.abc import Sequence
 
@@ -16,12 +16,12 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
-"""Distance of names from the default tractor: reference ahead; true and estimated track behind; reference behind, at
-the end of the path [m]."""
+"""Distance of names from the default tractor [m]: reference, ahead; true and estimated track, behind; reference,
+behind, at the end of the path."""
 IN_VIEW = 0.7
-"""Required tractor size per distance of a body from the first body, for a view of all bodies [1/m]."""
+"""Tractor size per distance of the farthest body, required for legible names in a view of all bodies [1/m]."""
 EVERY_TICKS = 2
-"""Number of ticks between positions of a name."""
+"""Number of ticks between recorded positions of a name."""
 
 
 class TrackNames:
@@ -34,7 +34,7 @@ class TrackNames:
         self.size, self.speed = scenario.tractor.size, scenario.path.speed_m_s
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the positions of the names for every second row from `first`, at the times `times` (n,)."""
+        """Send the positions of the names for every second row from `first`; `times` (n,) are the row times."""
         if first == 0:
             name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
         at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
@@ -52,12 +52,13 @@ class TrackNames:
 
 
 def size_in_view(size: float, places: Array) -> float:
-    """Return the tractor size for a view of all bodies at `places` (n, 2) [m], with the tractor first [-]."""
+    """Return the tractor size that suits a view of bodies at `places` (n, 2) [m], divided by the default size [-]. The
+    first place is the position of the tractor."""
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 
 
 def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], colours: Sequence[int]) -> None:
-    """Send names and their colours without positions (`move_points` sends positions)."""
+    """Send the names and colours of an entity. `move_points` sends the positions."""
     nothing = rr.Radius.ui_points(0.0)
     shown = np.array(colours, dtype=np.uint32)
     style = rr.Points3D.from_fields(labels=labels, colors=shown, radii=nothing, show_labels=True)
@@ -65,6 +66,6 @@ def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], 
 
 
 def move_points(stream: rr.RecordingStream, entity: str, times: Times, places: Array, names: int = 1) -> None:
-    """Send positions of the names of an entity, `places` (n * names, 3) [m], at the times `times` (n,)."""
+    """Send the positions `places` (n * names, 3) [m] of the `names` names of an entity at the times `times` (n,)."""
     columns = rr.Points3D.columns(positions=places.astype(np.float32))
     send(stream, entity, times, columns.partition(np.full(len(times), names)))

@@ -1,7 +1,7 @@
 """Static content of the scene: ground, reference path, and the geoms of each body in the body frame.
 
-Geoms of a body with the same shape form one entity, for example all 64 lugs of the wheels. Contour lines show the slope
-of the ground without relief: furrows and bumps have no contour lines.
+Geoms of a body with the same shape form one entity, for example all 64 lugs of the wheels. Contour lines show the
+large-scale slope of the ground, but not furrows and bumps.
 """
 
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
-"""Height of the reference path above the ground [m]. All lines have different heights, so that none is hidden."""
+"""Height of the reference path above the ground [m]. All lines have different heights, so that no line is hidden."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)
-"""Line width of the reference path on the screen, independent of the camera distance."""
+"""Line width of the reference path on the screen, independent of camera distance."""
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Distance between points of the reference path on a plane and on relief [m], and maximum number of points."""
+"""Distance between points of the reference path: on a plane, on uneven ground [m]; maximum number of points."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
@@ -44,7 +44,7 @@ def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, referen
 
 
 def reference_line(scenario: Scenario, ground: Ground) -> Array:
-    """Return the reference path of the complete run above the ground, shape (n, 3) [m]."""
+    """Return the reference path of the complete run, raised above the ground, shape (n, 3) [m]."""
     duration, step = scenario.ticks * TICK_S, PATH_STEP_M if ground.is_plane else ROUGH_PATH_STEP_M
     count = min(ceil(duration * scenario.path.speed_m_s / step), scenario.ticks, MOST_PATH_POINTS)
     times = np.linspace(0.0, duration, max(count, 1) + 1)
@@ -56,7 +56,7 @@ SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """Return one batch for each shape in `geoms`, by entity name. Each mesh is a separate batch."""
+    """Return one batch of geoms for each shape in `geoms`, by entity name. Each mesh is a separate batch."""
     batches: dict[str, list[Geom]] = {}
     meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:
@@ -117,7 +117,7 @@ LEAST_RISE_M = 0.4
 
 
 def interval(low: float, high: float) -> float | None:
-    """Return the interval of contour lines, 1, 2 or 5 times a power of ten [m]; None for level ground."""
+    """Return the height interval between contour lines: 1, 2 or 5 times a power of ten [m]; None for level ground."""
     if high - low < LEAST_RISE_M:
         return None
     least = (high - low) / MOST_LINES

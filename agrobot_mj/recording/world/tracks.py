@@ -19,7 +19,7 @@ from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
 PIECE_TICKS = 5
-"""Number of ticks per segment of a track, 0.3 m at 1.2 m/s."""
+"""Number of ticks per segment of a track: 0.3 m at 1.2 m/s."""
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
 """Colours of GNSS fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
@@ -60,7 +60,7 @@ class Tracks:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the track segments and fixes of the rows from `first`, at the times `times` (n,)."""
+        """Send the track segments and fixes of the log rows from `first`; `times` (n,) are the times of these rows."""
         ends = piece_ends(len(times))
         for track in TRACKS:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
@@ -71,7 +71,7 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """Return track segments that end before the rows `first + ends`, each connected to the previous one."""
+        """Return the track segments that end before the log rows `first + ends`. Each continues the previous one."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
@@ -90,12 +90,12 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Return the ends of the segments of `count` new rows, as slice ends: 5, 10, ..., `count`."""
+    """Return the ends of the segments of `count` new rows: 5, 10, ..., `count`. The row of the end is excluded."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 
 def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
-    """Return the line strips `points[start:end]` in Rerun's memory layout, because Rerun's conversion is slow."""
+    """Return the line strips `points[start:end]` in the memory layout of Rerun, whose conversion is slow."""
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
     vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
     return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

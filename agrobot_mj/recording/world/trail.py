@@ -17,7 +17,7 @@ from agrobot_mj.recording.world.wheels import Wheels
 Triangles = np.ndarray[tuple[int, ...], np.dtype[np.uint32]]
 ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)
-"""Possible lengths of a segment of the marks [ticks]."""
+"""Possible numbers of ticks per segment of a mark."""
 MOST_PIECES = 800
 """Maximum number of segments per run. Each segment is a separate mesh in the viewer."""
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
@@ -37,14 +37,14 @@ class Trail:
         self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the segments that end in the rows from `first`, at the times `times` (n,)."""
+        """Send the segments that end in the log rows from `first`; `times` (n,) are the times of these rows."""
         if first == 0:
             stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
         ends = np.arange(self.sent + self.piece, first + len(times), self.piece)
         self._send_pieces(stream, times[ends - first], ends)
 
     def finish(self, stream: rr.RecordingStream, last: int) -> None:
-        """Send the remaining marks up to row `last`."""
+        """Send the remaining marks, up to log row `last`."""
         if last > self.sent:
             self._send_pieces(stream, nanoseconds(self.wheels.rows.column("t")[[last]]), np.array([last]))
 
@@ -60,7 +60,8 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return the left and right edges of the marks at rows `at` (n,), (n, 4, 2, 3) [m], and colours (n, 4, 2)."""
+        """Return the left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n,
+        4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
@@ -70,7 +71,8 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Return the triangles of a segment, shape (n, 3). Vertices are ordered by cross-section, wheel and edge."""
+        """Return the triangles of a segment, shape (n, 3). Vertices are numbered by cross-section, then wheel, then
+        edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

@@ -1,7 +1,7 @@
-"""Contacts of wheels, which are the frames of logged wheel forces, and force arrows next to the wheels.
+"""Contact frames of wheels, in which the log gives wheel forces, and force arrows next to the wheels.
 
 The arrow of the force in the ground plane starts at the edge of the footprint, and its colour shows the friction
-utilisation. The arrow of the load starts outside the tyre. A log without wheels has no arrows.
+utilisation. The arrow of the load starts outside the tyre. A run without wheels has no arrows.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ class WheelContacts(NamedTuple):
     """Contacts of the wheels fl, fr, rl, rr at n times: vectors in the world frame, shape (n, 4, 3)."""
 
     patch: Array
-    """Lowest point of the tyre's central plane [m]."""
+    """Lowest point of the wheel plane (central plane of the tyre) [m]."""
     forward: Array
     """Rolling direction, parallel to the ground."""
     left: Array
@@ -51,14 +51,14 @@ class Wheels:
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
     def report(self, quantity: str, at: Index) -> Array:
-        """Return a logged wheel quantity in the rows `at` (n,), shape (n, 4)."""
+        """Return a wheel quantity from the log rows `at` (n,), shape (n, 4)."""
         columns = np.array([self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS])
         found: Array = self.rows.values[np.ix_(at, columns)]
         return found
 
 
 def contacts(ground: Ground, poses: Array, radii: Array) -> WheelContacts:
-    """Return the contacts of wheels with poses (n, 4, 7) and radii (4,) [m], as in `tyres.patch.find_patch`."""
+    """Return contacts of wheels with poses (n, 4, 7) and radii (4,) [m], computed as by `tyres.patch.find_patch`."""
     centre = poses[..., :3]
     w, x, y, z = np.moveaxis(poses[..., 3:], -1, 0)
     axle = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
@@ -76,10 +76,10 @@ def _unit(v: Array) -> Array:
 
 
 M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
-"""Length per newton of the arrows of ground forces and loads [m/N], and radii of these arrows [m], for the default
-tractor. For other tractors, arrows are scaled by size, and forces by weight."""
+"""Arrow length per newton of ground force and of load [m/N], and arrow radii for both [m], of the default tractor. For
+other tractors, arrow sizes are scaled with the tractor size, and lengths also with its weight."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Lateral distance of an arrow from the tyre and its height [m]; half footprint length per wheel radius [-]."""
+"""Lateral distance of an arrow from the tyre and its height [m]; half of the footprint length per wheel radius [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF
@@ -96,7 +96,7 @@ class Forces:
         self.scale = tractor.size * COMPACT.mass_kg / tractor.mass_kg
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the arrows of the rows from `first`, at the times `times` (n,)."""
+        """Send the arrows of the log rows from `first`; `times` (n,) are the times of these rows."""
         if first == 0:
             stream.log(FORCES, rr.Arrows3D.from_fields(radii=THICK_M * self.size), static=True)
             stream.log(LOADS, rr.Arrows3D.from_fields(radii=THIN_M * self.size, colors=LOAD_COLOUR), static=True)
@@ -109,7 +109,8 @@ class Forces:
         send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
-        """Return origins and vectors of ground forces, then of loads, in the rows `at` (n,), (n, 4, 3) each [m]."""
+        """Return origins and vectors of ground-force arrows, then load arrows, in rows `at` (n,), (n, 4, 3) each
+        [m]."""
         contacts = self.wheels.contacts(at)
         fx, fy, load = (np.nan_to_num(self.wheels.report(name, at))[..., None] for name in ("fx", "fy", "load"))
         along = fx * contacts.forward + fy * contacts.left
