@@ -28,15 +28,15 @@ from agrobot_mj.studies.sweep.store import Store
 
 FIGURES = ("trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q")
 FILES = ("comparison.json", "comparison.rrd", *(f"{name}.png" for name in FIGURES))
-"""Files that a comparison writes, in addition to the files of its sweep and the folders of its runs."""
+"""Files that a comparison writes to its folder. In addition, it writes the files of a sweep and one folder per run."""
 
 
 def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:
     """Run the missing runs of a comparison and write all results to `folder`. Return the rows of comparison.json.
 
-    Rows of failed runs contain no tracking errors; their metrics.json contains the measured values. The row of a run
-    that raised an exception has `error` and no metrics. The figures and the common recording show the first seed of the
-    first `MOST_DRAWN` laws.
+    Rows of failed runs contain no tracking errors; the metrics.json of such a run contains the measured values. If a
+    run raised an exception, its row contains `error` and no metrics. The figures and the common recording show the
+    first seed of the first `MOST_DRAWN` laws.
     """
     store = Store(folder, comparison)
     with results(folder, (*FILES, *store.names)):
@@ -101,15 +101,15 @@ MEANINGS = {
     "nn 1": "fraction of the network in the steering command of the first turn",
     "nn 2": "lateral MSE in the second turn of the path",
 }
-"""Explanation of each numeric column of the table, by column head."""
+"""Explanation of each numeric column of the table, by column title."""
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the comparison as a plain text table (ASCII, valid Markdown) without a final newline.
+    """Return a comparison as a table in plain text (ASCII, valid Markdown) without a final newline.
 
-    `rows` are the rows of comparison.json. Column `/ pd` is the lateral mean square error divided by that of the first
-    law with `pd` on the same plant, variant, seed and path segment. Failed runs have no errors (`metrics.success`). The
-    columns variant, guidance, seed and segment are shown if their values differ. Numeric columns without values are
+    `rows` are the rows of comparison.json. Column `/ pd` is the lateral mean square error divided by the error of the
+    first law with the controller `pd` on the same plant, variant, seed and path segment. Failed runs have no error
+    values. The columns variant, guidance, seed and segment are shown if their values differ. Empty numeric columns are
     omitted.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
@@ -136,7 +136,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def legend(text: str) -> list[str]:
-    """Return one line that explains each numeric column of a `table`."""
+    """Return one line of explanation for each numeric column in the table `text`."""
     heads = [head.strip() for head in text.partition("\n")[0].split("|")]
     shown = {head: meaning for head, meaning in MEANINGS.items() if head in heads}
     width = max(map(len, shown), default=0)
@@ -144,7 +144,7 @@ def legend(text: str) -> list[str]:
 
 
 def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return remarks for the text below the table: failed runs with their outcomes, and incomparable errors."""
+    """Return remarks to print below the table: failed runs with their outcomes, and errors that are not comparable."""
     laws: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         laws.setdefault(str(row["folder"]).removesuffix(f"-s{row['seed']}"), []).append(row)
@@ -158,7 +158,7 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return one sentence per plant that names the law with the smallest lateral mean square error in every seed."""
+    """Return a sentence for each plant on which a law has the smallest lateral mean square error with every seed."""
     if any(error_of(row, "lateral_mse") is None for row in rows) or len({row.get("piece") for row in rows}) > 1:
         return []
     found, first = list[str](), dict[str, float]()
@@ -186,7 +186,7 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Return whether the table shows a column: plant always, controller if present, others if their values differ."""
+    """Return whether the table shows the column `name`: plant always, controller if present, others if they differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 

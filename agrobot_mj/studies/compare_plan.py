@@ -21,11 +21,11 @@ from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
-"""Default controllers of a comparison for which neither laws nor variants are named."""
+"""Controllers that a comparison runs if no controllers, guidance laws or variants are given."""
 MOST_RUNS = 2000
-"""Default maximum number of runs: one to three hours on one core for the figure eight."""
+"""Default maximum number of runs of a comparison. They take one to three hours on one core for the figure eight."""
 MOST_DRAWN = 24
-"""Maximum number of laws that can be distinguished in figures and in the common recording."""
+"""Maximum number of laws shown in figures and in the common recording, so that their lines are distinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 """Keys that variants must not set, with the command-line options that set them."""
 
@@ -39,7 +39,7 @@ class CompetingLaw(NamedTuple):
 
 
 class Case(NamedTuple):
-    """Run of a comparison."""
+    """One run of a comparison."""
 
     plant: str
     law: str
@@ -57,7 +57,7 @@ class Case(NamedTuple):
 
 
 class Comparison(SweepPlan):
-    """Runs of a comparison. Each run has a folder named after plant, law and seed."""
+    """All runs of a comparison. Each run has a folder named after plant, law and seed."""
 
     def __init__(
         self,
@@ -70,20 +70,20 @@ class Comparison(SweepPlan):
         super().__init__(Sweep(scenario.name, SweepFile(base=BASE, seeds=seeds, variant=tuple(laws)), scenario))
         self.cases = list(cases)
         self.left_out = left_out
-        """Reasons why plants, or laws on a plant, are omitted: they cannot run the scenario."""
+        """Omitted plants, and omitted laws on a plant, with the reason why they cannot run the scenario."""
         self.recorded = True
-        """Whether runs are recorded, both individually and in the common recording."""
+        """Whether each run is recorded, and all runs together in the common recording."""
 
     @cached_property
     def drawn(self) -> list[int]:
-        """Numbers of the runs shown in figures: the first seed of the first `MOST_DRAWN` laws."""
+        """Numbers of the runs shown in figures: the runs with the first seed of the first `MOST_DRAWN` laws."""
         laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
         first = self.cases[0].seed
         return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the folders that the runs write, as in `results`."""
+        """Names of the run folders, as required by `simulation.results.results`."""
         return tuple(f"{case.folder}/" for case in self.cases)
 
     def folder(self, number: int) -> str:
@@ -91,12 +91,12 @@ class Comparison(SweepPlan):
         return self.cases[number].folder
 
     def task(self, number: int) -> Task:
-        """Return the task of run `number`. Runs in the common recording also keep their poses."""
+        """Return the task of run `number`. The poses of runs in the common recording are also kept."""
         kept = "signals" if not self.recorded else "poses" if number in self.drawn else "recordings"
         return super().task(number)._replace(keep=kept)
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Do nothing, because `plan` has already checked all runs."""
+        """Do nothing, because `plan` has already checked all runs. Sweeps check their runs here."""
 
 
 def plan(
@@ -108,9 +108,11 @@ def plan(
     seeds: int = 1,
     most: int = MOST_RUNS,
 ) -> Comparison:
-    """Return the checked plan of all combinations, with seeds from the scenario's seed. Raises `ScenarioError`.
+    """Return the checked plan of all combinations of laws, plants and `seeds` seeds. The first seed is the seed of
+    `scenario`.
 
-    By default `plants` are the plants in `PLANTS` that can run each law. Given plants must be able to run all laws.
+    Default of `plants`: for each law, all plants that can run it. Given `plants` must be able to run all laws. Raises
+    `ScenarioError` for an invalid run.
     """
     laws = competing(scenario, controllers, guidance, variants)
     able, left_out = (list(plants), []) if plants is not None else runnable(scenario)
@@ -140,7 +142,7 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """Return the compared laws: named laws with each variant, and variants that are laws. Raises `ScenarioError`."""
+    """Return the compared laws: named laws with each variantand variants that define laws. Raises `ScenarioError`."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]
@@ -163,7 +165,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws of the named kinds of controllers and guidance. Default: `CONTROLLERS`."""
+    """Return the laws of the given kinds of controllers and guidance. Default: `CONTROLLERS`."""
     if controllers is None and not guidance:
         if varied:
             return []
@@ -192,7 +194,7 @@ def _named(
 
 
 def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Return the plants that can run the scenario, and for each other plant the reason why it cannot."""
+    """Return the plants that can run the scenario, and one text for each other plant that states why it cannot."""
     able, left_out = [], []
     for plant in plants:
         try:

@@ -1,4 +1,4 @@
-"""Remarks on rankings: whether the cross-track errors compare laws or only estimates, and inconsistent estimates."""
+"""Remarks on rankings of laws: whether estimation errors dominate the cross-track errors, inconsistent estimates."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Return remarks on the runs of named cases: dominance of the estimator's errors, warnings about estimates."""
+    """Return remarks on the runs of named cases: dominance of estimation errors, and warnings about estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 
@@ -60,11 +60,11 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Return the mean position NEES of the runs if one of them has an inconsistent estimate, otherwise "" [-]."""
+    """Return the mean position NEES of runs if one of them has an inconsistent estimate, otherwise empty text [-]."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent text; empty if missing texts are the most frequent."""
+    """Return the most frequent of the texts. Return an empty text if None is the most frequent."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

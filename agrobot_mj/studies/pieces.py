@@ -10,15 +10,17 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.scenario.tables import LONGEST_S
 
 SAMPLES, STATIONS = 400, 50
-"""Numbers of points along a segment: equally spaced in time, and equally spaced in distance for comparisons."""
+"""Numbers of points on a path segment: equally spaced in time, and equally spaced in distance, for comparisons."""
 APART = 0.01
-"""Maximum distance between points of equal segments per segment length [-]. Assumed value: rounding to ticks."""
+"""Maximum distance between corresponding points of equal segments per segment length [-]. Assumed value."""
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """Return a number from 1 for the path segment of each scenario. Scenarios with equal segments have equal numbers.
+    """Return the number of the path segment of each scenario, from 1. Scenarios with the same segment have the same
+    number.
 
-    A slow and a fast run to the end of a path cover the same segment; runs of equal duration do not.
+    Two runs to the end of a path cover the same segment at any speed. Runs of equal duration and different speed do
+    not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -36,7 +38,7 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """Return the scenario at another speed [m/s]. A given duration is adapted, so that the path segment is the same."""
+    """Return the scenario with another speed [m/s]. A specified duration is changed to keep the path segment."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
@@ -49,14 +51,15 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
 
 
 def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
-    """Return times (n,) [s], positions (n, 2) [m] and arc lengths (n,) [m] of a path's reference until `end` [s]."""
+    """Return times (n,) [s], positions (n, 2) [m] and arc lengths (n,) [m] of the reference until time `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
     return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return points along a scenario's path segment, and its length in the last row, shape (STATIONS + 1, 2) [m]."""
+    """Return STATIONS points on the path segment of a scenario, equally spaced, and a last row with its length (n, 2)
+    [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

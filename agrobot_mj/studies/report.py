@@ -1,9 +1,9 @@
 """Figures of a comparison, similar to those of the paper.
 
-Runs are given as (plant, law, log), one run per plant and law. Each figure is a PNG with one column of panels per
-plant. A law has the same colour in all figures. Signals that a law does not have, such as a yaw-rate error, are
-omitted. Errors are position minus reference, positive to the left of the path and ahead of the reference; the log
-contains reference minus position, as in the paper. A cross marks the end of a failed run.
+There is one run per plant and law. Each figure is a PNG with one column of panels per plant. A law has the same colour
+in all figures. Signals that do not exist for a law, such as a yaw-rate error, are omitted. Errors are position minus
+reference: positive to the left of the path and ahead of the reference. (The log contains reference minus position, as
+in the paper.) A cross marks the end of a failed run.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,11 +28,11 @@ SMOOTHING_S = 1.0
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
 """Distance between points of a drawn path [m], and maximum number of points [-]."""
 KEY_IN, LETTER_IN = 0.45, 0.058
-"""Width of a legend entry without text, and mean width of a letter of 8 pt [in]."""
+"""Width of a legend entry without its text, and mean width of a letter of 8 pt [in]."""
 ZOOM_M = (6.0, 3.0)
 """Width and height of the enlarged part of the trajectory [m]."""
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""Limit for each axis unit. Curves that exceed the limit do not affect the scale of a panel."""
+"""Limit of plotted values for each axis unit. Curves beyond the limit do not affect the axis range of a panel."""
 
 
 class ReportedRun(NamedTuple):
@@ -46,7 +46,7 @@ class ReportedRun(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the law in legends. A "$" is escaped; a leading "_" would hide the legend entry and gets a space."""
+        """Name of the law in legends. "$" is escaped. A space precedes a leading "_", which would hide the entry."""
         name = law_name(self.law).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
@@ -62,7 +62,8 @@ def write_figures(runs: Runs, folder: Path) -> list[Path]:
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Draw the reference (thin black) and tracks (first turn dotted, later turns solid), with one column per plant.
+    """Draw the reference (thin, black) and the tracks (dotted in the first turn, then solid), with one column per
+    plant.
 
     The lower row enlarges the region of the maximum errors.
     """
@@ -97,7 +98,7 @@ def lateral_error(runs: Runs) -> Figure:
 
 
 def control_signals(runs: Runs) -> Figure:
-    """Draw the parts of the steering command and their sum, one row per law; laws without a network only if alone."""
+    """Draw components and sum of the steering command, one row per law. Plain PD laws are drawn only alone."""
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -178,7 +179,7 @@ def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D
 
 
 def _leave_out_lost(grid: Any, limit: float) -> None:
-    """Scale the common y axis to the curves within +-`limit`, if only some of the curves are within."""
+    """Fit the common y axis to the curves within +-`limit`, if some, but not all, curves are within this range."""
     values = [np.asarray(line.get_ydata(), dtype=float) for axes in grid.flat for line in axes.lines]
     curves = [finite for finite in (curve[np.isfinite(curve)] for curve in values) if finite.size]
     kept = [curve for curve in curves if np.abs(curve).max() <= limit]
@@ -238,7 +239,7 @@ def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> N
 
 
 def _colour(runs: Runs, law: str) -> str:
-    """Return the colour of a law. Laws without an assigned colour get the spare colours in order."""
+    """Return the colour of a law. A law without an assigned colour gets the next spare colour."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
     used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
     free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
@@ -276,7 +277,7 @@ def _smooth(t: Array, values: Array) -> Array:
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
-    """Return the lower and upper corner of the plotted area [m]: the path with a margin, at most as high as wide."""
+    """Return two opposite corners of the plotted area [m]. The area is the path with a margin, no higher than wide."""
     path = run.log.scenario.path
     points = sample(path, np.linspace(*path.turns_s[0], 500))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -286,7 +287,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the path point with the maximum sum of the runs' lateral errors, each limited to 1 m [m]."""
+    """Return the path point with the maximum sum of the lateral errors of all runs, each error limited to 1 m [m]."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

@@ -7,18 +7,18 @@ from math import log
 import numpy as np
 
 PRIOR_FAILURES = 0.2
-"""Second parameter of the beta distribution of alternative rates [-]; the first is 1. Values below 1 put the weight
-near a rate of 1. 12 successful runs show a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
+"""Second parameter of the beta distribution of success rates [-]; the first is 1. Values below 1 favour rates near 1.
+With 0.2, 12 successes confirm a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
 NEAR = 1e-12
 """Minimum distance of an evaluated rate from 0 and 1 [-]."""
 
 
 def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:
-    """Return the two-sided confidence interval of a success rate; it remains valid if runs are added one by one.
+    """Return a two-sided confidence interval of a success rate that remains valid if it is evaluated after every run.
 
-    A rate is excluded by a likelihood ratio of at least 2 / (1 - confidence), averaged over the rates beyond it with a
-    beta distribution. If the true rate equals an end of the interval, the ratio ever reaches this value with a
-    probability of at most (1 - confidence) / 2, for any number of evaluations [Robbins1970].
+    The test of a rate uses the likelihood of higher (or lower) rates, averaged with a beta distribution, divided by the
+    likelihood of the rate. The interval excludes rates with a ratio of at least 2 / (1 - confidence). For the true
+    rate, the probability that the ratio ever reaches this value is at most (1 - confidence) / 2 [Robbins1970].
     """
     failures = runs - successes
     return _lower(successes, failures, confidence), 1.0 - _lower(failures, successes, confidence)
@@ -26,7 +26,7 @@ def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[f
 
 @cache
 def _lower(successes: int, failures: int, confidence: float) -> float:
-    """Return the lower end of the sequential interval: the rate with just enough evidence for higher rates."""
+    """Return the lower end of the sequential interval, the rate whose likelihood ratio equals the limit."""
     from scipy.optimize import brentq
 
     if successes == 0:
@@ -37,7 +37,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the log likelihood ratio of higher success rates (averaged over these rates) to `rate`."""
+    """Return the logarithm of the likelihood of success rates above `rate`, averaged, relative to that of `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES
@@ -47,7 +47,7 @@ def _evidence(successes: int, failures: int, rate: float) -> float:
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Return the minimum number of runs, all successful, after which the sequential interval is above `reliability`."""
+    """Return the number of runs, all successful, after which the sequential interval is above `reliability`."""
     bound, most = log(2.0 / (1.0 - confidence)), 1
     while _evidence(most, 0, reliability) < bound:
         most *= 2

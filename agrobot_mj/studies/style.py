@@ -29,7 +29,7 @@ from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of all other laws in order of appearance. Grey is excluded because it resembles the black reference."""
+"""Colours of laws without an assigned colour, in order of appearance. Grey is excluded: it resembles the reference."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
@@ -49,7 +49,7 @@ DPI = 200
 
 
 def law_name(kind: str) -> str:
-    """Return the name of a law kind in figures. A text that is no kind is returned unchanged."""
+    """Return the name of a law in figures for its `kind`. Other texts are returned unchanged."""
     fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
     law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
     return str(vars(law).get("label", kind))

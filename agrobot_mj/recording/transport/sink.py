@@ -105,10 +105,8 @@ def _make(path: Path) -> None:
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Return whether Rerun is enabled; the environment variable `RERUN` may disable it.
-
-    If Rerun is disabled, a message is printed once to stderr, and a recording of an earlier run at `path` is deleted.
-    """
+    """Return whether Rerun is enabled; the environment variable `RERUN` may disable it. If Rerun is disabled, a message
+    is printed once to stderr, and a recording of an earlier run at `path` is deleted."""
     if rr.is_enabled(stream):
         return True
     if path is not None:

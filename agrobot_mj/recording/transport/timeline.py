@@ -25,9 +25,7 @@ def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterabl
 
 
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
-    """Return a column with `size` instances of a component at each time.
-
-    The method `columns` of a Rerun archetype gives the same result, but takes four times as long.
-    """
+    """Return a column with `size` instances of a component at each time. The method `columns` of a Rerun archetype
+    gives the same result, but takes four times as long."""
     offsets = np.arange(0, len(batch.as_arrow_array()) + 1, size, dtype=np.int32)
     return rr.ComponentColumn(descriptor, batch, offsets=offsets)

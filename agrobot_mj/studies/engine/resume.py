@@ -5,9 +5,8 @@ an extended, moved or interrupted study continues with the missing runs. Each ro
 digests of task, input files and code (`core.identity`). Rows with another identity, and rows of runs that raised an
 exception, count as missing.
 
-The results folder also contains copies of scenario input files, which the runs read. A copy and its related files are
-in a folder named after their content, so that copies are never overwritten. Changes of the original files during a
-study have no effect.
+The results folder also contains copies of scenario input files, which the runs read. Each copy is in a folder named
+after its content and is never overwritten. Changes of the original files during a study have no effect.
 """
 
 import json
@@ -37,12 +36,12 @@ INPUTS = "inputs"
 
 
 class Held(NamedTuple):
-    """Scenario data whose input files have been copied to the results folder."""
+    """Scenario data with input files copied to the results folder, in the forms for execution and for identity."""
 
     driven: dict[str, Any]
-    """Data with the paths of the copies, for the run."""
+    """Scenario data with the paths of the copied files, used by the run."""
     said: dict[str, Any]
-    """Data with file names instead of paths, for the identity."""
+    """Scenario data with file names instead of paths, used for the identity."""
     files: tuple[str, ...]
     """Digests of the input files."""
 
@@ -55,7 +54,7 @@ class InputCopies:
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return plain data with paths of copies. An unreadable file keeps its path, and the run reports the error."""
+        """Return the data with paths of copied files. An unreadable file keeps its path, for an error in the run."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -104,10 +103,10 @@ RunTasks = Callable[[Sequence[Task]], list[Row]]
 
 
 class RunFiles(Protocol):
-    """Storage of the files that a study keeps for its runs, in addition to rows."""
+    """Interface for storing the files of runs, other than rows, that a study keeps."""
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all files to be kept of a run exist."""
+        """Return whether all files of a run that must be kept exist."""
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
         """Write the files of a run, given as content by name."""
@@ -119,12 +118,12 @@ class RowFiles:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.again = Counter[str]()
-        """Number of stored rows that must be run again, by reason."""
+        """Number of stored rows whose runs must be repeated, by reason."""
         self.inputs = InputCopies(folder, self.write_bytes)
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """Return a task with its identity and with paths of input copies in place of the original paths."""
+        """Return a task with its identity and with paths of input files replaced by the paths of the copies."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
@@ -141,7 +140,7 @@ class RowFiles:
     def drive(
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
-        """Yield each task with its row, and whether the row existed. Existing rows come first, then new rows."""
+        """Yield each task, its row, and whether the row already existed. Existing rows come first."""
         todo = []  # the tasks themselves could exceed the memory
         for number in numbers:
             task = self.asked(task_of(number))
@@ -159,7 +158,7 @@ class RowFiles:
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """Return the stored row of a task without its identity; None if missing, damaged or of another identity."""
+        """Return the stored row of a task without its identity; None if the row is missing, damaged or outdated."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):
@@ -177,12 +176,12 @@ class RowFiles:
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """Return the path of the row file of a task, or of a file next to it that has another ending."""
+        """Return the path of the row file of a task, or of the file with the same name and another `ending`."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
     def tell_again(self) -> None:
-        """Print the number of rows that are run again, with the reasons."""
+        """Print how many rows are computed again, with the reasons."""
         if self.again:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
             print(f"{self.folder}: rows with another identity are run again: {why}", file=sys.stderr)
@@ -202,7 +201,7 @@ class RowFiles:
 
 
 class Study:
-    """Function that performs tasks, each once, and stores their rows in a results folder."""
+    """Function that performs tasks and stores their rows in a results folder. Existing rows are not computed again."""
 
     def __init__(self, folder: Path, perform: Perform) -> None:
         self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()
@@ -215,8 +214,8 @@ class Study:
     ) -> list[Row]:
         """Return the rows of tasks in order: `outcome`, `expected`, `error`, metrics, and values measured by the task.
 
-        Equal tasks are run once. `done` is called for each task with two flags: the run ended as `expected`, and the
-        row existed (`there`). `files` stores additional files of runs. Each error message of runs is printed once.
+        Equal tasks are run once. `done` is called for each task with two flags: whether the run ended as expected, and
+        whether the row existed. `files` stores additional files of runs. Equal error messages are printed once.
         """
         names = [self.rows.asked(task).identity for task in tasks]
         first, found = dict[Identity | None, int](), dict[Identity | None, Row]()
@@ -237,7 +236,7 @@ class Study:
 def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterator[Study]:
     """Yield a function that performs tasks and stores their rows in `folder`, which is locked within the block.
 
-    `names` are the files that the study itself writes, as in `results`. `jobs` is the number of processes; default: one
+    `names` are the files that the study itself writes to the folder. `jobs` is the number of processes; default: one
     per core. Raises `ScenarioError`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
@@ -245,7 +244,7 @@ def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterat
 
 
 def about(scenario: Scenario) -> dict[str, Any]:
-    """Return the header of a study's results: name and identity of the scenario, and the version of the package."""
+    """Return the header of the results of a study: name and identity of the scenario, and package version."""
     return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 

@@ -1,6 +1,6 @@
 """Execution of one run of a study in any process: converts a `Task` to a row of numbers and files.
 
-A failed run has numbers like other runs. A run that raises an exception has the outcome `error` and an error message.
+A failed run has metrics like other runs. A run that raises an exception has the outcome `error` and an error message.
 """
 
 import errno
@@ -29,9 +29,9 @@ from agrobot_mj.simulation.storage import RECORDING, can_record, write_log
 
 ERROR = "error"
 WALL = ("wall_s", "real_time_factor", "identity")
-"""Metrics that may differ when a run is repeated."""
+"""Metrics that may differ between repetitions of a run."""
 LAST = "metrics.json"
-"""Last file that a run writes. Its presence shows that all files are complete."""
+"""Name of the file that a run writes last. If it exists, all files of the run are complete."""
 POSES = "poses.npy"
 """File name of the poses of all bodies, an array of shape (ticks, bodies, 7)."""
 Row = dict[str, Any]
@@ -42,18 +42,18 @@ class Task(NamedTuple):
     """Description of one run of a study."""
 
     base: str
-    """Base scenario as JSON, see `base_text`."""
+    """Base scenario as JSON text, as returned by `base_text`."""
     name: str
     overrides: dict[str, Any]
     keep: str = "table"
-    """Files of the run to keep, as `SweepFile.keep`. The value `poses` keeps the recording and `POSES`."""
+    """Files of the run to keep, see `SweepFile.keep`. In addition, `poses` keeps the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function that computes additional numbers from the log. Worker processes must be able to import it."""
     branches: tuple[Branch, ...] | None = None
-    """Branches of the random streams; None for a run that shares no initial part with other runs."""
+    """Branches of the random streams; None for a run without branches."""
     number: int = 0
     identity: Identity | None = None
-    """Identity of the row; None if the task may be run with any code."""
+    """Identity of the row; None if any version of the code may perform the task."""
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
@@ -70,15 +70,15 @@ class Done(NamedTuple):
 
 
 def base_text(base: Scenario) -> str:
-    """Return a scenario as JSON text without default values, from which `resolve` restores an equal scenario."""
+    """Return a scenario as JSON text without default values. `resolve` creates an equal scenario from it."""
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
 def perform(task: Task) -> Done:
     """Simulate one run and return its row and files.
 
-    Raises only errors that the run does not cause: OSError for a full disk, exceptions of signal handlers, and
-    `ScenarioError` if the code of this process differs from the code named in the task.
+    Errors of the run become part of the row. Other errors are raised: OSError for a full disk, exceptions of signal
+    handlers, and `ScenarioError` if the code of this process differs from the code named in the task.
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
@@ -140,7 +140,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def other_code(parts: Sequence[str]) -> str:
-    """Return the error message for a worker whose code differs in `parts` from the code of the command."""
+    """Return the error message for a worker whose code differs from the code of the command, in the given `parts`."""
     return (
         f"different {' and '.join(parts)}: the code was edited meanwhile, or registered where workers do not find it; "
         "restart the command and the workers of a scheduler, and register kinds at the top level of a module"
@@ -148,7 +148,7 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Return the names of the files that exist for a completed run, depending on `keep`."""
+    """Return the names of the files kept for a completed run, given `keep` of `SweepFile` and the kind of outcome."""
     if keep == "table" or (keep == "failures" and expected):
         return ()
     recorded = (RECORDING,) if keep != "signals" and installed("rerun") else ()

@@ -27,7 +27,7 @@ from agrobot_mj.scenario.plugins import load_plugins, loaded_files
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
 
 AHEAD = 2
-"""Number of queued work items per worker: one running and one waiting. The limit bounds the memory of the queue."""
+"""Maximum number of submitted work items per worker: one running and one waiting. The limit bounds the memory usage."""
 UNSTARTED = (
     "no worker process can start because the import of the main program fails there; save the program as a file with "
     'its code below `if __name__ == "__main__":`, or use one job'
@@ -42,10 +42,8 @@ def cores() -> int:
 
 
 class Pool:
-    """Pool of worker processes that end with the block. A pool of one worker uses this process.
-
-    Workers load the plugins of this process and exit if it is killed. Their temporary files are deleted at the end.
-    """
+    """Context manager for a pool of worker processes. A pool of one worker uses this process. Workers load the plugins
+    of this process and exit if it is killed. Their temporary files are deleted at the end."""
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -134,7 +132,7 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Yield each work item with its completed future. At most `window` items are submitted at a time."""
+    """Yield each work item with its completed future. At most `window` items are submitted in advance."""
     running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
     while running:
         for future in wait(running, return_when=FIRST_COMPLETED).done:
@@ -160,7 +158,7 @@ def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
 
 
 def _leave_signals_to_the_parent() -> None:
-    """Ignore Ctrl-C in a worker, because the parent process ends it. Exit if the parent is killed."""
+    """Ignore Ctrl-C in a worker process, because its parent handles the signal. Exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_end_with_the_parent, daemon=True).start()
@@ -177,12 +175,12 @@ if TYPE_CHECKING:
     from distributed import Client
 
 PATIENCE_S = 10
-"""Time limit for a response of a scheduler [s]."""
+"""Time limit for a response of a Dask scheduler [s]."""
 
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
-    """Yield a function that performs tasks on the workers of a Dask scheduler."""
+    """Yield a function that performs tasks on the workers of the Dask scheduler at `address`."""
     # Dask logs a traceback if the scheduler is lost. This module raises a readable error instead.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:

@@ -18,12 +18,12 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.results import atomic
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
-"""Colours of groups of runs, in order."""
+"""Colours of the groups of runs in charts, in the order of the groups."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Axis that shows all names, the first name on top, as wide as the names require."""
+"""Chart axis for names: shows all names, the first one on top, and adapts its width to the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Maximum number of names at the standard height, height of each further name, and height of the margins [px]."""
+"""Maximum number of names in a chart of standard height, height of each further name, height of margins [pixels]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
 """Colours of text, grid lines, shaded areas and chart controls."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
@@ -110,7 +110,7 @@ class Document:
             self.text(f"{text[0].upper()}{text[1:]}.")
 
     def grid(self, charts: Sequence[tuple[str, Chart]]) -> None:
-        """Add charts with titles, side by side where the page is wide enough."""
+        """Add charts with titles, in several columns if the page is wide enough."""
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
@@ -121,7 +121,7 @@ class Document:
         self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
-        """Add preformatted text that is initially collapsed."""
+        """Add preformatted text that is hidden until its title is clicked."""
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
@@ -179,14 +179,14 @@ def unbroken(command: str) -> str:
 
 
 def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
-    """Return asymmetric error bars from the lower to the upper end of each point."""
+    """Return asymmetric error bars about the points `middle`. `ends` are the lower and upper ends for each point."""
     pairs = list(zip(middle, ends, strict=True))
     upper, lower = [high - m for m, (_, high) in pairs], [m - low for m, (low, _) in pairs]
     return {"type": "data", "symmetric": False, "array": upper, "arrayminus": lower}
 
 
 def finite(value: Any) -> Any:
-    """Return plain data with floats rounded to six digits. Numbers that are not finite become None."""
+    """Return plain data with floats rounded to six digits. NaN and infinite values become None."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

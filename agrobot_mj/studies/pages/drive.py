@@ -20,11 +20,11 @@ from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, ra
 from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
-"""Maximum number of points of a curve. Longer signals are reduced to the extremes of each block."""
+"""Maximum number of points of a curve. In longer signals, each block of points is reduced to its extremes."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
-"""Maximum size of an enlarged error [fraction of the map size], and maximum enlargement factor [-]."""
+"""Maximum size of an enlarged cross-track error [fraction of the map size], and maximum enlargement factor [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 APART = "The runs cover different segments of the path, so errors of different rankings are not comparable."
@@ -39,10 +39,8 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """Return about `most` rows of columns (n,): the rows with the minimum and maximum of each column in each block.
-
-    Spikes are thus preserved. A block without values remains a gap.
-    """
+    """Return about `most` rows of columns (n,). In each block of rows, the minimum and maximum of each column are kept.
+    Spikes therefore remain visible. A block without values remains a gap."""
     n = len(columns[0])
     if n <= most:
         return list(columns)
@@ -61,7 +59,7 @@ def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
 
 
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
-    """Return a curve of a chart as plain data."""
+    """Return one curve of a chart as plain data for plotly."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
     x, y = thinned(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
@@ -78,7 +76,7 @@ def across(s: Signals) -> tuple[Array, Array]:
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the implement's position in place of the tractor's; empty without an implement."""
+    """Return the signals with the position of the implement instead of the tractor. Without an implement, return {}."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
@@ -203,7 +201,7 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Return the name of the law in a row, taken from the name of the run's folder (plant, law, seed)."""
+    """Return the name of the law of a row, taken from the name of its run folder (plant-law-seed)."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 

@@ -23,14 +23,14 @@ QUANTILES = ("median", "10 %", "90 %")
 """Names of the columns with quantiles of the errors in a group."""
 MEDIANS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]", "xte_abs_p95": "xte 95 % [cm]"}
 MEDIANS |= {"lateral_rms": "lateral rms [cm]"}
-"""Names of the columns with medians of other errors, by metric. Parts of the ranked error come first."""
+"""Title of the column with the median of each further error, by metric. Components of the ranked error come first."""
 FEW = 5
-"""Maximum number of runs of a group for which the box plot shows every run."""
+"""Maximum number of runs for which a box plot also shows every run as a point."""
 Row = Mapping[str, Any]
 
 
 class Group(NamedTuple):
-    """Group of runs that are ranked together, such as the runs of one law."""
+    """Group of runs that are ranked together, for example all runs of one law."""
 
     name: str
     rows: Sequence[Row]
@@ -42,7 +42,7 @@ class Group(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Confidence interval of the success rate, with the level `CONFIDENCE` [-]."""
+        """Ends of the confidence interval of the success rate, with confidence level `CONFIDENCE` [-]."""
         return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
@@ -52,7 +52,7 @@ class Group(NamedTuple):
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """Return the RMS cross-track errors of all rows that have this error [cm]."""
+    """Return the RMS cross-track errors of the rows that contain this error [cm]."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
@@ -73,7 +73,7 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
 
 
 def box(group: Group, colour: str) -> Chart:
-    """Return a box plot of the errors of a group, with the same quartiles as the printed figure."""
+    """Return a box plot of the errors of a group, with the same quartiles as in `ranking.png`."""
     (found,) = boxplot_stats(group.values)
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}

@@ -26,22 +26,22 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
 Page = Callable[[Path], Document]
-"""Function that creates the report page of a results folder."""
+"""Function that returns the report page of a results folder."""
 Section = Callable[[Document, Path, str | None], list[Path]]
-"""Function that adds a section to the page of a folder, for the metric given by `--metric`. Returns written files."""
+"""Function that adds a section to the page of a folder. The text is the metric of `--metric`. Returns written files."""
 
 
 class Reports(NamedTuple):
-    """Report pages and sections, by the name of the file that identifies the content of a results folder."""
+    """Report pages and sections for results folders. The keys are names of files that identify a folder's content."""
 
     pages: Mapping[str, Page | str] = MappingProxyType({})
-    """Page functions by file name. A text in place of a function states why there is no page."""
+    """Page functions by name of the identifying file. A text instead of a function states why there is no page."""
     sections: Mapping[str, Section] = MappingProxyType({})
-    """Functions that add a section at the end of a page defined elsewhere."""
+    """Functions that add a section to the end of a page of another `Reports` object, by identifying file."""
 
 
 def sweep_figures(folder: Path) -> list[Path]:
-    """Draw `ranking.png` and, for numeric parameters, `curves.png`. Return the files."""
+    """Draw `ranking.png` and, if the sweep has numeric parameters, `curves.png`. Return the files."""
     groups, numeric = grouped(read_rows(folder))
     drawn = read_sweep(folder / "sweep.toml").file.draws
     with mpl.rc_context(STYLE):
@@ -67,8 +67,7 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Draw errors of successful runs and their median over each numeric parameter. `drawn` are the parameters with
-    random values."""
+    """Draw errors of successful runs and their median over each parameter in `numeric`; those in `drawn` are random."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -93,7 +92,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and sections. The page of a run comes last, because its folder may contain other results."""
+    """Return all pages and sections by identifying file. A run is last: its folder may contain other results."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed("reports"):

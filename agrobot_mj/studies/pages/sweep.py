@@ -29,13 +29,13 @@ from agrobot_mj.studies.sweep.schema import read_sweep, renamed
 from agrobot_mj.studies.sweep.store import read_rows
 
 SUCCESS = 0.8
-"""Success rate at the boundary of failure that maps show [-]."""
+"""Success rate at the drawn boundary of failure in maps [-]."""
 APART = "The runs cover different segments of the path, so their errors are not comparable. "
 APART += "Without duration_s every run ends at the end of its path."
 MOST_VALUES = 40
-"""Maximum number of different values of a parameter on the axis of a map."""
+"""Maximum number of different values of a parameter that is shown on an axis of a map."""
 CLASS = 5
-"""Minimum number of runs in a class for a reliable median. Assumed value."""
+"""Minimum number of runs in a class of parameter values, for a reliable median. Assumed value."""
 MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
 """Maximum number of maps, of curves and of listed worst runs."""
 MOST_PIECES = 50
@@ -85,13 +85,13 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """Function that returns the command that repeats the run of a table row."""
+    """Function that returns, for a row of the table, the command that repeats its run."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of a run relative to the base scenario, with names in place of paths of data files."""
+        """Return the overrides of the run of a row, relative to the base scenario, with names of data files."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
@@ -107,7 +107,7 @@ class RerunCommand:
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of a row's run, from its files or from a repeated simulation."""
+        """Return the signals of the run of a row, read from files or computed by repeating the run."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -125,7 +125,7 @@ def toml_value(value: Any) -> str:
 
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
-    """Return the number of different path segments, determined from evenly spaced runs of the sweep."""
+    """Return the number of different path segments in a sweep, determined from runs at equal intervals."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
@@ -156,7 +156,8 @@ def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
 
 
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
-    """Return a map of the median error over two parameters, coloured by `scale` [cm], with the boundary of failure."""
+    """Return a map of median errors over parameters `x`, `y` with the boundary of failure; `scale`: colour range
+    [cm]."""
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
     for row in group.rows:
@@ -218,7 +219,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return about one in `share` rows: the best and worst row of each block of 2 * `share` rows."""
+    """Return about one in `share` rows: in each block of 2 * `share` rows, the best and the worst one."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))
@@ -226,11 +227,8 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
 
 
 def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
-    """Return the median and the 10 to 90 % range of errors at each parameter value, or in up to six classes of equal
-    size.
-
-    Classes are used for random samples, because their runs also differ in all other parameters.
-    """
+    """Return a curve of the median error over a parameter, with bars from the 10 % to the 90 % quantile. If the
+    parameter is random (`drawn`), its values are combined in up to six classes of equal size."""
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     values = len({row[parameter] for row in rows})
     if values <= MOST_VALUES / 2 and not (drawn and 2 * values > len(rows)):

@@ -1,4 +1,4 @@
-"""Sweeps: runs of a scenario over axes, random samples, seeds and variants, with one table of results. Resumable."""
+"""Sweeps: runs of a scenario for all combinations of parameter values, samples, seeds and variants, with one table."""
 
 from agrobot_mj.studies.sweep.runner import SweepOptions, SweepSummary, merged, sweep
 from agrobot_mj.studies.sweep.schema import read_sweep

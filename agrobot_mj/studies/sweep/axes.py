@@ -46,7 +46,7 @@ Limits = Annotated[Pair, AfterValidator(_ascending)]
 
 
 class ValueList(Spec):
-    """Values of an axis, as a sequence of known length."""
+    """Values of an axis, a sequence of known length."""
 
     def __len__(self) -> int:
         raise NotImplementedError
@@ -108,7 +108,7 @@ class Steps(ValueList):
     start: Number = Field(alias="from")
     """First value."""
     stop: Number = Field(alias="to")
-    """Limit that the values do not exceed."""
+    """Upper limit of the values, or lower limit if `step` is negative."""
     step: Number
     """Spacing of the values, negative for descending values."""
 
@@ -152,7 +152,7 @@ class Draw(Spec):
     """Distribution of a parameter with random values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the quantiles at `u` in (0, 1), shape (n,). They preserve a Latin hypercube or a Sobol sequence."""
+        """Return the quantiles of the distribution at probabilities `u` in (0, 1), shape (n,)."""
         return [_tidy(value) for value in self._quantiles(u).tolist()]
 
     def _quantiles(self, u: Array) -> Array:
@@ -160,7 +160,7 @@ class Draw(Spec):
 
     @property
     def written(self) -> Any:
-        """Distribution in the form of the sweep file."""
+        """Distribution as written in a sweep file."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
@@ -192,7 +192,7 @@ class Normal(Draw):
     normal: Annotated[Pair, AfterValidator(_spread)]
     """Mean and standard deviation."""
     within: Limits | None = None
-    """Minimum and maximum value of a truncated distribution, which is normalised. Default: not truncated."""
+    """Minimum and maximum value of the truncated distribution. Default: not truncated."""
 
     def _quantiles(self, u: Array) -> Array:
         from scipy.stats import norm
@@ -210,7 +210,7 @@ class Choice(Draw):
     """Possible values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the value for each `u`: the values divide (0, 1) into equal parts."""
+        """Return the value for each `u` in (0, 1). The values correspond to equal parts of this interval."""
         n = len(self.choice)
         return [self.choice[min(int(value * n), n - 1)] for value in u.tolist()]
 
@@ -231,5 +231,5 @@ AnyDraw = Annotated[
 
 
 def _tidy(value: float) -> float:
-    """Return a value rounded to 12 digits, which removes rounding errors: 0.3 for 0.1 * 3."""
+    """Return a value rounded to 12 digits, without rounding errors: 0.3 for 0.1 * 3."""
     return float(f"{value:.12g}")

@@ -25,17 +25,17 @@ from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
 MAX_RUNS = 100_000
-"""Default maximum number of runs of a sweep: one day on a laptop."""
+"""Default maximum number of runs of a sweep. They take about one day on a laptop."""
 MOST_GROUNDS = 300
-"""Maximum number of different fields built in the check of a plan. Further fields are checked by their runs."""
+"""Maximum number of different fields that the check of a plan creates. Further fields are checked when they are run."""
 MOST_KEPT = 1000
-"""Maximum number of cached tractor checks. With random samples, each run may have a different tractor."""
+"""Maximum number of tractors whose check results are cached. With random samples, each run may have another tractor."""
 MOST_LINES = 80
 """Maximum number of parameter combinations listed in a message."""
 
 
 class RunPlan(NamedTuple):
-    """One run of a sweep."""
+    """One run of a sweep: its number, variant and overrides."""
 
     number: int
     """Number of the run, counted from 0."""
@@ -48,7 +48,7 @@ class RunPlan(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Combination of parameter values as text."""
+        """Text with the parameter values of the run."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
@@ -76,7 +76,7 @@ class SweepPlan:
 
     @property
     def checks(self) -> int:
-        """Number of runs that `check` examines. Seeds are examined individually only with random samples."""
+        """Number of runs that `check` tests. Runs that differ only in the seed count once unless samples are random."""
         return self.total // self._stride
 
     @property
@@ -117,7 +117,7 @@ class SweepPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the folders that the runs write, as in `results`."""
+        """Names of the run folders, as required by `simulation.results.results`."""
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
@@ -129,7 +129,7 @@ class SweepPlan:
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """Yield at most `most` valid scenarios of different combinations, evenly spaced over the plan."""
+        """Yield at most `most` valid scenarios with different parameter values, at equal intervals of the plan."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):
@@ -152,7 +152,7 @@ class SweepPlan:
 
     @cached_property
     def mixed(self) -> frozenset[str]:
-        """Parameters whose values have different types or are tables. The results table contains them as text."""
+        """Parameters that have values of different types, or tables as values. They are text in the results table."""
         values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
@@ -160,7 +160,7 @@ class SweepPlan:
 
     @cached_property
     def file_names(self) -> dict[str, str]:
-        """Names of data files in the results folder, by original path."""
+        """File names of the data files in the results folder, by original path."""
         return portable(self.sweep).names
 
     def check_size(self, max_runs: int = MAX_RUNS) -> None:
@@ -196,13 +196,13 @@ class SweepPlan:
 
 
 class _Checker:
-    """Check of single runs. A tractor, field or path that several runs share is checked once."""
+    """Checker of single runs. A tractor, field or path that occurs in several runs is checked once."""
 
     def __init__(self, base: Scenario) -> None:
         self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()
 
     def faults(self, run: RunPlan) -> list[str]:
-        """Return the error messages of a run, without the name of the scenario."""
+        """Return the errors of a run as messages without the name of the scenario."""
         try:
             scenario = self.base.changed(run.overrides, files=False)
         except ScenarioError as error:
@@ -238,17 +238,17 @@ class _Checker:
 
 
 def sets_schema(key: str, value: Any) -> bool:
-    """Return whether an override sets a kind or a table. Such overrides must be applied before others."""
+    """Return whether an override sets a `kind` or a table. These overrides must be applied before others."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
 def points_of(method: str, samples: int, draws: int) -> int:
-    """Return the number of sample points of a design, for given numbers of samples and random parameters."""
+    """Return the number of sample points of a sampling `method` for given numbers of samples and random parameters."""
     return samples * (draws + 2) if method == "saltelli" else samples
 
 
 def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
-    """Return the sampling design of [Saltelli2010] for first-order and total indices, shape (n (d + 2), d)."""
+    """Return the design of [Saltelli2010] for sensitivity indices, shape (n (d + 2), d) for d `dimensions`."""
     from scipy.stats import qmc
 
     base = qmc.Sobol(2 * dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]

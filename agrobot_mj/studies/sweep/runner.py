@@ -1,4 +1,4 @@
-"""Execution of a sweep: check the plan, simulate missing runs with one row file each, and write the final table."""
+"""Execution of a sweep: check the plan, run missing runs, and write the table of all rows."""
 
 import errno
 from collections.abc import Callable, Iterator, Sequence
@@ -16,11 +16,11 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 
 MOST_HEARD = 100
-"""Maximum number of scenarios that are checked for hints, evenly spaced over the plan."""
+"""Maximum number of scenarios checked for configuration hints. They are at equal intervals of the plan."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Function that is called before the first run with some scenarios of the sweep."""
+"""Function that is called before the first run, with some scenarios of the sweep as examples."""
 Shard = tuple[int, int]
-"""Number of a part of the runs, counted from 1, and number of parts."""
+"""Number of a part of the runs, from 1, and number of parts."""
 
 
 class SweepOptions(NamedTuple):
@@ -32,7 +32,7 @@ class SweepOptions(NamedTuple):
     shard: Shard = (1, 1)
     """Part of the runs that this process simulates."""
     fresh: bool = False
-    """Whether existing results are discarded first."""
+    """Whether existing results are deleted first."""
     max_runs: int = MAX_RUNS
     quiet: bool = False
 
@@ -41,12 +41,12 @@ DEFAULTS = SweepOptions()
 
 
 class SweepSummary(NamedTuple):
-    """Summary of a sweep that has ended."""
+    """Summary of a finished sweep."""
 
     folder: Path
     total: int
     before: int
-    """Number of runs in this part whose results existed before."""
+    """Number of runs, in this part, whose results already existed."""
     new: int
     unexpected: int
     errors: int
@@ -56,9 +56,7 @@ def sweep(
     source: str | Path, folder: Path, options: SweepOptions = DEFAULTS, begin: Begin = lambda some: None
 ) -> SweepSummary:
     """Run the missing runs of a sweep and write all results to `folder`. Raises `ScenarioError` before the first run.
-
-    `begin` is called before the first run with some scenarios of the sweep.
-    """
+    `begin` is called before the first run, with some scenarios of the sweep as examples."""
     plan = SweepPlan(read_sweep(source))
     plan.check_size(options.max_runs)  # must precede all loops over the runs
     store = Store(folder, plan)
@@ -68,7 +66,7 @@ def sweep(
 
 
 def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None) -> SweepSummary:
-    """Simulate the missing runs of a sweep in its folder, which is locked unless shards share it."""
+    """Run the missing runs of a sweep. The folder is locked, unless several processes run parts of the sweep in it."""
     plan, before, unexpected, errors = store.plan, 0, 0, 0
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(store, options, part)
@@ -94,7 +92,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the parts of a sweep into `folder`. Return the number of rows in the table and of runs in the plan."""
+    """Merge folders with parts of a sweep into `folder`. Return the numbers of rows and of planned runs."""
     if not sources:
         raise ScenarioError(f"{folder}: no such folder; specify folders written with --shard")
     with results(folder, (TABLE,), shared=True):
@@ -102,7 +100,7 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 
 def _prepare(store: Store, options: SweepOptions, part: range) -> None:
-    """Mark the folder as a results folder, and check the plan unless the folder contains results of this plan."""
+    """Mark the folder as a results folder, and check the plan unless the folder contains results of the plan."""
     folder, plan, whole = store.folder, store.plan, options.shard == (1, 1)
     check_folder(folder, store.names)
     if options.fresh or begun(folder) is None or store.changed:

@@ -1,7 +1,7 @@
 """Schema of sweep files: base scenario, axes, random samples, seeds and variants.
 
 Axes, draws, `set` and variants use dotted keys of the scenario, as `--set` does; each key is allowed once. `portable`
-makes paths of data files relative to the sweep file, so that results can be moved and shared.
+makes paths of data files relative to the sweep file, so that a results folder can be moved.
 """
 
 import json
@@ -42,9 +42,9 @@ Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 BASE = "base.toml"
 """File name of the base scenario, in a folder with a resolved sweep."""
 POINTS_PER_DRAW = 3
-"""Minimum number of points per random parameter with `screening`, for a regression with error estimates."""
+"""Minimum number of points per random parameter with `screening`, sufficient for a regression with error estimates."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
-"""Items in pydantic's error locations that are not keys of the file."""
+"""Parts of the error locations of pydantic that are not keys of a sweep file."""
 
 
 class SweepVariant(Spec):
@@ -78,21 +78,21 @@ class SweepFile(Spec):
     method: Literal["random", "latin_hypercube", "sobol", "screening", "saltelli"] = "random"
     """Sampling method for the draws. `screening` and `saltelli` are designs for sensitivity analysis.
 
-    `screening` is a Latin hypercube; `saltelli` has samples * (draws + 2) points. Both use the same points for every
-    seed, variant and axis value.
+    `screening` is a Latin hypercube; `saltelli` has samples * (draws + 2) points. Both use the same points for all
+    seeds, variants and axis values.
     """
     paired: bool = False
-    """Whether all combinations and variants use the same samples, as comparisons between them require."""
+    """Whether all axis values and variants use the same samples, which is required for comparisons between them."""
     draw_seed: Seed = 1
     """Seed of the random samples, independent of `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
-    """Named sets of overrides, `[[variant]]`, in place of or in addition to axes."""
+    """Named sets of overrides, tables `[[variant]]`. They can be combined with axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
-    """Files kept for each run in addition to its row: none, signals, signals with recording, recordings of failures."""
+    """Files kept for each run besides its row: none, signals, signals with recording, recordings of failed runs."""
 
     @property
     def common(self) -> bool:
-        """Whether every seed, variant and axis value has the same samples."""
+        """Whether all seeds, variants and axis values have the same samples."""
         return self.method in ("screening", "saltelli")
 
     @model_validator(mode="after")
@@ -149,7 +149,7 @@ class SweepFile(Spec):
 
 
 def _text(value: Any) -> str:
-    """Return a value as text. Equal values such as 1 and 1.0 have equal texts."""
+    """Return a value as text. Equal values, such as 1 and 1.0, have the same text."""
     whole = isinstance(value, float) and value.is_integer()
     return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
@@ -205,7 +205,7 @@ def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """Return a sweep as plain data with `change(key, value)` applied to the values of all dotted keys."""
+    """Return a sweep as plain data in which `change(key, value)` replaces the value of each dotted key."""
 
     def each(values: Mapping[str, Any]) -> dict[str, Any]:
         return {key: change(key, value) for key, value in values.items()}
@@ -234,7 +234,7 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """Return a sweep as plain data, for a file next to its base scenario, which includes the overrides `set`."""
+    """Return a sweep as plain data, for a file next to its base scenario, which contains the overrides `set`."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}
@@ -271,16 +271,16 @@ class PortableSweep(NamedTuple):
     """Content of the sweep file, as returned by `resolved`."""
     base: dict[str, Any]
     files: dict[str, Path]
-    """Original paths of data files, by file name."""
+    """Original paths of the data files, by file name in the folder."""
 
     @property
     def names(self) -> dict[str, str]:
-        """Names of data files, by original path."""
+        """Names of the data files in the folder, by original path."""
         return {str(path): name for name, path in self.files.items()}
 
 
 def portable(sweep: Sweep) -> PortableSweep:
-    """Return the sweep with data files named relative to the sweep file. Files of the library keep their names."""
+    """Return a sweep whose data files have names relative to the sweep file. Files of the package keep their names."""
     content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])

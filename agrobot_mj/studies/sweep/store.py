@@ -1,8 +1,8 @@
 """Results folder of a sweep.
 
-The folder contains `sweep.toml` and `base.toml` (resolved) with data files, `plan.json` (digests of all inputs), one
-file per row in `rows/`, kept files of runs in `runs/`, and `sweep.parquet`, the table of all rows. All files are
-written atomically, so that an interrupted sweep can continue with the missing runs.
+The folder contains `sweep.toml` and `base.toml` (resolved) and data files, `plan.json` (digests of all inputs), one
+file per row in `rows/`, files of runs in `runs/`, and `sweep.parquet`, the table of all rows. All files are written
+atomically, so that an interrupted sweep can continue with the missing runs.
 """
 
 import json
@@ -33,17 +33,17 @@ from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
 
 TABLE, PLAN = "sweep.parquet", "plan.json"
 FILES = ("base.toml", "sweep.toml", PLAN)
-"""Files that define a sweep, in addition to data files."""
+"""Files that define a sweep; data files are further ones."""
 CODE = ("plugins", "program", "libraries")
 """Keys in the result of `digests` that identify the code."""
 _ROW = re.compile(r"[0-9a-f]+\.json")
 """Pattern of the names of row files, including those written by earlier versions."""
 IN_A_PIECE = 2000
-"""Number of rows held in memory while the table is written."""
+"""Number of rows that are in memory at the same time while the table is written."""
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:
-    """Return digests of all inputs that the rows of a sweep depend on, by part. File locations have no effect."""
+    """Return digests of all inputs that affect the rows of a sweep, by kind of input. File locations have no effect."""
     content, base, named = portable(plan.sweep)
     of_base = files(explicit_values(plan.sweep.base))  # the digest of the base scenario includes these files
     data = [named[name].read_bytes() for name in sorted(named) if named[name] not in of_base and named[name].is_file()]
@@ -70,7 +70,7 @@ def begun(folder: Path) -> dict[str, Any] | None:
 
 
 class Store(RowFiles):
-    """Results folder of a sweep. It also stores files of runs (`RunFiles`), in the folders that the plan names."""
+    """Results folder of a sweep. It also stores the kept files of runs (`RunFiles`), in folders given by the plan."""
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         super().__init__(folder)
@@ -78,7 +78,7 @@ class Store(RowFiles):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all files and folders that a sweep may write, as in `results`."""
+        """Names of all files and folders that a sweep may write, as required by `simulation.results.results`."""
         return *FILES, TABLE, *FOLDERS, *self.plan.names, *self.plan.file_names.values()
 
     @property
@@ -118,7 +118,7 @@ class Store(RowFiles):
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all files to be kept of a run exist."""
+        """Return whether all files of a run that must be kept exist."""
         if not (names := files_kept(task.keep, bool(row["expected"]))):
             return True
         try:
@@ -128,7 +128,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the kept files of a run in place of earlier ones, and delete the outdated table."""
+        """Write the kept files of a run, which replace earlier ones, and delete the table, which is then outdated."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
@@ -146,7 +146,7 @@ class Store(RowFiles):
         return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
 
     def rows(self) -> Iterator[tuple[int, Row]]:
-        """Yield number and row of each run whose row exists, in the order of the plan."""
+        """Yield the number and row of each run that has a row, in the order of the plan."""
         for number in range(self.plan.total):
             if row := self.row(self.asked(self.plan.task(number))):
                 yield number, row
@@ -207,13 +207,13 @@ class Store(RowFiles):
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows in the table of a sweep. Raises OSError, ValueError or `pa.ArrowException`."""
+    """Return the rows of the table of a sweep. Raises OSError, ValueError or `pa.ArrowException` if unreadable."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the rows of several folders of the same sweep. Return the numbers of existing and of planned rows."""
+    """Merge the rows of several folders of the same sweep. Return the number of rows and of planned runs."""
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
@@ -271,7 +271,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove a folder that contains at most its mark. A link is kept."""
+    """Remove a folder that contains no files other than its marker file. A link is kept."""
     if not folder.is_symlink():
         with suppress(OSError):
             if [path.name for path in folder.iterdir()] == [MARK]:
@@ -280,11 +280,11 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
-"""Exceptions of pyarrow for values that cannot form one column."""
+"""Exceptions of pyarrow for values that do not fit in one column."""
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Return run, column and value of the first value whose type does not fit its column; None without one."""
+    """Return run number, column and value of the first value that does not fit the type of its column, or None."""
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
         kinds = Counter(_kind(value) for _, value in values)
