@@ -19,13 +19,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
-"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3; test durations on the rig scale with it."""
+"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3. Rig tests with a longer length take longer."""
 ADHERES, SLIDES = 1.0, 3.0
-"""Normalised slip (slip divided by peak force / stiffness) at which linear springs reach the peak, and at which a brush
-with parabolic pressure slides completely [-]. [Pacejka2012] chapter 3."""
+"""Values of normalised slip (slip times slip stiffness / peak force) [-]: at 1, linear springs reach the peak force; at
+3, a brush with parabolic pressure slides completely [Pacejka2012], chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed above which bristles follow the slip past the peak and do not break away [m/s]. Assumed value."""
+"""Rolling speed that doubles the normalised slip at which bristles break away [m/s]. Assumed value."""
 VANISHING = 1e-150
 """Minimum slip divided by peak force whose square does not underflow [1/N]."""
 
@@ -114,12 +114,12 @@ def slip_of_faster(slip: Slip) -> float:
 
 @kernel
 def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], rho: float, a: float) -> Direction:
-    """Return the direction of the force under combined slip, as fractions of both peaks `D` [N]: m_x^2 + m_y^2 = 1.
+    """Return the direction (m_x, m_y) of the force under combined slip, with m_x^2 + m_y^2 = 1.
 
-    An adhering patch acts like two springs with the slip stiffnesses `K` [N]: (K_x slip_x, K_y slip_y). For `a` = 0 the
-    force of a sliding patch opposes the sliding velocity; for `a` = 1 the force dissipates the maximum power within the
-    ellipse, whose normal is the sliding direction [Goyal1991]. The direction changes between these for a normalised
-    slip `rho` from `ADHERES` to `SLIDES`.
+    The force is opposite to (m_x D_x, m_y D_y), with the peak forces `D` [N]. At a normalised slip `rho` below
+    `ADHERES`, the contact patch acts like two springs with the slip stiffnesses `K` [N]. Above `SLIDES` it slides, and
+    the force opposes the sliding velocity (`a` = 0) or has the direction of maximum dissipation within the ellipse of
+    the peaks (`a` = 1) [Goyal1991]. In between, the direction changes linearly with `rho`.
     """
     sliding = min(max((rho - ADHERES) / (SLIDES - ADHERES), 0.0), 1.0)
     ratio = D[1] / D[0]
@@ -133,10 +133,8 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
-    """Return the fraction of the bristle deflection that friction holds at the normalised slip `rho` [-].
-
-    At rest a bristle breaks away at a `rho` above `most`. While rolling, the deflection follows the slip past `most`.
-    """
+    """Return the fraction of the bristle deflection that friction holds at the normalised slip `rho` [-]. At rest,
+    bristles break away above `rho` = `most`. The limit increases with the rolling speed `v_roll` [m/s]."""
     limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
     return 1.0 if rho < limit else limit / rho
 
@@ -152,7 +150,7 @@ class Structure(NamedTuple):
     rolling_resistance: float = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]."""
     patch_half_length_m: float | None = 0.0
-    """Half contact length; 0: no scrubbing moment, None: from static deflection [m]."""
+    """Half of the contact length [m]; 0 for no scrubbing moment, None for a value from the static deflection."""
     trail_m: float = 0.0
     """Pneumatic trail at small slip [m]."""
     cone_index_pa: float = 0.0
@@ -160,7 +158,7 @@ class Structure(NamedTuple):
     carcass_share: tuple[float, float] = (0.0, 0.0)
     """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0 selects `relaxation_radii` [-]."""
     bearing: Bearing = FIRM
-    """Soil that sinks below the wheels and remembers it; firm ground by default."""
+    """Parameters of soil with plastic sinkage. Default: firm ground."""
     load_follows: bool = False
     """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
 
@@ -197,10 +195,8 @@ class TyreBase(Spec):
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each static load of a front or rear wheel [N] outside the valid range of the law.
-
-        A message begins with a key, relative to the table of the tyre. Default: no messages.
-        """
+        """Yield a message for each static load of a front or rear wheel [N] outside the valid range of the law. A
+        message begins with a key, relative to the table of the tyre. Default: no messages."""
         yield from ()
 
     def of_implement(self) -> Self:
@@ -226,10 +222,10 @@ class CarcassTyre(TyreBase):
     """Half the contact length; 0 for no scrubbing moment [m]. Default: from radius and static deflection of each axle's
     tyres."""
     load_follows_carcass: bool = True
-    """Whether the load acts at the patch as the side force has moved it against the wheel, which reduces the tip-over
-    angle; otherwise below the wheel's centre plane."""
+    """Whether the load acts at the contact patch as displaced by the side force, which reduces the tip-over angle. If
+    false, the load acts in the wheel plane."""
     sliding_anisotropy: Fraction = 0.0
-    """Direction of the force of a sliding tyre: 0 for opposite to the sliding velocity, 1 for the direction of maximum
+    """Direction of the force of a sliding tyre: 0 is opposite to the sliding velocity, 1 is the direction of maximum
     dissipation, turned towards the higher friction [-]. Assumed value; 1 is the limit for lugs [Goyal1991]."""
 
     def structure(self) -> Structure:

@@ -12,10 +12,10 @@ kappa, the elastic stiffness K_e of the soil and its plastic sinkage z,
     p = (k_c / b + k_phi) z^n = k z^n                   on untouched soil [Bekker1969]: q = p;
     dz = z_q (z / z_q)^(1 - a) / a d(p / q)             on reloaded soil, z_q = (q / k)^(1/n).
 
-With the last equation the sinkage of N equal passes is z_1 N^(1/a), the multipass law of [Abebe1989]; without this
-equation soil would remain elastic after the first load. The equation applies where p / q exceeds the level of the cell:
-the maximum since the last unloading, but at most `REVERSAL` times the minimum since then. Soil is therefore elastic
-under a vibrating load. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
+With the last equation, N equal passes have the sinkage z_1 N^(1/a), the multipass law of [Abebe1989] with exponent a.
+Without this equation, soil would remain elastic after the first load. The equation applies where p / q exceeds the
+level of the cell: the maximum since the last unloading, but at most `REVERSAL` times the minimum since then. Soil is
+therefore elastic under a vibrating load. Slip i multiplies the plastic sinkage by (1 + i) / (1 - i / 2) [Lyasko2010].
 The force of a cell is the power conjugate of D: p dA along the normal, p dA s / R against the motion and p dA l / r_c
 towards the opposite side. The work of the wheel along its path is therefore exactly the plastic work of the soil, and
 the walls of a rut guide the wheel.
@@ -47,11 +47,11 @@ class Bearing(NamedTuple):
     """Pressure-sinkage parameters of soil."""
 
     k_c: float
-    """Cohesive modulus; the law divides it by the contact width [Pa/m^(n-1)]."""
+    """Cohesive modulus k_c, which is divided by the contact width [Pa/m^(n-1)]."""
     k_phi: float
-    """Frictional modulus; 0 for firm ground [Pa/m^n]."""
+    """Frictional modulus k_phi; 0 for firm ground [Pa/m^n]."""
     n: float
-    """Exponent of the sinkage [-]."""
+    """Exponent n of the sinkage [-]."""
     rebound: float
     """Elastic stiffness K_e [Pa/m]."""
     multipass: float
@@ -113,10 +113,8 @@ class Pressed(NamedTuple):
 
 @kernel
 def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
-    """Return a cell under a wheel at depth `D` [m], from its state in the previous step.
-
-    `k` [Pa/m^n] and `E` [Pa/m] as in the module docstring; `factor` of the slip sinkage [-].
-    """
+    """Return the state of a soil cell under a wheel at depth `D` [m], from its state `before` in the previous step. `k`
+    [Pa/m^n] and `E` [Pa/m] are the moduli of the module docstring; `factor` multiplies the sinkage under slip [-]."""
     _, z, q, z_q, level = before
     trial = E * (D - z)
     if trial <= 0.0:
@@ -139,7 +137,7 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
 
 @kernel
 def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
-    """Solve p + E ((p / k)^(1/n) - z_q) = `trial`; return yield pressure p [Pa] and sinkage (p / k)^(1/n) [m]."""
+    """Return the yield pressure p [Pa] and the sinkage z = (p / k)^(1/n) [m] that satisfy p + E (z - z_q) = `trial`."""
     m, p = 1.0 / n, max(q, 1e-3 * trial)
     sunk = z_q if q > 0.0 else (p / k) ** m
     for _ in range(ITERATIONS):
@@ -159,7 +157,8 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a stored cell that does not yield (the usual case); -1 for a yielding cell."""
+    """Return the pressure [Pa] on a stored cell at depth `D` [m] if it does not yield (the usual case); -1 if it
+    does."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -174,7 +173,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a yielding cell and store its state; a cell outside the store is always untouched."""
+    """Return the pressure [Pa] on a yielding cell and store its state. A cell that is not stored is untouched."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
@@ -197,7 +196,7 @@ def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells
 def press_cell(
     soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
 ) -> float:
-    """Load the cell at a row and column of the grid under the depth `D` [m], and return its pressure [Pa]."""
+    """Load the soil cell at `row` and `column` of the grid to the depth `D` [m], and return its pressure [Pa]."""
     at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
     pressure = hold_cell(E, D, memory.cells, at)
     return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)
@@ -205,7 +204,7 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """Return the range (first, last + 1) of the cells within `reach` of `middle`, both in units of cells."""
+    """Return the range (first, last + 1) of the cell numbers within `reach` of `middle`, both in units of cells."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 

@@ -24,7 +24,7 @@ REACH = 0.8
 BLEND = 0.005
 """Difference of penetration below which two points share the load [m]. Assumed value: a third of the deflection."""
 ALONG = 0.01
-"""Minimum cosine between wheel plane and normal of a grid row or column; below, both count as parallel [-]."""
+"""Minimum direction component of a line across grid lines [-]. Below it, the line counts as parallel to them."""
 END, COLUMN, ROW = range(3)
 """Types of segment ends: end of the polyline, crossing of a column of nodes, crossing of a row of nodes."""
 
@@ -33,9 +33,9 @@ class WheelPlane(NamedTuple):
     """Plane of a wheel: height of the centre, directions, and the horizontal line on which the ground is evaluated."""
 
     x: float
-    """Origin of the line, below the lowest point of the wheel, east [m]."""
+    """East coordinate of the origin of the line, below the lowest point of the wheel [m]."""
     y: float
-    """Origin of the line, north [m]."""
+    """North coordinate of the origin of the line [m]."""
     z: float
     """Height of the wheel centre [m]."""
     ahead: tuple[float, float]
@@ -52,9 +52,9 @@ class Node(NamedTuple):
     """End of a straight ground segment in the wheel plane, relative to the wheel centre."""
 
     s: float
-    """Distance ahead of the centre [m]."""
+    """Distance ahead of the wheel centre [m]."""
     w: float
-    """Distance above the centre, in the wheel plane [m]."""
+    """Distance above the wheel centre, in the wheel plane [m]."""
     s_left: float
     """Derivative of `s` with respect to a displacement of the wheel along its axle [-]."""
     w_left: float
@@ -67,9 +67,9 @@ class Spot(NamedTuple):
     distance: float
     """Distance D from the wheel centre [m]."""
     s: float
-    """Distance ahead of the centre [m]."""
+    """Distance ahead of the wheel centre [m]."""
     w: float
-    """Distance above the centre [m]."""
+    """Distance above the wheel centre, in the wheel plane [m]."""
     left: float
     """Derivative of the distance with respect to a displacement of the wheel along its axle [-]."""
 
@@ -121,7 +121,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """Return the candidates with the next local minimum added."""
+    """Return `places` with the next local minimum `found` included."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -132,7 +132,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the position after `-reach` where the line first crosses grid lines, and the crossing distance [m]."""
+    """Return the first position after `-reach` at which a line crosses grid lines, and the crossing interval [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing
@@ -171,7 +171,7 @@ def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
 
 @kernel
 def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Return the direction of the ground force on a wheel, and the penetration in this direction [m]."""
+    """Return the direction of the force of the ground on a wheel, and the penetration in this direction [m]."""
     level = sqrt(axle[0] * axle[0] + axle[1] * axle[1])
     if level < 1e-6:  # the wheel lies on its side
         return (0.0, 0.0, 1.0), height_and_gradient(ground, centre[0], centre[1])[0] - centre[2]

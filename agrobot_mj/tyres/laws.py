@@ -38,9 +38,9 @@ from agrobot_mj.tyres.patch import (
 TRAIL_SLIP = 0.1
 """Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value."""
 ROLLING = 0.2
-"""Speed scale over which the carcass damping fades; the relaxation damps a faster tyre [m/s]. Assumed value."""
+"""Rolling speed at which the carcass damping has half of its value at rest [m/s]. Assumed value."""
 LEAST_SHARE = 0.1
-"""Minimum ground speed divided by the reference speed of the slip; limits the reported slip ratio to 20 [-]."""
+"""Minimum ground speed divided by the reference speed of the slip [-]. It limits the reported slip ratio to 20."""
 SMALL, SHORTEST = 1e-6, 1e-3
 """Slip at which the slip stiffness of a law is evaluated [-], and minimum relaxation length, for a tyre with almost no
 load [m]."""
@@ -101,11 +101,11 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
 
 def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
     """Return the stiffness of patches against turning [N m/rad] and the length over which rolling removes the twist
-    [m], for slip stiffnesses [N], half lengths and widths [m].
+    [m], for slip stiffnesses `K_x` [N], half lengths `a` and widths `b` [m].
 
-    Bristles on an area 2 a times b with the slip stiffness K_x = 2 c a^2 have the stiffness 2 c a (a^2 / 3 + b^2 / 12)
-    at rest. Rolling on a curvature, they deflect by curvature times distance from the centre plane, averaged over the
-    patch: the moment is K_x b^2 / 12 times the curvature.
+    At rest, bristles of stiffness c on an area 2 a times b have the slip stiffness K_x = 2 c a^2 and the turning
+    stiffness 2 c a (a^2 / 3 + b^2 / 12). On a curved track, they deflect in proportion to the curvature and to the
+    distance from the wheel plane: the moment is K_x b^2 / 12 times the curvature.
     """
     half = np.where(a > 0.0, a, 1.0)
     stiffness = np.where(a > 0.0, K_x * (half / 3 + b**2 / (12 * half)), 0.0)
@@ -135,10 +135,8 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Return the scrubbing moment of the patch about the ground normal [N m]; the third bristle is its twist [rad].
-
-    The patch is a `brush` that slides at the moment mu N b / sqrt(8), with the width b [Eaton2006].
-    """
+    """Return the scrubbing moment of the patch about the ground normal [N m], and update its twist `bristle[2]` [rad].
+    The patch slides at the moment mu N b / sqrt(8), with the friction mu, load N and patch width b [Eaton2006]."""
     stiffness = float(tyres.twist_stiffness[i])
     if stiffness <= 0.0:
         return 0.0
@@ -150,7 +148,7 @@ def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float,
 
 @kernel
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
-    """Return the aligning moment [N m]: the lateral force times a trail that decreases with the slip."""
+    """Return the aligning moment [N m]: the lateral force times a pneumatic trail that decreases with the slip."""
     if tyres.trail <= 0.0:
         return 0.0
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
@@ -158,7 +156,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
-    """Return longitudinal and lateral force divided by slip, at small slip [N]."""
+    """Return the longitudinal and the lateral slip stiffness (force divided by slip, at small slip) [N]."""
     # both directions in one call, because they are independent at small slip
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
@@ -166,27 +164,25 @@ def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footin
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the carcass fraction of the bristle deflection: secant stiffness of the force / slip stiffness [-]."""
+    """Return the fraction of the bristle deflection in the carcass: secant stiffness divided by slip stiffness [-]."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
 
 @kernel
 def direction_of_travel(v_x: float, rim: float) -> float:
-    """Return the direction of travel, for a slip ratio that is positive when driving: -1 in reverse, otherwise 1.
-
-    A wheel that spins at standstill travels in the direction of its rim. Speeds in m/s, forward positive.
-    """
+    """Return 1 for forward and -1 for reverse travel, so that the slip ratio of a driven wheel is positive. A wheel
+    that spins at standstill travels in the direction of its rim speed `rim` [m/s]."""
     on_the_spot = abs(v_x) < LEAST_SHARE * 0.5 * abs(rim)
     return -1.0 if (rim if on_the_spot else v_x) < -RESTING else 1.0
 
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Return the fraction of the motion resistance of the soil that acts on a wheel sliding sideways [-].
+    """Return the fraction of the motion resistance of the soil that acts on a wheel that also slides sideways [-].
 
-    A wheel with a slip `s` (relative to the faster of rim and ground) near 1 forms no rut: the fraction is then the
-    squared cosine of the angle between motion and heading.
+    For a rolling wheel (slip `s` = 0) the fraction is 1. A locked or spinning wheel (`s` = 1) forms no rut: the
+    fraction is the squared cosine of the angle between motion and heading.
     """
     ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
     return ahead / max(ahead + aside * aside, 1e-12)
@@ -194,7 +190,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """Return the reaction of the ground on wheel `i` at this slip: a tyre spring on firm ground, or yielding soil."""
+    """Return the reaction of the ground on wheel `i` at a slip: a tyre spring on firm ground, or yielding soil."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -206,10 +202,11 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Return the held fraction of the bristle deflection [-]; the rest slides, so that a locked wheel does not wind up.
+    """Return the fraction of the bristle deflection that is held [-]. The rest slides, so that a locked wheel does not
+    wind up.
 
-    When the load increases, tread that has slid adheres again without deflection. With a deflection the tread would
-    return more energy than it received.
+    When the load increases, tread that has slid adheres again without deflection. With a deflection it would return
+    more energy than it received.
     """
     if slip.load <= last_load:
         return force.held
@@ -236,8 +233,8 @@ def wheel_step(
     report: Array,
     whole: bool = True,
 ) -> None:
-    """Advance wheel `i` by one step: update its bristle (3,), and write the wrench (6,) at its centre and its report
-    (6,), or only the load in the report if it is not `whole`."""
+    """Advance wheel `i` by one step of `dt` [s]: update its bristle (3,), and write the wrench (6,) at its centre and
+    its report (6,). Unless `whole`, write only the load to the report."""
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
     soil = carry(tyres, i, ground, patch, wheel.centre, slipped)

@@ -34,7 +34,7 @@ class LinearLaw(NamedTuple):
     """Cornering stiffness [N/rad]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a slip. Friction is unlimited: the bristle keeps its deflection, and the use is 0."""
+        """Return the force for a slip. Friction is unlimited: the bristle keeps its deflection; used friction is 0."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
@@ -67,8 +67,8 @@ class Linear(TyreBase):
     rolling_resistance: NonNegative = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: 0; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass divided by its stiffness, for a relaxation length of 1.5 radii; scales with this length
-    [s]. Assumed value (0.005-0.05)."""
+    """Damping of the carcass divided by its stiffness, for a relaxation length of 1.5 radii; proportional to this
+    length [s]. Assumed value (0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
         """Yield a message for each stiffness outside the range of real tyres at these loads."""

@@ -1,7 +1,7 @@
 """Common parts of all tyre laws: contact kinematics, vertical load, relaxation, and the wrench at the contact patch.
 
 The height grid under a wheel gives a patch frame (ground normal n, forward f, left l), the penetration and the sliding
-velocities. The carcass is a bristle in each direction,
+velocities. The carcass is a bristle with the deflection z and the damping time tau in each direction,
 
     dz/dt = v_slip - |v_x| z / sigma,        slip = (z + tau dz/dt) / sigma,
 
@@ -10,8 +10,8 @@ sigma; at rest the bristle acts like a spring. The tyre law computes the force f
 the friction limit is exceeded. The bristle is integrated exactly over a step and therefore stable at any speed.
 
 The stiffness c of the carcass spring is independent of the load; sigma is the slip stiffness at the current load over
-c, so that a lightly loaded tyre relaxes faster. At a force F the bristle consists of the spring, F / c, and slid
-tread, z - F / c: tread that slid before the load increased adheres again without a force.
+c, so that a lightly loaded tyre relaxes faster. At a force F the bristle consists of the spring, F / c, and slid tread,
+z - F / c: tread that slid before the load increased adheres again without a force.
 
 The force of a driven wheel has the effective rolling radius r_e as lever arm, from the power balance: the free radius
 minus a third of the deflection [Pacejka2012].
@@ -31,7 +31,7 @@ from agrobot_mj.tyres.envelope import envelope
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
 """Indices of the report of a wheel; the reports of all wheels have the shape (4, 6)."""
 CREEP_SPEED = 0.02
-"""Speed scale over which rolling and soil resistance and the pneumatic trail build up [m/s]."""
+"""Speed at which rolling resistance, soil resistance and pneumatic trail have 76 % of their full values [m/s]."""
 
 
 class TyreSet(NamedTuple):
@@ -153,7 +153,7 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its arm scaled by `share`: a wheel in a rut has contact below the untouched ground."""
+    """Return the patch with its arm multiplied by `share`, as in a rut, where contact is below the untouched ground."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
@@ -175,7 +175,7 @@ def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Fo
 
 @kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
-    """Return the bristle deflection `z` after `dt` [m]; exact for constant sliding and rolling velocities [m/s]."""
+    """Return the bristle deflection `z` [m] after `dt` [s]; exact for constant sliding and rolling velocities [m/s]."""
     k = v_roll / sigma
     # at rest the exact solution would divide by zero: the bristle is a spring
     if k * dt < 1e-6:
@@ -195,10 +195,8 @@ def soft_sign(v: float, width: float) -> float:
 
 @kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
-    """Return the torque of the rolling resistance of wheel `i` about the axle, against the spin [N m].
-
-    The coefficient of a named `surface` replaces the coefficient of the tyre, except in laws with soil resistance.
-    """
+    """Return the torque of the rolling resistance of wheel `i` about the axle, against the spin [N m]. The coefficient
+    of a named `surface` replaces the coefficient of the tyre, except in laws with soil resistance."""
     own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
     share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])
     return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)

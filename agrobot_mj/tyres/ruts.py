@@ -24,16 +24,16 @@ from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
 STIFFEST_MPA_M = 1e4
-"""Maximum soil stiffness [MPa/m]; the short patch on stiffer soil makes load and resistance depend on the step."""
+"""Maximum soil stiffness [MPa/m]. On stiffer soil, load and resistance would depend on the physics step."""
 DEEPEST = 1 / 3
-"""Sinkage of a rigid wheel divided by its radius up to which the closed form is valid [-]. [Bekker1969]."""
+"""Maximum sinkage divided by radius of a rigid wheel for which its closed-form solution is valid [-] [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement divided by K at which bristles break away at rest: 95 % of the strength is used [-]."""
+"""Shear displacement per modulus K at which bristles break away at rest: 95 % of the strength is used [-]."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the strength [-]; `j` is the shear displacement at the patch end divided by K."""
+    """Return the used fraction of the shear strength [-]. `j` is the shear displacement at the patch end per K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j

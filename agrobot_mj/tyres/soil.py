@@ -38,13 +38,13 @@ the pull of a driven tyre is half of the pull on firm soil, and the lateral peak
 
 @kernel
 def mobility_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Return the mobility number B_n of the longitudinal fit [-]."""
+    """Return the mobility number B_n of [Brixius1987] from tyre size, cone index, load and deflection [-]."""
     return float(CI * b * d / W * (1.0 + 5.0 * delta / h) / (1.0 + 3.0 * b / d))
 
 
 @kernel
 def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: float) -> float:
-    """Return the mobility number M of the lateral fit [-]."""
+    """Return the mobility number M of [GeeCloughSommer1981] from tyre size, cone index, load and deflection [-]."""
     return float(CI * b * d / W * sqrt(max(delta, 1e-4) / h) / (1.0 + b / (2.0 * d)))
 
 
@@ -52,7 +52,7 @@ def lateral_number(b: float, d: float, h: float, CI: float, W: float, delta: flo
 def lateral_shape(
     b: float, d: float, h: float, radial: float, CI: float, W: float, delta: float
 ) -> tuple[float, float]:
-    """Return the peak mu [-] and rate B [1/rad] of F_y / W = mu (1 - exp(-B alpha))."""
+    """Return mu [-] and B [1/rad] of the lateral force W mu (1 - exp(-B alpha)) at a slip angle alpha [rad]."""
     M = lateral_number(b, d, h, CI, W, delta)
     strength, M = min(M / SOFTEST, 1.0), max(M, SOFTEST)
     if radial > 0.5:
@@ -76,7 +76,7 @@ class SoilLaw(NamedTuple):
     """Sliding anisotropy, see `Soil` [-]."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a combined slip; the friction factor scales the peaks, not the stiffness."""
+        """Return the force for a combined slip; the friction factor scales the peak forces, not the slip stiffness."""
         W, grip, CI = slip.load, slip.footing.grip, slip.footing.cone_index
         B_n = mobility_number(self.b, self.d, self.h, CI, W, slip.deflection)
         D_x = 0.88 * grip * (1.0 - exp(-0.1 * B_n)) * W
