@@ -1,4 +1,4 @@
-"""Base classes of terrains, which have a height grid, patches with other properties, and mostly a tilted plane."""
+"""Base classes of terrains: height grid, patches with other properties, and for most kinds a tilted plane."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -76,7 +76,7 @@ class Landscape(Spec):
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a value that changes if a file with the heights or with a patch changes."""
+        """Return a value that changes when a file that defines heights or patches changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
@@ -99,7 +99,7 @@ class Tilted(Landscape):
         return grade * cos(direction), grade * sin(direction)
 
     def tilted(self, ground: Ground) -> Ground:
-        """Return a grid with the heights of the plane added."""
+        """Return the height grid `ground` with the heights of the tilted plane added."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)
         y = ground.y0 + ground.spacing * np.arange(rows)

@@ -45,14 +45,14 @@ class Bumps(Generated):
     heading_deg: float = 0.0
     """Heading of the row and of its bumps, from east, counter-clockwise [deg]."""
     spacing_m: Positive = 3.0
-    """Distance between bump centres in a row [m]. Assumed value (2-10); 1.4 lifts both axles at the same time."""
+    """Distance between bump centres in a row [m]. Assumed value (2-10). With 1.4, both axles rise at the same time."""
     stagger_m: float = 0.0
     """Lateral offset to the left of every second bump in a row, for bumps on alternating sides [m]."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing: five nodes per bump [m]."""
+        """Return the maximum node spacing, for at least five nodes along and across a bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
@@ -63,7 +63,7 @@ class Bumps(Generated):
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
-        """Return centre and heading of all bumps."""
+        """Return the centre and heading of every bump."""
         return self._scattered() if self.layout == "scattered" else self._row()
 
     def _scattered(self) -> list[Bump]:

@@ -23,7 +23,7 @@ MOST_BYTES = 128 * 1024**2
 """Maximum size of a file, sufficient for the largest grid as text [bytes]."""
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
 FINEST_M = 0.01
-"""Minimum cell size of an ESRI grid [m]; a smaller value is probably in degrees."""
+"""Minimum cell size of an ESRI grid [m]. A smaller cell size is probably in degrees."""
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
 """Keys allowed in the header of an ESRI grid."""
 LONGEST_HEAD = 2000

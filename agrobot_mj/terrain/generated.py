@@ -28,7 +28,7 @@ class Generated(Sized, Tilted):
     node_m: Node = 0.1
     """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25), shorter than a contact patch."""
     run_in_m: NonNegative = 0.0
-    """Radius of the level area around the origin; the heights are unscaled beyond twice this distance [m]."""
+    """Radius of the level area around the origin [m]. At twice this radius, the heights have their full size."""
 
     def bare(self, x: Array, y: Array) -> Array:
         """Return the heights [m], shape (rows, columns), at `x` (columns,) and `y` (rows,) [m], before the plane is
@@ -88,6 +88,6 @@ def _nodes(half: float, cells: int, spacing: float) -> Array:
 
 
 def _fade(share: Array) -> Array:
-    """Return a smooth transition from 0 for `share` below 0 to 1 for `share` above 1."""
+    """Return a smooth transition from 0 (for `share` up to 0) to 1 (for `share` from 1)."""
     s = np.clip(share, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

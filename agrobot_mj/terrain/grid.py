@@ -42,7 +42,7 @@ class Surface(NamedTuple):
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
-"""Surface on which the properties of the tyre law apply everywhere."""
+"""Surface without special properties: the values of the tyre law apply everywhere."""
 
 
 class Ground(NamedTuple):
@@ -105,7 +105,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the factor on the friction [-] and the cone index [Pa] (0: value of the tyre law) at (x, y) [m]."""
+    """Return the friction factor [-] and the cone index [Pa] (0: value of the tyre law) at (x, y) [m]."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -115,7 +115,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def rolling_at(surface: Surface, x: float, y: float) -> float:
-    """Return the rolling resistance divided by load at (x, y) [m]; 0 where the value of the tyre law applies [-]."""
+    """Return the rolling resistance divided by load at (x, y) [m]; 0 selects the value of the tyre law [-]."""
     rows, columns = surface.rolling.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):

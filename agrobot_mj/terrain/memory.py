@@ -48,7 +48,7 @@ FORGETS = SoilMemory(
 
 
 class SavedSoil(NamedTuple):
-    """Saved soil memory: the tiles in use."""
+    """Copy of a soil memory that contains only the tiles in use."""
 
     places: AnyArray
     """Row and column of each tile, int32 of shape (n, 2), in the order of the store."""
@@ -89,7 +89,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the index of the tile at a row and column, taken from the store if needed; -1 if the store is empty."""
+    """Return the index of the tile at a row and column of tiles, allocating it if needed; -1 if the store is empty."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -126,7 +126,7 @@ def restore(memory: SoilMemory, state: SavedSoil) -> None:
 
 
 def rut_map(memory: SoilMemory) -> RutMap:
-    """Return the cells with plastic sinkage."""
+    """Return all cells with plastic sinkage."""
     places, cells = _places(memory), memory.cells[: memory.used[0]]
     k, j, i = np.nonzero(cells[..., SINKAGE])
     x = memory.x0 + memory.cell * (TILE * places[k, 1] + i + 0.5)

@@ -14,7 +14,7 @@ from agrobot_mj.terrain.variation import Variation
 MOST_CELLS = 4_000_000
 """Maximum number of cells in the grid of properties: 64 MB."""
 MOST_TESTS = 2e8
-"""Maximum number of cells to fill, summed over all patches [-]: several seconds."""
+"""Maximum number of cells tested for coverage, summed over all patches [-]. The tests take several seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
@@ -68,7 +68,7 @@ def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface
 
 
 def _ground_outside(base: Base, shape: tuple[int, int], cell: float) -> tuple[Array, Array, Array]:
-    """Return grids of friction [-], cone index [Pa] and rolling resistance [-] without patches."""
+    """Return grids of friction factor [-], cone index [Pa] and rolling resistance [-] of the ground without patches."""
     fields: list[Array] = [np.full(shape, value) for value in base.properties]
     friction, strength, rolling = fields
     if base.variation is None:

@@ -47,7 +47,7 @@ class Rough(Generated):
     iso_class: Literal["A", "B", "C", "D", "E"] = "C"
     """ISO 8608 class: A very good road, C gravel road or farm track, D and E fields and poor tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of the phases, independent of the seed of the run."""
+    """Seed of the random phases, independent of the seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
         """Return the heights, zero at the middle node [m]."""
@@ -67,7 +67,7 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Return the two-dimensional spectrum S [m4] at wave numbers `k` [cycle/m]; zero at k = 0 and above `end`."""
+    """Return the spectrum S [m4] for wave numbers `k` [cycle/m] and roughness [m3]; zero at k = 0 and above `end`."""
     table = end * np.geomspace(1e-4, 1.0, 800)
     # The substitution u = k cosh(v) removes the singularity of the Abel transform at u = k.
     v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)
@@ -79,7 +79,7 @@ def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
 
 
 def _line_slope(n: Array, roughness: float, end: float) -> Array:
-    """Return the derivative of the two-sided spectrum of profiles, with roll-off, at wave numbers `n` [m4]."""
+    """Return the derivative [m4] of the two-sided profile spectrum, with roll-off up to `end`, at wave numbers `n`."""
     start = ROLL_OFF * end
     phase = np.pi * np.clip((n - start) / (end - start), 0.0, 1.0)
     whole, falling = (1 + np.cos(phase)) / 2, -np.sin(phase) * np.pi / (2 * (end - start))

@@ -32,7 +32,7 @@ class Special(Spec):
     """Rolling resistance of tyres on firm ground divided by load [-]. Default: value of `surface`, or without a surface
     the value of the tyre law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
-    """Size of the grid cells that represent the shape; all patches use the minimum of their sizes [m]."""
+    """Size of the grid cells that represent the shape [m]. All patches use the minimum size of all patches."""
 
     @model_validator(mode="after")
     def _is_named(self) -> Self:
@@ -106,7 +106,7 @@ class CirclePatch(Special):
 
 
 class PolygonPatch(Special):
-    """Polygon; with crossing edges, points enclosed an even number of times are outside."""
+    """Polygon. If its edges cross, points enclosed an even number of times are outside."""
 
     kind: Literal["polygon"] = "polygon"
     points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (

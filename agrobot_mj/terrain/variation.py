@@ -35,12 +35,12 @@ NAMED: dict[str, SurfaceProperties] = {
     "tilled": SurfaceProperties(900.0, 0.065, 0.9),
     "sand": SurfaceProperties(450.0, 0.090, 0.7),
 }
-"""Properties of the named surfaces. For firm (stubble), tilled and sandy soil the cone index and the resistance
-1 / B_n + 0.04 with B_n = 55, 40 and 20 are from [ASAE2003], quoted from memory. Assumed values: concrete (resistance
+"""Properties of the named surfaces. For firm (stubble), tilled and sandy soil cone index and resistance 1 / B_n + 0.04
+(mobility numbers B_n = 55, 40 and 20) are from [ASAE2003], quoted from memory. Assumed values: concrete (resistance
 0.015-0.025, the maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
 
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
-"""Range of the random friction scale [-]. Assumed value."""
+"""Minimum and maximum of the random friction factor [-]. Assumed values."""
 CELLS_PER_LENGTH = 4
 """Default number of cells per correlation length [-]."""
 EDGE_LENGTHS = 6
@@ -80,8 +80,8 @@ class Variation(Spec):
         return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
 
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
-        """Return the friction factor [-] and the cone index [Pa], 0 without a mean, of a grid with square cells of the
-        size `cell` [m]. Raises ValueError naming the key."""
+        """Return the friction factor [-] and the cone index [Pa] (0 without a mean value) in a grid of square cells
+        with the side length `cell` [m]. Raises ValueError naming the key."""
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
             raise ValueError("cone_index_kpa: the mean value is missing; set this key, or terrain.surface")
@@ -106,8 +106,8 @@ class Variation(Spec):
 
 
 def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: float) -> Array:
-    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance). Distance and cell size `cell`
-    are in correlation lengths [-]."""
+    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance). Distances and the cell size
+    `cell` are divided by the correlation length [-]."""
     from scipy.fft import irfft2, next_fast_len, rfft2  # imported here, because the import takes 0.05 s
 
     rows, columns = (next_fast_len(n + ceil(EDGE_LENGTHS / cell), real=True) for n in shape)
