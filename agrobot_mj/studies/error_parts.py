@@ -1,4 +1,4 @@
-"""Remarks on rankings of laws: whether estimation errors dominate the cross-track errors, inconsistent estimates."""
+"""Remarks on rankings of laws: inconsistent estimates, and cross-track errors caused mainly by estimation errors."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

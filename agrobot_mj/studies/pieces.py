@@ -58,8 +58,7 @@ def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return STATIONS points on the path segment of a scenario, equally spaced, and a last row with its length (n, 2)
-    [m]."""
+    """Return STATIONS equally spaced points on the path segment of a scenario, and its length in the last row [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

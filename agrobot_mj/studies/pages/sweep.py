@@ -156,8 +156,7 @@ def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
 
 
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
-    """Return a map of median errors over parameters `x`, `y` with the boundary of failure; `scale`: colour range
-    [cm]."""
+    """Return a map of median errors over parameters `x`, `y`, with failure boundary and colour range `scale` [cm]."""
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
     for row in group.rows:
