@@ -1,9 +1,9 @@
 """Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
 
-One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). Priors give wide
-intervals to parameters that slow driving does not excite, so that they do not bias the others. The wheelbase must be
-known, because slow driving identifies only scale divided by wheelbase. Latencies are relative to the gyro or, without a
-gyro, to the steering.
+One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). With priors,
+parameters that slow driving does not excite have wide intervals and do not bias the others. The wheelbase must be
+known, because slow driving only identifies the scale divided by the wheelbase. Latencies are relative to the gyro or,
+without a gyro, to the steering.
 
 The initial value comes from a regression without slip (`steering`), which also finds two scales with one centre.
 """
@@ -39,36 +39,37 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Fraction of the longest latency in the search above which the true latency may be outside the search [-]."""
+"""Fraction of the longest latency in the search [-]. An estimate above it may be limited by the search."""
 LEAST_WINDOWS = 3
-"""Minimum number of windows for a calibration: a quarter of a minute of driving at speed."""
+"""Minimum number of windows for a calibration: 15 s of driving at speed."""
 SEEN_IN_SPEED = 0.9
-"""Minimum fraction of the variance that speed and positions share, for identifying the latency of the speed [-]."""
+"""Minimum squared correlation of speed and positions for identifying the latency of the speed [-]."""
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
 """Maximum half width of the interval of an identified quantity [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
-slip, corrections of 0.7 deg on a line give an error of 0.13 m in the antenna position, bends of 3 deg 0.016 m."""
+slip, corrections of 0.7 deg on a line give an error of 0.13 m in the antenna position, bends of 3 deg one of 0.016
+m."""
 LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
-"""Half widths of the interval of a latency due to unmodelled lag of tyres and body sway [s]: relative to a gyro, and to
-the steering. The first, times the speed, is that of the distance ahead. Assumed values, from the simulator."""
+"""Half widths of the interval of a latency, relative to a gyro and relative to the steering, due to lag of tyres and
+body sway [s]. The first, multiplied by the speed, applies to the distance ahead. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0
-"""Minimum difference of two scales, divided by its standard error [-]."""
+"""Minimum difference between the scales of both sides, divided by its standard error [-]."""
 RIGHT_SIGMA = 0.3
-"""Prior standard deviation of the scale to the right per scale to the left [-]."""
+"""Prior standard deviation of the scale to the right, divided by the scale to the left [-]."""
 ONE_SPEED = 3.0
-"""Factor on intervals if the log has a single speed, which confounds scale, tyres and antenna [-]. Assumed value."""
+"""Factor on intervals if the log has one speed: scale, tyres and antenna are then confounded [-]. Assumed value."""
 SPREAD = {"speed.delay_s": 1.4}
 """Factors on intervals of quantities that depend on slip [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2
-"""Half width of the interval of tyre scrub per scrub of the plant [-]: from none to about twice. Assumed value."""
+"""Half width of the interval of tyre scrub, divided by the scrub of the plant [-]. Assumed value, up to about twice."""
 SLIP_LEAD = 1 / 30
-"""Half width of the interval of a wheel speed's latency, per speed [s2/m]: accelerating wheels slip. Assumed value
-(tyres on firm ground: 1/60)."""
+"""Half width of the interval of the latency of a wheel speed, divided by the speed [s2/m]: accelerating wheels slip.
+Assumed value (tyres on firm ground: 1/60)."""
 
 
 class _Drive(NamedTuple):
-    """Properties of a log that limit identifiability, independent of the fit."""
+    """Properties of a log that limit the identifiability of parameters, independent of the fit."""
 
     wander: float
     """Half width of the interval of the mean heading drift of two antennas [rad]."""
@@ -83,7 +84,7 @@ class _Drive(NamedTuple):
     gyro: bool
     """Whether latencies are relative to a gyro."""
     lag_m: float
-    """Half width of the interval of the distance ahead due to the lag of tyres and body sway [m]."""
+    """Half width of the interval of the antenna's distance ahead, due to lag of tyres and body sway [m]."""
 
 
 class Calibration(NamedTuple):
@@ -93,11 +94,11 @@ class Calibration(NamedTuple):
     """Quantities by map key, in the units of the keys."""
     log_map: LogMap
     pieces: Pieces
-    """Segments of the log with wheel angles from `rough` [rad]."""
+    """Segments of the log; their wheel angles are computed with `rough` [rad]."""
     rough: RoughSteering
     data: VehicleData
     fit: VehicleFit
-    """Estimated values, relative to `rough` and to the map."""
+    """Fitted parameters, relative to the values of `rough` and of the map."""
     centres: tuple[float, ...]
     """Sensor reading straight ahead in the first and in the second half of the log [unit of the sensor]."""
 
@@ -120,13 +121,13 @@ class Calibration(NamedTuple):
 
     @property
     def centre_error(self) -> float:
-        """Wheel angle at the centre given in the map, left positive [rad]."""
+        """Error of the wheel angle due to the centre given in the map, left positive [rad]."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 
     @property
     def heading_error(self) -> float | None:
-        """Angle from the true heading to the recorded one, left positive [rad]; None if not identified."""
+        """Angle from the true to the recorded heading, left positive [rad]; None if not identified."""
         return self.fit.values.get("heading_offset")
 
     @property
@@ -150,14 +151,14 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of logs with a common map, for the wheelbase of a scenario. Raises `FieldLogError`."""
+    """Calibrate the sensors of logs with a common map; the wheelbase is from a scenario. Raises `FieldLogError`."""
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return the given map or a built-in map. Raises `FieldLogError` if the map has no wheel angle."""
+    """Return `log_map`, or by default a built-in map. Raises `FieldLogError` if the map has no wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: the map has no [steer]; add it with the column of the wheel angle")
@@ -165,7 +166,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Calibrate segments in which the wheel angle is the raw sensor reading. Raises `FieldLogError`."""
+    """Calibrate from segments whose wheel angle is the raw sensor reading. Raises `FieldLogError`."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -204,7 +205,7 @@ def _spread(angles: Sequence[FieldRecording]) -> float:
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the names of the parameters to fit. Latencies are relative to the gyro or else to the steering."""
+    """Return the names of the parameters to fit. Latencies are relative to the gyro or otherwise to the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -214,9 +215,9 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
-    """Return the maximum fraction of the variance of track lengths that the recorded speed explains, for any latency.
+    """Return the fraction of the variance of track lengths that the recorded speed explains with the best latency [-].
 
-    At nearly constant speed, only noise remains in both. In this case no latency gives a high fraction.
+    At nearly constant speed, both contain only noise, and the fraction is low.
     """
     ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
@@ -226,14 +227,15 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Return track lengths per `CHORD_S` (1 + latencies, n) [m]: from positions, then from speed per latency."""
+    """Return track lengths in intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0 is computed from positions,
+    the other rows from the speed with each latency of `AGES_S`."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
-    """Convert the fitted parameters to the quantities of the map, with intervals."""
+    """Return the quantities of the map, with intervals, computed from the fitted parameters."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
     s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
@@ -272,9 +274,10 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Return the half width for the mean heading drift of two antennas [rad], which resembles their mounting angle.
+    """Return the half width of the interval of the mean heading drift of two antennas [rad].
 
-    The mean of a first-order process over T time constants has 2 / T (1 - (1 - e^-T) / T) of the process variance.
+    The mean drift cannot be distinguished from a mounting angle. Over T time constants, the variance of the mean of a
+    first-order process is 2 / T (1 - (1 - e^-T) / T) times the process variance.
     """
     if "heading" not in data.channels:
         return 0.0
@@ -291,7 +294,7 @@ def _quantity(
     index: dict[str, int],
     drive: _Drive,
 ) -> Quantity:
-    """Return a quantity with its interval, from its derivatives by the fit parameters and the limits of the log."""
+    """Return a quantity with its interval, from its derivatives `slopes` with respect to the fit parameters."""
     if not slopes.keys() <= index.keys():  # the fit omits latencies that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
@@ -314,7 +317,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """Return a copy of a map with changed values, given by `table.key`."""
+    """Return a copy of a map with other values, given by `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

@@ -11,18 +11,18 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions for summed distances [s], and maximum ratio of these distances to the integral of the speed
+"""Time between the positions whose distances are summed [s], and maximum ratio of this sum to the integral of the speed
 [-]. Assumed values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
-"""Maximum distance of an antenna from the rear axle [m], and maximum relative RMS error of the distances that the
-antenna position explains [-]. Assumed values."""
+"""Maximum distance between antenna and rear axle [m], and maximum relative RMS error of distances that an antenna
+position may explain [-]. Assumed values."""
 AGREED = 0.5
-"""Minimum correlation of two yaw rates of the same machine, also with a wrong sign or unit [-]. Assumed value:
+"""Minimum correlation of two measured yaw rates of one machine, even with a wrong sign or unit [-]. Assumed value:
 consistent sensors have 0.9."""
 OTHER_UNIT = 5.0
-"""Ratio of two yaw rates above which their units are assumed to differ [-]; deg/s for rad/s gives 57."""
+"""Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57."""
 LEAST_HZ = 2.5
-"""Minimum rate of positions and headings at which they show yaw dynamics [Hz]."""
+"""Minimum rate at which positions and headings resolve yaw dynamics [Hz]."""
 COARSE_M_S = 0.12
 """Resolution of recorded speed above which rounding biases a fitted scale [m/s]. Assumed value (1 km/h: 5 %)."""
 
@@ -55,7 +55,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_speed(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if speeds and positions differ more than slip and antenna position explain."""
+    """Raise `FieldLogError` if speeds and positions differ by more than slip and antenna position can explain."""
     found = [part for piece in recordings if (part := _ways(piece)) is not None]
     if not found:
         return
@@ -75,10 +75,10 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _ways(piece: FieldRecording) -> Array | None:
-    """Return distances per `CHORD_S`, shape (3, n) [m]; None without positions.
+    """Return distances covered in each interval `CHORD_S`, shape (3, n) [m]; None without positions.
 
-    Rows: distances between positions; distances of the antenna from recorded speed and yaw rate; lateral displacements
-    of a point one metre ahead of the rear axle.
+    Row 0: distance between positions. Row 1: distance travelled by the antenna, computed from speed and yaw rate. Row
+    2: lateral displacement of a point one metre ahead of the rear axle.
     """
     if piece.position is None or not len(piece.position.t):
         return None
@@ -90,7 +90,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance between antenna and rear axle that explains the positions [m]; None if none does."""
+    """Return the distance between antenna and rear axle that explains the positions [m]; None if no distance does."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -121,7 +121,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None if recorded by one sensor only."""
+    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None unless both are measured."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)

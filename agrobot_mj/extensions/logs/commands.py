@@ -1,4 +1,4 @@
-"""Command `twin` for logs of real and simulated machines, and the former commands for its parts."""
+"""Command `twin` for logs of real and simulated machines, and older commands for single parts of the analysis."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -101,7 +101,7 @@ def twin(
 
 
 def _described(logs: list[Path], map_file: Path | None) -> list[str]:
-    """Return a description of each log with its possible uses."""
+    """Return a description of each log that includes its possible uses."""
     from agrobot_mj.extensions.logs.maps import read_map
     from agrobot_mj.extensions.logs.readers import open_log
     from agrobot_mj.extensions.logs.readers.describe import describe
@@ -111,7 +111,7 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Return the results folder: that of the run for `valve` only, None for a calibration without --out."""
+    """Return the results folder: the folder of the run for `valve` alone, None for a calibration without --out."""
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None
@@ -119,7 +119,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """Return the scenario next to the log, or the default scenario on level ground, with overrides."""
+    """Return the scenario next to the log, or the default scenario on level ground. Apply the overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
@@ -128,7 +128,7 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
 
 
 def _former(name: str) -> Callable[..., Answer]:
-    """Return the former command for a part of the analysis, with the options of `twin`."""
+    """Return the older command that runs one part of the analysis, with the options of `twin`."""
 
     @wraps(twin)
     def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:
@@ -144,7 +144,7 @@ def _former(name: str) -> Callable[..., Answer]:
 
 
 def _former_identify() -> Callable[..., Answer]:
-    """Return the former command `identify`. It fits the valve of a run unless `--vehicle` is given."""
+    """Return the older command `identify`. It fits the valve of a run or, with `--vehicle`, the vehicle."""
     vehicle = Annotated[bool, typer.Option("--vehicle", help="Fit the vehicle instead of the valve.")]
     command = _former("identify")
     return with_option(command, command, "vehicle", vehicle, False)

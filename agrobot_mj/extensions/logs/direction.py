@@ -1,11 +1,11 @@
-"""Direction of travel: the sign of a recorded speed that is unsigned, as from a GNSS receiver.
+"""Direction of travel, for recorded speeds without a sign, such as the speed of a GNSS receiver.
 
 Displacements between fixes, projected on the heading, are summed to a forward distance. Where this distance decreases
-by more than the noise, the tractor has reversed. Its direction changes at the minimum speed nearby. A heading with an
-angular offset (two antennas across the machine) is first rotated by its mean angle to the course, because machines
-mostly drive forwards. Without a heading, the course is used, which jumps by 180 deg where the tractor changes its
-direction. Noise of positions without RTK resembles such jumps. In this case the steering determines the direction: the
-yaw rate divided by the speed is linear in the wheel angle, and has the opposite sign in reverse.
+by more than the noise, the tractor has reversed. The change of direction is at the nearest minimum speed. A heading
+with an angular offset (two antennas across the machine) is first rotated by its mean angle to the course, because
+machines mostly drive forwards. Without a heading, the course is used, which jumps by 180 deg where the tractor changes
+its direction. Noise of positions without RTK resembles such jumps. In this case the steering determines the direction:
+the yaw rate divided by the speed is linear in the wheel angle, and has the opposite sign in reverse.
 """
 
 from math import sqrt
@@ -19,27 +19,27 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 SIGNED = -0.1
-"""A recorded speed whose minimum is below this value is signed [m/s]. Assumed value: larger than the noise of a
+"""Limit of the minimum recorded speed below which the speed is signed [m/s]. Assumed value: larger than the noise of a
 receiver at rest."""
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Minimum length of a leg in reverse [m], and minimum length per scatter of the positions [-]."""
+"""Minimum length of a section driven in reverse [m], and minimum length per standard deviation of the positions [-]."""
 AROUND_S = 2.0
 """Time before and after a change of direction in which the minimum speed is searched [s]."""
 LONGEST_STEP_S = 2.0
 """Maximum time between two fixes whose displacement is used [s]."""
 STANDING_M_S = 0.1
-"""Speed below which a machine counts as standing [m/s]. Assumed value: three times the noise of a receiver at rest."""
+"""Speed below which a machine is at rest [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
-"""Minimum fraction of the yaw rate that the steering must explain to determine a direction, and minimum increase of
-this fraction [-]. Assumed values: larger than for noise."""
+"""Minimum fraction of the yaw-rate variance that the steering must explain to determine directions, and minimum
+increase of this fraction [-]. Assumed values: larger than for noise."""
 MOST_TURN = 3.0
-"""Yaw rate of an outlier divided by the 80 % quantile of all yaw rates, at least [-]. Assumed value."""
+"""Yaw rate above which a value is an outlier, divided by the 80 % quantile of all yaw rates [-]. Assumed value."""
 MOST_LEGS = 200
-"""Maximum number of legs whose directions the steering determines."""
+"""Maximum number of sections whose directions the steering can determine."""
 
 
 class Directed(NamedTuple):
-    """Recording with a signed speed."""
+    """Recording whose speed is negative in reverse."""
 
     recording: FieldRecording
     reverse_m: float
@@ -47,7 +47,7 @@ class Directed(NamedTuple):
     mounting: float | None
     """Mean angle from the course to the recorded heading [rad]; None if not identified."""
     how: str = ""
-    """Quantity that determined the direction; empty if no reverse is detected."""
+    """Quantity that determined the direction. Empty if no reverse is detected."""
 
 
 def is_signed(recording: FieldRecording) -> bool:
@@ -56,7 +56,7 @@ def is_signed(recording: FieldRecording) -> bool:
 
 
 def scatter(position: TimeSeries) -> float:
-    """Return the standard deviation of white noise in each coordinate [m], from the median of third differences."""
+    """Return the standard deviation of white noise in each coordinate [m], estimated from third differences."""
     off = np.abs(np.diff(position.value, 3, axis=0))
     return 1.4826 * float(np.median(off)) / sqrt(20.0) if len(off) else 0.0
 
@@ -89,14 +89,14 @@ def directed(recording: FieldRecording) -> Directed:
 
 
 def _displacements(position: TimeSeries) -> tuple[Array, Array]:
-    """Return mean times [s] and displacements between fixes, as complex east + i north [m]; 0 across gaps."""
+    """Return mean times [s] and displacements between fixes as complex numbers, east + i north [m]; 0 across gaps."""
     step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
     step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
     return (position.t[:-1] + position.t[1:]) / 2, step
 
 
 def by_course(step: Array, least: float) -> Array:
-    """Return displacements with a sign that changes where the course reverses between two legs of `least` [m]."""
+    """Return distances whose sign changes where the course reverses between two sections of `least` [m]."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -112,7 +112,7 @@ def by_course(step: Array, least: float) -> Array:
 
 
 def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Array, Array]:
-    """Return the times at which the direction changes, shape (n,), and the sign of each leg, shape (n + 1,)."""
+    """Return the times of changes of direction, shape (n,), and the sign of each section, shape (n + 1,)."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=least)[0])
     borders = np.array([_slowest(speed, t[k]) for k in turns])
@@ -126,7 +126,8 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the legs that best explain the yaw rate, mostly forwards; None if they explain too little.
+    """Return the signs of the sections that best explain the yaw rate, mostly forwards; None if they explain too
+    little.
 
     Centre, scale and sign of the steering sensor are unknown here.
     """

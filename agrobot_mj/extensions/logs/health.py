@@ -1,7 +1,7 @@
 """Properties of a log that need no fit: scatter of positions, bursts, steering centre over time, antenna position.
 
-They require neither segments of several seconds nor a machine. The steering centre results from a regression without
-slip, which is independent of the wheelbase. A centre that moves, or that differs from the map, indicates that the
+They do not require segments of several seconds or a known machine. The steering centre follows from a regression
+without slip and is independent of the wheelbase. A centre that moves, or that differs from the map, indicates that the
 sensor has slipped.
 """
 
@@ -21,19 +21,19 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
 
 WHEELBASE_M = 2.0
-"""Wheelbase in the regression [m]. Assumed value; only the scale depends on it."""
+"""Wheelbase in the regression [m]. Assumed value, which only affects the scale."""
 PART_S, MOST_PARTS = 15.0, 6
-"""Minimum driving time of a part whose steering centre is evaluated [s], and maximum number of parts."""
+"""Minimum driving time of each part of a log with its own steering centre [s], and maximum number of parts."""
 MOVED_DEG = 1.0
 """Minimum change of the steering centre that is reported [deg]."""
 TOLD = 0.5
-"""Minimum fraction of the yaw rate that the steering must explain for a steering centre [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that the steering must explain for a steering centre [-]. Assumed value."""
 SIGMAS = 3.0
 """Minimum difference that is reported, in standard errors [-]."""
 CHORD_S, MOST_ALIKE = 0.5, 20.0
-"""Minimum time between fixes used for the antenna position [s], and maximum condition number of the regression [-]."""
+"""Minimum time between fixes used for the antenna position [s], and maximum condition number of its regression [-]."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Minimum reported difference of an antenna position beyond `SIGMAS` errors, and maximum standard error [m]."""
+"""Minimum reported error of the antenna position, beyond `SIGMAS` standard errors, and maximum standard error [m]."""
 
 
 class CentrePart(NamedTuple):
@@ -54,18 +54,18 @@ class LogHealth(NamedTuple):
     bursts: Bursts | None
     steering: RoughSteering | None
     parts: tuple[CentrePart, ...]
-    """Steering centres over time."""
+    """Steering centre in each part of the log, in order of time."""
     ahead_m: tuple[float, float] | None
     """Distance of the antenna ahead of the rear axle, and the standard error of this distance [m]."""
 
     @property
     def centre(self) -> float:
-        """Reading of the steering sensor straight ahead, mean over all parts of the log [unit of the sensor]."""
+        """Steering sensor reading for straight driving, averaged over all parts of the log [unit of the sensor]."""
         return float(np.mean([part.centre for part in self.parts]))
 
     @property
     def centre_error(self) -> float:
-        """Standard error of the mean steering centre from the spread of the parts [sensor unit]; 0 for one part."""
+        """Standard error of the mean steering centre, from its scatter over the parts [sensor unit]; 0 for one part."""
         centres = [part.centre for part in self.parts]
         return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
 
@@ -79,7 +79,7 @@ def health(recording: FieldRecording) -> LogHealth:
 
 
 def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
-    """Return the steering relation without slip, and its centre in parts with equal numbers of samples."""
+    """Return the steering relation without slip, and the steering centre in parts with equal numbers of samples."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
     found = turning([recording], WHEELBASE_M)
@@ -99,7 +99,7 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
 
 
 def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
-    """Return the distance of the antenna ahead of the rear axle with its standard error [m]; None if not identified.
+    """Return the distance of the antenna ahead of the rear axle and its standard error [m]; None if not identified.
 
     The lateral velocity of the antenna is the yaw rate times this distance, plus the speed times the mounting angle of
     the heading, plus the product of speed and yaw rate times the latency of the heading.
@@ -125,7 +125,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
-    """Return sentences about properties of logs, without unreadable logs, which their reader reports."""
+    """Return sentences about properties of logs. Unreadable logs are omitted here and reported by their reader."""
     found = []
     for source in sources:
         try:
@@ -150,7 +150,7 @@ def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
 
 
 def _digits(per_reading: float) -> int:
-    """Return the number of decimals for a steering centre, from the angle per unit of the reading [deg]."""
+    """Return the number of decimals for a steering centre, given the angle per unit of the reading [deg]."""
     return max(0, -int(np.floor(np.log10(0.1 / per_reading))))
 
 

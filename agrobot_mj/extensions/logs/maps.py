@@ -1,7 +1,8 @@
 """Meaning of the columns of a recording: `map.toml`, its schema, and built-in maps.
 
 A map defines columns with their units, signs, offsets and latencies. Converted values are in SI units and radians, left
-positive, ENU. The latency of a value is the time from the validity of the value to the time of its row.
+positive, in east-north-up axes. The latency of a value is the time of its row minus the time at which the value was
+valid.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +16,7 @@ from agrobot_mj.core.spec import Spec
 from agrobot_mj.scenario.overrides import read_spec, read_toml
 
 Delay = Annotated[float, Field(ge=-5, le=5)]
-"""Latency of a value [s]; negative if the logger assigns too early times."""
+"""Latency of a value [s]; negative if the logger assigns too early a time."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Accepted = Annotated[tuple[int | str, ...], Field(min_length=1)]
@@ -23,16 +24,16 @@ Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class TimeColumn(Spec):
-    """Time of a row, counted from any start."""
+    """Definition of the time column. Times may start at any value."""
 
     column: Name
-    """Name of the column. Its values are numbers, or date and time of a clock."""
+    """Name of the column. Its values are numbers, or clock times with a date."""
     unit: Literal["s", "ms", "us", "ns"] = "s"
     """Unit of numeric times."""
 
 
 class MeasuredColumn(Spec):
-    """Quantity measured in one column."""
+    """Definition of a column with measured values."""
 
     column: Name
     """Name of the column."""
@@ -41,10 +42,10 @@ class MeasuredColumn(Spec):
 
 
 class SteerColumn(MeasuredColumn):
-    """Angle of the front wheel in the bicycle model."""
+    """Definition of the column with the wheel angle of the bicycle model."""
 
     unit: Literal["deg", "rad", "1/m"] = "deg"
-    """Unit of the values; 1/m for the curvature of the corresponding circle."""
+    """Unit of the values. With 1/m, values are curvatures of the circle that corresponds to the angle."""
     wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
     """Wheelbase that converts curvatures to angles [m]."""
     positive: Literal["left", "right"] = "left"
@@ -52,7 +53,7 @@ class SteerColumn(MeasuredColumn):
     offset: Factor = 0.0
     """Reading with the wheels straight ahead [unit of the column]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
-    """True angle divided by the reading [-]."""
+    """True angle divided by the reading [-]. With `scale_right`, for angles to the left."""
     scale_right: Annotated[float, Field(gt=0, le=100)] | None = None
     """True angle divided by the reading for angles to the right [-]. Default: `scale`."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
@@ -65,7 +66,7 @@ class SteerColumn(MeasuredColumn):
         return self
 
     def as_read(self) -> "SteerColumn":
-        """Return the column definition for raw readings, treated as angles in radians or as curvatures."""
+        """Return a copy of the definition for raw readings, which are treated as angles in radians or as curvatures."""
         unit = self.unit if self.unit == "1/m" else "rad"
         return self.model_copy(
             update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0, "scale_right": None}
@@ -73,7 +74,7 @@ class SteerColumn(MeasuredColumn):
 
 
 class ValveColumn(MeasuredColumn):
-    """Voltage of the steering valve, or a signal proportional to the voltage such as a PWM value."""
+    """Definition of the column with the valve voltage, or with a proportional signal such as a PWM value."""
 
     volts_per_unit: Factor = 1.0
     """Valve voltage (0-12 V) per unit of the column [V/unit]; negative if values increase to the right."""
@@ -82,7 +83,7 @@ class ValveColumn(MeasuredColumn):
 
 
 class SpeedColumn(MeasuredColumn):
-    """Speed along the heading, negative in reverse."""
+    """Definition of the column with the speed along the heading, negative in reverse."""
 
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
     """Unit of the values."""
@@ -91,11 +92,11 @@ class SpeedColumn(MeasuredColumn):
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
     """True speed divided by the reading [-]."""
     signed: bool = False
-    """Whether the values are negative in reverse. Also true for a machine that never reverses."""
+    """Whether the values are negative in reverse. Set to true also for a machine that never reverses."""
 
 
 class YawRateColumn(MeasuredColumn):
-    """Yaw rate from a gyro."""
+    """Definition of the column with the yaw rate of a gyro."""
 
     unit: Literal["deg/s", "rad/s"] = "deg/s"
     """Unit of the values."""
@@ -106,7 +107,7 @@ class YawRateColumn(MeasuredColumn):
 
 
 class HeadingColumn(MeasuredColumn):
-    """Heading of the body from two antennas or an inertial unit; not the course over ground."""
+    """Definition of the column with the heading from two antennas or an inertial unit, not the course over ground."""
 
     unit: Literal["deg", "rad"] = "deg"
     """Unit of the values."""
@@ -117,11 +118,11 @@ class HeadingColumn(MeasuredColumn):
     quality: Name | None = None
     """Column with the quality of the heading."""
     accepted: Accepted = (1,)
-    """Values of the quality column in valid rows: numbers or words. True is 1."""
+    """Values of the quality column in valid rows, as numbers or text. True equals 1."""
 
 
 class PositionColumns(Spec):
-    """Position of a point of the tractor: latitude and longitude, or east and north."""
+    """Definition of the columns with the position of a point: latitude and longitude, or east and north."""
 
     latitude: Name | None = None
     """Column of the latitude, north positive [deg]."""
@@ -148,7 +149,7 @@ class PositionColumns(Spec):
     quality: Name | None = None
     """Column with the quality of the solution."""
     accepted: Accepted = (4,)
-    """Values of the quality column in valid rows: numbers or words. 4 is RTK fixed in GGA."""
+    """Values of the quality column in valid rows, as numbers or text. In GGA, 4 is RTK fixed."""
     delay_s: Delay = 0.0
     """Latency of the position [s]."""
 
@@ -163,7 +164,7 @@ class PositionColumns(Spec):
 
 
 def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
-    """Yield the map keys that name a column, each with the column."""
+    """Yield each map key that names a column, with the column."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
             if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
@@ -221,7 +222,7 @@ AGOPENGPS_MAP = LogMap(
     speed=SpeedColumn(column="speed_km_h", unit="km/h"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
-"""Built-in map of the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality as in GGA."""
+"""Built-in map of the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality numbers of GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
 """Built-in maps, in the order in which they are tried for a log without a map."""
 UNKNOWN = "the columns are unknown; describe their meaning with --map map.toml"
@@ -254,7 +255,7 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Map tables for logs in SI units, with the columns they need. The first possible one of each table is used."""
+"""Map tables for logs in SI units, each with the columns that it needs. Of each table, the first possible is used."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
@@ -264,10 +265,8 @@ INSTEAD = {
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the map tables for a log in SI units with the columns `names`.
-
-    `changed` contains keys that differ from their defaults, by table.
-    """
+    """Return the map tables for a log in SI units with the columns `names`. `changed` contains, by table, the keys that
+    differ from their defaults."""
     found: dict[str, dict[str, Any]] = {"time": {"column": "t"}}
     for table, needed, keys in SI_TABLES:
         if table not in found and set(needed) <= set(names):
@@ -278,7 +277,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """Return a text about the tables that a replay needs and that are missing; empty if there are none."""
+    """Return a text that names missing tables required for a replay; empty if none is missing."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]
@@ -290,5 +289,5 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
-    """Return the map key for each column that a map names."""
+    """Return the map key by which each column is named."""
     return {column: key for key, column in _named(log_map)}

@@ -38,12 +38,12 @@ class Job:
     """Logs of one machine with the options for their analysis."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """Create a job. The options are `start_s`, `end_s` [s], `share` [-], parameter `names`, and input `by`."""
+        """Create a job with the options `start_s`, `end_s` [s], `share` [-], parameter `names` and input `by`."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
     def opened(self) -> tuple[list[Source], LogMap]:
-        """Opened logs, and the map that they have in common."""
+        """Opened logs, and their common map."""
         log_map = read_map(self.map_file) if self.map_file is not None else None
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
@@ -53,7 +53,7 @@ class Job:
         return [loaded(each.source) for each in found], maps[0]
 
     def health(self) -> list[str]:
-        """Return sentences about the properties of logs that have a wheel angle; empty for logs without one."""
+        """Return sentences about properties of the logs. Without a wheel angle, the list is empty."""
         sources, log_map = self.opened
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
@@ -68,7 +68,7 @@ class Job:
 
 
 class Finding(NamedTuple):
-    """Result of a part of the analysis."""
+    """Result of one part of the analysis."""
 
     lines: Iterable[str]
     content: Mapping[str, Any] = MappingProxyType({})
@@ -80,7 +80,7 @@ class Finding(NamedTuple):
 
 
 class LogPart(NamedTuple):
-    """Definition of a part of the analysis."""
+    """Definition of one part of the analysis."""
 
     run: Callable[[Job], Finding]
     file: str
@@ -103,7 +103,7 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
 
 
 def calibration(job: Job) -> Finding:
-    """Calibrate steering centre, scale and sign, latencies, mounting and the antenna position."""
+    """Calibrate centre, scale and sign of the steering, latencies, mounting, and antenna position."""
     sources, log_map, scenario, options = job.given()
     return _calibration(calibrate(sources, log_map, scenario, **options), scenario, job.identity())
 
@@ -201,7 +201,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def whole(job: Job) -> Finding:
-    """Calibrate and identify with one part of the logs, replay the rest, and write a report."""
+    """Calibrate and identify with the first part of the logs, replay the rest, and write a report."""
     sources, log_map, scenario, options = job.given("share")
     found = twin(sources, log_map, scenario, **options)
     content = {

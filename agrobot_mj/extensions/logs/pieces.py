@@ -1,7 +1,7 @@
 """Segments of recordings for replay and fit, separated by gaps, standstill and loss of position.
 
-In a segment, all inputs are available without gaps, the machine moves except for short stops, and positions, if
-recorded, arrive throughout. An unsigned speed first gets a sign (`direction`).
+In a segment, all inputs and recorded positions are available without gaps, and the machine moves except for short
+stops. A speed without a sign first gets one (`direction`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,15 +22,15 @@ STANDING_S = 2.0
 SHORTEST_S = 5.0
 """Minimum duration of a segment [s]: one window of the fit, half a window of the replay."""
 FEWEST_BURSTS = 4
-"""Minimum number of parts of a recording that is written in bursts [-]."""
+"""Minimum number of parts between gaps for a recording that was written in bursts."""
 TWO_SPEEDS = 1.5
-"""Minimum ratio of fast to slow speed in a log with two speeds [-]."""
+"""Minimum ratio of fast to slow speed in a log that contains two speeds [-]."""
 TURNED_DEG = 15.0
 """Minimum angle between heading and course that is reported [deg]."""
 
 
 class Span(NamedTuple):
-    """Omitted time interval with the reason for the omission."""
+    """Omitted time interval of a recording, with the reason."""
 
     start: float
     end: float
@@ -38,12 +38,12 @@ class Span(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Segments that are used, with notes about them."""
+    """Used segments of recordings, with notes."""
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]
     signed: bool
-    """Whether the recorded speed is negative in reverse. Otherwise most of the distance is assumed to be forwards."""
+    """Whether the recorded speed is negative in reverse. Otherwise, most of the distance is assumed to be forwards."""
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
@@ -74,7 +74,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def _at_axle(recording: FieldRecording) -> FieldRecording:
-    """Return the recording with the rear-axle speed, if its speed is that of the antenna (position as in the map)."""
+    """Return the recording with the speed of the rear axle in place of the antenna speed, if it has the latter."""
     if not recording.antenna_speed or recording.yaw_rate is None:
         return recording
     (t, v), (ahead, left, _) = recording.speed, recording.arm
@@ -82,17 +82,17 @@ def _at_axle(recording: FieldRecording) -> FieldRecording:
 
 
 class Bursts(NamedTuple):
-    """Bursts of a recording: its parts between gaps of the inputs."""
+    """Bursts of a recording, which are its parts between gaps of the inputs."""
 
     number: int
     length: float
     """Median duration of a burst [s]."""
     period: float
-    """Median time from the start of a burst to the next start [s]."""
+    """Median time from the start of one burst to the start of the next [s]."""
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return the bursts of a recording with pauses; None if most parts are long enough for segments."""
+    """Return the bursts of a recording with pauses; None if the pauses are few or the parts sufficiently long."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])
@@ -103,7 +103,7 @@ def bursts(recording: FieldRecording) -> Bursts | None:
 
 
 def _remedy(recordings: Sequence[FieldRecording]) -> str:
-    """Return advice for recording a log that contains segments."""
+    """Return advice for recording logs with sufficiently long segments."""
     for recording in recordings:
         if found := bursts(recording):
             return (
@@ -121,13 +121,13 @@ def read_pieces(
     end: float = inf,
     readings: bool = False,
 ) -> Pieces:
-    """Return the segments of one or more logs with a common map (`read_recording`, `pieces`)."""
+    """Return the segments of one or more logs with a common map, by `read_recording` and `pieces`."""
     sources = source if isinstance(source, Sequence) else [source]
     return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:
-    """Yield the intervals without an input, without a position, and at standstill."""
+    """Yield the intervals in which an input or a position is missing, or the machine is at rest."""
     for part, column in recording.inputs.items():
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
@@ -151,7 +151,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Yield the intervals from `start` to `end` that are not omitted and are at least `shortest` long [s]."""
+    """Yield the intervals within `start` to `end` that are not omitted and last at least `shortest` [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -161,7 +161,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """Return a text about the used and the omitted parts of a recording."""
+    """Return a text about the used and omitted parts of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
     if spans and len(spans) < 7:
@@ -196,7 +196,7 @@ def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Split segments into the first fraction `share` of the time and the rest. One segment may be cut."""
+    """Split segments by time: the first fraction `share`, and the rest. One segment may be divided."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

@@ -1,4 +1,4 @@
-"""Estimated quantities with 95 % intervals, as rows of a table and as JSON values."""
+"""Estimated quantities with 95 % intervals, for tables and JSON files."""
 
 from collections.abc import Iterator, Mapping
 from math import floor, isfinite, log10
@@ -14,7 +14,7 @@ LEVEL = 0.95
 
 
 class Quantity(NamedTuple):
-    """Estimated quantity with its interval, in the unit of its key. An unbounded end is infinite."""
+    """Estimated quantity with its interval, in the unit of its key. An infinite end means no bound."""
 
     value: float
     low: float
@@ -34,12 +34,12 @@ class Quantity(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Rounded value as text."""
+        """Text of the rounded value."""
         return f"{self.rounded:g}"
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Both ends of the interval as text, rounded like the value."""
+        """Texts of both ends of the interval, rounded as the value."""
         return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:
@@ -57,7 +57,7 @@ UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "st
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table of quantities. `units` are units that the keys do not contain."""
+    """Yield the rows of the table of quantities. `units` gives units that are not part of the key."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
@@ -72,12 +72,12 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Round a value to the second significant digit of a half width; to six digits without an interval."""
+    """Return a value rounded to the second significant digit of a half width; without an interval to six digits."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half width of the Student's t interval of a function with the given gradient (n,)."""
+    """Return the half width of Student's t interval of a function of the parameters with the given gradient (n,)."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

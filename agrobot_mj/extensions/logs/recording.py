@@ -53,19 +53,19 @@ SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LONGEST_GAP_S = 1.0
-"""Maximum gap of an input that interpolation bridges [s]. Assumed value: shorter than a turn."""
+"""Maximum gap of an input that is bridged by interpolation [s]. Assumed value: shorter than a turn."""
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Maximum plausible steering angle [rad] and speed [m/s] of a tractor. Larger values indicate a wrong unit."""
 LARGEST_FIELD_M = 100e3
-"""Maximum extent of the positions [m]. Larger values indicate invalid fixes."""
+"""Maximum extent of the positions [m]. A larger extent indicates invalid fixes."""
 FARTHEST_M = 50e3
-"""Maximum east or north coordinate [m]. Map grid coordinates (UTM) are larger."""
+"""Maximum east or north coordinate [m]. Coordinates of a map grid (UTM) are larger."""
 MOST_JUMPS = 0.2
-"""Maximum fraction of positions that jump [-], above which all positions are rejected. Assumed value."""
+"""Fraction of positions with jumps above which all positions are rejected [-]. Assumed value."""
 
 
 class FieldRecording(NamedTuple):
-    """Recording converted with its map."""
+    """Recording of a machine in SI units, converted with a map."""
 
     name: str
     start: float
@@ -73,11 +73,11 @@ class FieldRecording(NamedTuple):
     end: float
     """Last time at which all inputs are available [s]."""
     speed: TimeSeries
-    """Speed along the heading [m/s]."""
+    """Speed along the heading of the tractor [m/s]."""
     wheel_speed: bool
     """Whether the speed is that of the driven wheels, which slip."""
     antenna_speed: bool
-    """Whether the recorded speed is that of the recorded point (antenna)."""
+    """Whether the recorded speed is the speed of the recorded point (antenna), not of the rear axle."""
     steer: TimeSeries | None
     """Wheel angle, left positive [rad]."""
     voltage: TimeSeries | None
@@ -91,7 +91,7 @@ class FieldRecording(NamedTuple):
     position: TimeSeries | None
     """East and north coordinates of the recorded point, shape (n, 2) [m]."""
     left_out: tuple[str, ...]
-    """Descriptions of implausible values that are omitted."""
+    """Descriptions of implausible values that were omitted."""
     arm: tuple[float, float, float]
     """Position of the recorded point relative to R: ahead, to the left and up [m]."""
     inputs: dict[str, str]
@@ -100,7 +100,7 @@ class FieldRecording(NamedTuple):
     """Whether the map declares the speed as negative in reverse."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Limit the interval from `start` to `end` [s] to the recording. Raises `FieldLogError` below one second."""
+        """Limit the interval from `start` to `end` [s] to the recording. `FieldLogError` if less than 1 s remains."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -133,7 +133,7 @@ class FieldRecording(NamedTuple):
 def read_recording(
     source: Source, log_map: LogMap | None, antenna_height: float, readings: bool = False
 ) -> FieldRecording:
-    """Read a log with `log_map`; with None a suitable built-in map is used.
+    """Read a log with `log_map`, or with a suitable built-in map if `log_map` is None.
 
     With `readings`, the wheel angle is the raw sensor reading in its own unit. Raises `FieldLogError`, or
     `ScenarioError` if no map fits.
@@ -179,15 +179,15 @@ def read_recording(
 
 
 class _Reader(NamedTuple):
-    """Columns of a log, with methods that convert each quantity to a time series."""
+    """Columns of a log, with methods that convert quantities to time series."""
 
     name: str
     t: Array
     data: dict[str, Array]
     good: dict[str, Mask]
-    """Mask of the rows whose quality is accepted, by quality column."""
+    """Masks of the rows with an accepted quality, by quality column."""
     left_out: list[str]
-    """Descriptions of implausible values that are omitted."""
+    """Descriptions of implausible values that were omitted."""
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0
@@ -278,14 +278,14 @@ class _Reader(NamedTuple):
         return steady
 
     def _settled(self, column: str, values: Values) -> Values:
-        """Return the values with NaN in place of outliers."""
+        """Return the values of a column with NaN at outliers."""
         alone = lone(self.t, values)
         if alone.any():
             self.left_out.append(f"{alone.sum()} values of {column!r} far from their neighbours")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return the values at their times of validity. Raises `FieldLogError` if one exceeds `bound` [`unit`]."""
+        """Return the values at their times of validity. Raises `FieldLogError` if a value exceeds `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has {good.sum()} values; omit [{part}] in the map")
@@ -297,7 +297,7 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return a yaw rate without a gyro, and its source: heading, or course, which sideslip and tilt distort."""
+    """Return a yaw rate without a gyro, and its source: the heading, or the course, which sideslip and tilt distort."""
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

@@ -1,4 +1,4 @@
-"""Reports of this extension. The folder of a twin already contains its report."""
+"""Reports of this extension, except the report of a twin, which the command `twin` writes."""
 
 from agrobot_mj.studies.pages.report import Reports
 

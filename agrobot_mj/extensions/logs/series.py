@@ -18,18 +18,20 @@ FEWEST = 4
 SMOOTHING_S = 1.0
 """Length of the local cubics that differentiate headings [s]."""
 COURSE_S = 2.0
-"""Length of the local cubics for the course rate [s], which depends on second derivatives of noisy positions."""
+"""Length of the local cubics for the course rate [s]. They are long because second derivatives are noisy."""
 LOST_S = 2.0
-"""Time without positions after which the position is lost [s]; for slow receivers three times their spacing."""
+"""Time without positions after which the position is lost [s]; with slow receivers, three times their interval."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Plausible distance between two fixes at any speed [m], and factors on speed and on typical error for larger distances
-[-]. Assumed values: RTK floats drift less, wheels slip less."""
+"""Distance between two fixes that is always plausible [m]. Factors on speed and on typical error for larger plausible
+distances [-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Plausible heading change between two values [rad] and maximum yaw rate of a tractor [rad/s]. Assumed values."""
+"""Always plausible heading change between two values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed
+values."""
 AWAY_S = 5.0
-"""Maximum time after which a jumped position returns [s]. A longer jump counts as permanent. Assumed value."""
+"""Maximum time after which positions return from a temporary jump [s]; longer jumps are permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum deviation of an outlier, per nearby deviation and per quantile of all deviations [-]. Assumed values."""
+"""Minimum deviation of an outlier per nearby deviation [-], and quantile of all deviations that is the minimum nearby
+deviation [-]. Assumed values."""
 LEAST_SPEED = 0.3
 """Speed below which the course is undefined and the dynamics are not excited [m/s]."""
 
@@ -43,11 +45,11 @@ class TimeSeries(NamedTuple):
     """Values in SI units, shape (n,) or (n, 2)."""
 
     def at(self, t: Array) -> Array:
-        """Return the values at other times (m,) by Akima interpolation; constant beyond both ends."""
+        """Return the values at times `t` (m,) by Akima interpolation; constant beyond both ends."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """Return a function that interpolates the series at times (m,) (Akima); constant beyond both ends."""
+        """Return a function that interpolates the series at times (m,) by Akima splines; constant beyond both ends."""
         # linear interpolation between samples 50 ms apart would reduce an oscillation of 1 Hz by 0.8 %
         cubics = Akima1DInterpolator(self.t, self.value)
 
@@ -58,13 +60,13 @@ class TimeSeries(NamedTuple):
         return at
 
     def between(self, start: float, end: float) -> "TimeSeries":
-        """Return the part from `start` to `end` [s]."""
+        """Return the part of the series from `start` to `end` [s]."""
         inside = (self.t >= start) & (self.t <= end)
         return TimeSeries(self.t[inside], self.value[inside])
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Remove repeated values, as of a frozen or slow receiver."""
+    """Return the series without repeated values, such as those of a frozen or slow receiver."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
@@ -72,7 +74,7 @@ def fresh(series: TimeSeries) -> TimeSeries:
 
 def lone(t: Array, values: Values) -> Mask:
     """Return a mask of the outliers in `values` (n,), real or complex, NaN if missing, at times `t` (n,). An outlier is
-    far from the line between its neighbours, whose own deviations are typical. Repeated values count once."""
+    far from the line between its neighbours, while the neighbours are not. Repeated values count once."""
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
     found = np.zeros(len(values), dtype=bool)
@@ -90,7 +92,7 @@ def lone(t: Array, values: Values) -> Mask:
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Return the positions that are reachable with the recorded speed (`without_jumps`)."""
+    """Return the positions that can be reached at the recorded speed; others are removed by `without_jumps`."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
@@ -101,7 +103,7 @@ def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
 
 
 def turned_headings(heading: TimeSeries) -> TimeSeries:
-    """Return the headings [rad] that are reachable with the maximum yaw rate (`without_jumps`)."""
+    """Return the headings [rad] that can be reached with the maximum yaw rate; others are removed."""
     t, yaw = heading
     points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
     kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
@@ -109,7 +111,7 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
-    """Remove temporary jumps, and points near permanent jumps, from a series of points (n, 2). `reach` returns the
+    """Return points (n, 2) without temporary jumps and without points near permanent jumps. `reach` returns the
     possible distance between the points with two indices."""
     t, places = series
     rows = np.arange(len(t))
@@ -140,12 +142,12 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
 
 
 def longest_pause(t: Array) -> float:
-    """Return the time without positions after which the position is lost [s], for positions at times `t` (n,)."""
+    """Return the time without positions after which the position is lost [s], given the times `t` (n,) of positions."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
 def axle_speed(v: Array, yaw_rate: Array, ahead: float, left: float) -> Array:
-    """Return the rear-axle speed from the speed `v` of a point `ahead` and to the `left` of it [m], all (n,) [m/s]."""
+    """Return the rear-axle speed (n,) from the speed `v` (n,) [m/s] of a point `ahead` and to the `left` [m]."""
     found: Array = np.sign(v) * np.sqrt(np.maximum(v**2 - (ahead * yaw_rate) ** 2, 0.0)) + left * yaw_rate
     return found
 
@@ -157,7 +159,7 @@ def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Correct values for sensor averaging over `length` [s], to second order."""
+    """Return the values corrected, to second order, for averaging over `length` [s] in the sensor."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x
@@ -182,7 +184,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Return the derivative from local cubics of length `SMOOTHING_S`, except near gaps; None if too short."""
+    """Return the derivative by local cubics of length `SMOOTHING_S`, except near gaps; None for too short a series."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid
@@ -191,8 +193,8 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Return regular times in place of `t` [s], a mask of times whose cubic contains no gap of `SMOOTHING_S`, and
-    parameters of `savgol_filter` for cubics of `length_s` [s]; None for too few samples."""
+    """Return regular times in place of `t` [s], a mask of times without a gap of `SMOOTHING_S` in the cubic, and
+    parameters of `savgol_filter` for cubics of `length_s` [s]. Return None for too few samples."""
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)
     even = np.arange(t[0], t[-1], spacing, dtype=np.float64)

@@ -1,9 +1,9 @@
 """Steering of a log without slip: centre, scale and latency of the sensor by regression.
 
-The wheel angle without slip, atan(L r / u), is computed from the yaw rate. It is regressed on the sensor reading, with
-the latency that explains the largest variance. A sensor on one wheel or on a linkage has different scales to both
-sides. If the scales differ significantly, two lines that meet at the centre are fitted, because one line would shift
-the centre.
+The wheel angle without slip, atan(L r / u), is computed from yaw rate r, speed u and wheelbase L. It is regressed on
+the sensor reading, with the latency that explains the largest variance. A sensor on one wheel or on a linkage has
+different scales to both sides. If the scales differ significantly, two lines that meet at the centre are fitted,
+because one line would shift the centre.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)
-"""Latencies of the yaw rate relative to the steering that are tried [s]."""
+"""Evaluated latencies of the yaw rate relative to the steering [s]."""
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the variance of the angle that a line explains [-]. Assumed value: sensors give > 0.9."""
 LEAST_SAMPLES = 50
@@ -27,14 +27,14 @@ LEAST_SAMPLES = 50
 OUTLIER = 3.0
 """Distance from the line above which a sample is an outlier [robust standard deviations]."""
 SIDES_DIFFER, SURELY = 0.05, 4.0
-"""Minimum relative difference between the scales of both sides, and minimum difference per standard error, for two
-lines [-]. Assumed values: linkages differ by more."""
+"""Minimum relative difference between the scales of both sides, and minimum difference divided by its standard error,
+for two lines [-]. Assumed values: scales of linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
-"""Minimum fraction of samples on each side with more than this wheel angle [rad], for two lines [-]. Assumed values."""
+"""Minimum fraction of samples on each side, beyond this wheel angle [rad], for two lines [-]. Assumed values."""
 BLOCKS = 6
-"""Number of blocks of a log for standard errors by jackknife."""
+"""Number of blocks into which a log is divided for standard errors by the jackknife."""
 CENTRES = 101
-"""Number of centres that a search tries."""
+"""Number of steering centres that a search evaluates."""
 
 
 class RoughSteering(NamedTuple):
@@ -43,32 +43,32 @@ class RoughSteering(NamedTuple):
     centre: float
     """Sensor reading with the wheels straight ahead [unit of the sensor]."""
     scale: float
-    """Wheel angle per unit of the reading, steering left [rad/unit]; negative if readings increase to the right."""
+    """Wheel angle per unit of the reading when steering left [rad/unit]; negative if readings increase to the right."""
     age: float
     """Latency of the yaw rate relative to the steering [s]."""
     explained: float
-    """Fraction of the variance that the relation explains [-]."""
+    """Fraction of the variance of the wheel angle that the relation explains [-]."""
     right: float = 1.0
     """Scale to the right divided by the scale to the left [-]; 1 for one line."""
 
     def wheel(self, reading: Array) -> Array:
-        """Return the wheel angle for readings [rad]."""
+        """Return the wheel angle [rad] for sensor readings."""
         angle = self.scale * (reading - self.centre)
         return np.where(angle < 0, self.right * angle, angle)
 
     def less_wheel(self, reading: Array, angle: Array) -> Array:
-        """Return the readings that remain with the wheels straight ahead, from readings at given wheel angles [rad]."""
+        """Return the readings that remain with the wheels straight ahead, by removing known wheel angles [rad]."""
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with readings converted to wheel angles with the scale of the left side."""
+        """Return the recording with wheel angles instead of readings, computed with the scale of the left side."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
 
 
 class TurningSamples(NamedTuple):
-    """Samples of sensor readings and of the wheel angle without slip, which follows from the yaw rate."""
+    """Samples of sensor readings, and of the wheel angle without slip as computed from the yaw rate."""
 
     reading: Array
     """Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]."""
@@ -119,7 +119,7 @@ def line_of(found: TurningSamples) -> RoughSteering:
 
 
 def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, float]:
-    """Return explained fraction, slope and reading at angle zero of a line. Outliers are removed once."""
+    """Return explained fraction, slope, and reading at angle zero of a regression line. Outliers are removed once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0 or np.ptp(angle[kept]) == 0.0:
@@ -145,7 +145,7 @@ def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
 
 
 def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
-    """Fit two lines that meet at angle zero to samples (3, n), by least squares."""
+    """Return two lines that meet at angle zero, fitted to `samples` (3, n) by least squares."""
     reading, angle, weight = samples
     kept, centre = np.ones(len(reading), dtype=bool), line.centre
     reach = 0.25 * float(np.ptp(reading))
@@ -166,7 +166,7 @@ def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
 
 
 def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, float]:
-    """Return the sum of squares and both slopes (left, right) of lines that meet at angle zero at `centre`."""
+    """Return the sum of squares and the slopes (left, right) of two lines that meet at angle zero at `centre`."""
     reading, angle, weight = samples
     x, wy, left = weight * (reading - centre), weight * angle, (reading - centre) * scale > 0
     total, slopes = 0.0, []

@@ -20,11 +20,11 @@ PLACES = {
     "ahead_m": ("ahead of the rear axle", "behind the rear axle"),
     "left_m": ("left of the middle", "right of the middle"),
 }
-"""Words for positive and negative antenna positions, by key."""
+"""Words for positive and negative values of the antenna position, by key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Ranges of the scale that indicate that angles have the other unit, by unit."""
+"""Ranges of the scale, by unit of the angles, in which the angles probably have the other unit."""
 LOOKAHEAD_M = 2.0
-"""Look-ahead distance of the pure-pursuit law for which an offset is reported [m]."""
+"""Look-ahead distance of a pure-pursuit law for which the resulting lateral offset is reported [m]."""
 MOVED_DEG = 1.0
 """Minimum error or change of the steering centre that is reported [deg]."""
 
@@ -32,17 +32,17 @@ MOVED_DEG = 1.0
 FOLLOWED = 0.05
 """RMS speed residual per mean speed above which the plant does not follow the speed [-]."""
 SAME_GAIN = 0.05
-"""Combined error of scale and wheelbase that is reported [-]: above the accuracy of users' measurements."""
+"""Minimum reported error of scale and wheelbase combined [-], above the accuracy of measurements by users."""
 SLIPLESS = 0.5
-"""Ratio of residuals (without slip, with plant) below which the plant is wrong and not the scale [-]."""
+"""Residual without slip divided by residual of the plant below which the plant is wrong, not the scale [-]."""
 JUDGED_S = 10.0
-"""Minimum duration for evaluating a gain [s]: one or two bends."""
+"""Minimum duration for evaluating a yaw-rate gain [s]: one or two bends."""
 WRONG_GAIN = 3.0
-"""Gain above which the unit of a sensor is wrong and not its scale [-]."""
+"""Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]."""
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Minimum reported position error in a window [m]; relative length errors above slip, and above any slip [-]."""
+"""Minimum reported position error in a window [m], and relative length errors above usual and above any slip [-]."""
 FAST_M_S = 2.5
-"""Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent."""
+"""Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent at this speed."""
 TIGHT = 0.15
 """Minimum curvature of a tight bend [1/m]: a radius of 7 m."""
 QUICK_DEG_S = 10.0
@@ -148,7 +148,7 @@ def _unit(c: Calibration) -> str:
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return sentences about manoeuvres that would identify the missing quantities (keys); empty if none is missing."""
+    """Return sentences about manoeuvres that would identify `missing` quantities (keys); empty if none is missing."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -226,7 +226,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
 
 
 def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False) -> Iterator[str]:
-    """Yield warnings about limits of the plant and possible errors of the map. `scaled`: the scale was fitted."""
+    """Yield warnings about limits of the plant and errors of the map. `scaled` states whether the scale was fitted."""
     m = found.metrics
     angles = [np.abs(recording.steer.at(driven.t)) for recording, driven in found.pieces if recording.steer]
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
@@ -263,7 +263,7 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
 
 
 def _why(rate: dict[str, Any], scaled: bool) -> str:
-    """Return possible reasons why the yaw rates differ."""
+    """Return possible reasons for a difference between yaw rates."""
     off, slipless = rate["rms_without_bias"], rate["kinematic_rms_without_bias"]
     if slipless is not None and slipless < (1.0 if scaled else SLIPLESS) * off:
         return (

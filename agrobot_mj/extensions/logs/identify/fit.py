@@ -1,9 +1,9 @@
 """Fit of the lateral dynamics and of the sensors to recordings, with the uncertainty of the estimates.
 
 Residuals of gyro yaw rate, heading and position are computed in windows of some seconds. Each window is aligned with
-the recording, so that the drift of an open loop does not dominate (`predictions`). Errors of RTK and of recorded inputs
-are correlated over many samples. Therefore all residuals are whitened by an autoregression (generalised least squares,
-three rounds), and shifts and rotations of windows are then projected out. The covariance comes from a bootstrap of
+the recording, so that the drift of an open loop does not dominate (`predictions`). Errors of RTK positions and of
+recorded inputs are correlated over many samples. Therefore all residuals are whitened by an autoregression (generalised
+least squares, three rounds). Shifts and rotations of windows are then removed. The covariance comes from a bootstrap of
 complete windows and from noise added to the recorded steering angle and speed.
 
 Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and the interval of an
@@ -39,17 +39,17 @@ MEMORY_S = 0.4
 """Length of the autoregression of residuals [s], limited to between `LEAST_ORDER` and `MOST_ORDER` samples."""
 LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3
-"""Number of rounds of whitening and fitting [-]; two are sufficient for convergence."""
+"""Number of rounds of whitening and fitting. Two rounds suffice for convergence."""
 SLOW_S = 60.0
-"""Maximum time over which errors of windows count as correlated [s]; at most a third of the log."""
+"""Maximum time over which errors of different windows are treated as correlated [s]; at most a third of the log."""
 DRAWS = 12
-"""Number of noise realisations for the recorded angle and speed [-]."""
+"""Number of noise realisations added to the recorded angle and speed."""
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
-"""Parameters that are fitted if identifiable, but are not reported."""
+"""Parameters that are fitted if identifiable and are not reported."""
 
 
 class Prior(NamedTuple):
-    """Prior distribution of a quantity."""
+    """Normal prior distribution of a quantity."""
 
     mean: float
     sigma: float
@@ -73,7 +73,7 @@ class VehicleFit(NamedTuple):
     """Values of the parameters `names` [SI, rad]."""
     covariance: Array
     freedom: int
-    """Degrees of freedom for the intervals: number of windows minus one."""
+    """Degrees of freedom of the intervals: number of windows minus one."""
 
     @property
     def errors(self) -> dict[str, float]:
@@ -87,7 +87,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Whiten series (windows, n, ...): subtract their autoregression, divide by sigma, and drop the first p samples."""
+    """Return whitened series (windows, n, ...): minus autoregression, divided by sigma, without the first p."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -98,7 +98,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Fit an autoregression of the length `MEMORY_S` to residuals (windows, n, ...) with a sample spacing [s]."""
+    """Return an autoregression of length `MEMORY_S`, of residuals (windows, n, ...) with a sample spacing [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -123,7 +123,7 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """Yield for each channel the changes that the free initial values of a window cause."""
+        """Yield, for each channel, the changes of its values due to free initial values of a window."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -138,7 +138,7 @@ class Problem:
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return whitened residuals (windows, samples), without the part that initial values of windows explain."""
+        """Return whitened residuals (windows, samples) without the effect of the initial values of each window."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -159,10 +159,10 @@ class _Units(NamedTuple):
     mean: Array
     """Means of the priors."""
     weight: Array
-    """Typical magnitude of a parameter per standard deviation of its prior; 0 without a prior."""
+    """Typical magnitude of each parameter divided by the standard deviation of its prior; 0 without a prior."""
 
     def known(self, x: Array) -> Array:
-        """Return the residuals relative to the priors."""
+        """Return the differences from the prior means as residuals."""
         off: Array = self.weight * (x - self.mean) / self.scale
         return off
 
@@ -180,7 +180,7 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 
 
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
-    """Fit parameters of `PARAMETERS`, given by name, in three rounds of whitening."""
+    """Fit the `PARAMETERS` with the given names, in three rounds of whitening."""
     names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
@@ -227,8 +227,8 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
     The bootstrap resamples the residuals of complete windows, with all channels together. The covariance thus includes
     correlations that the autoregression misses, and correlations between channels. The residuals of a window come from
-    a fit without this window, because few windows are overfitted. With g = sum of J_w' r_v over the windows w, each
-    with an independent window v, Var g = sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add their
+    a fit without this window, because a fit to few windows is overfitted. The variance of the sum over windows w of
+    J_w' r_v (v: a random window) is the sum over w of the mean over v of (J_w' r_v)(J_w' r_v)'. Priors add their
     information. If neighbouring windows are correlated (slow errors of two antennas), variances are increased by the
     autocorrelations up to `SLOW_S`, with Bartlett's window [NeweyWest1987].
     """
@@ -247,8 +247,8 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
     """Return bias and covariance of the parameters due to noise of the recorded inputs, in units of their scales.
 
-    Noise of the same size is added to the inputs, followed by one step of the fit. To first order, the change equals
-    the effect of the noise already present [Cook1994]. Noise resembles a lag of the tractor, and play removes noise.
+    Noise with the estimated standard deviation is added to the inputs, and one step of the fit follows. To first order,
+    its change equals the effect of the noise already present [Cook1994]. Noise acts like a lag; play removes noise.
     """
     data, steps, clean = problem.data, [], _gradient(problem, x, units)
     for k in range(DRAWS):
@@ -260,7 +260,7 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
 
 
 def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the gradient of half the sum of squares, in units of the scales, by one-sided differences."""
+    """Return the gradient of half the sum of squared residuals by one-sided differences, in units of the scales."""
     r, found = problem.blocks(x), np.empty(len(x))
     for k, step in enumerate(0.05 * units.scale):
         moved = x.copy()
@@ -284,33 +284,33 @@ def _with_noise(
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:
-    """Return whether the available channels identify a nuisance parameter."""
+    """Return whether the available channels identify the parameter `nuisance`, which is not reported."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)
 
 
 SLIP_AT_LOAD = Prior(0.1, 0.08)
-"""Slip angle at which a linear tyre's lateral force equals its load [rad]. Stiffness per load is 5-25 on roads, 2-10 on
-soil."""
+"""Prior of the slip angle at which a linear tyre's lateral force equals its load [rad]. Stiffness per load is 5-25 on
+roads, 2-10 on soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Relaxation length per wheel radius [-]. 0.25 on turf at walking speed; published values reach 3."""
+"""Prior of the relaxation length per wheel radius [-]: 0.25 on turf at walking speed; published values reach 3."""
 BACKLASH = Prior(0.0, radians(1.5))
-"""Play of the steering [rad]."""
+"""Prior of the steering play [rad]."""
 SPEED_ERROR = Prior(0.0, 0.02)
-"""Relative error of the speed [-]."""
+"""Prior of the relative error of the speed [-]."""
 DELAY_S = 0.3
 """Prior standard deviation of a latency [s]."""
 PLACE_M = 0.5
 """Prior standard deviation of the antenna position relative to its position in the map [m]."""
 LEAN_S2 = Prior(0.02, 0.03)
-"""Outward shift of the antenna by roll, per lateral acceleration [s2]: 0 with tilt correction, 0.014 for the compact
-and 0.045 for a narrow tractor."""
+"""Prior of the outward shift of the antenna due to roll, per lateral acceleration [s2]: 0 with tilt correction, 0.014
+for the compact and 0.045 for a narrow tractor."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
-"""Steering centre [rad] and scale [-] relative to the regression without slip."""
+"""Priors of steering centre [rad] and scale [-] relative to the regression without slip."""
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Return priors for quantities that a log may not identify; `age` is the latency in `RoughSteering` [s]."""
+    """Return priors of quantities that a log may not identify. `age` is the latency of `RoughSteering` [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

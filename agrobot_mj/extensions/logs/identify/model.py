@@ -10,7 +10,7 @@ across its plane and its rolling speed V, the equations are
 
 They are also valid at standstill and in reverse. For small angles, cos d = 1 and sin d = d, as in the paper's bicycle.
 The integrator is the L-stable SDIRK2 [Hairer1996], which allows short relaxation lengths with time constants sigma / u.
-The steering passes a play of width b (the wheels follow when the play is taken up) and a first-order lag.
+The steering has a play of width b, within which the wheels do not follow, and a first-order lag.
 """
 
 from math import cos, exp, inf, sin
@@ -74,7 +74,7 @@ class LateralMotion(NamedTuple):
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Return the wheel angle after play (total width `backlash`) and lag [s] for sensor angles in steps of `dt`."""
+    """Return the wheel angle [rad] for sensor angles at steps `dt` [s], after play (width `backlash`) and `lag` [s]."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -83,9 +83,9 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Write the angle after a play of half width `half` to `out`, both (n,) [rad]. Play keeps the angle constant.
+    """Write the angle after a play of half width `half` [rad] to `out` (n,). Within the play, the angle is constant.
 
-    If its absolute value exceeds `centred` [rad], the angle first returns towards zero, as far as the play allows.
+    An angle with an absolute value above `centred` [rad] first returns towards zero, as far as the play allows.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):
@@ -102,7 +102,7 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """Compute all steps; write yaw rate, yaw, position and lateral velocity of R to the rows of `out` (5, n)."""
+    """Compute all steps: write yaw rate, yaw, x, y and lateral velocity of R to the rows of `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)

@@ -5,8 +5,8 @@ rigid cylinder, and a play between cylinder and wheels. The angle, averaged over
 compared with `steer_measured` in windows of 5 s. Each window has its own offset, so that earlier events have no effect.
 Least squares fits all parameters at once, with an initial delay from a grid; the delay may be a fraction of a step.
 
-A run identifies only excited parameters: the rate limit is None unless the valve reached it, and the backlash is None
-unless it is visible. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push the
+A run only identifies excited parameters: the rate limit is None unless the valve reached it; the backlash is None
+unless the run shows it. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push the
 wheels towards straight ahead, against one side of the play. The lag of an oil spring (damping per stiffness of the
 cylinder, 8 ms) appears in the delay. Windows at the steering stops are omitted. Standard errors assume white residuals.
 """
@@ -38,17 +38,17 @@ from agrobot_mj.machine.hydraulics import (
 STEPS_PER_TICK = 25
 """Number of model steps per tick: 2 ms steps in a 50 ms tick."""
 WINDOW_S = 5.0
-"""Length of a window [s]: long compared with delay and lag, short compared with unmodelled effects."""
+"""Length of a window [s]: longer than delay and lag, shorter than slow unmodelled effects."""
 LEAST_WINDOWS = 4
 """Minimum number of windows for a fit."""
 LEAST_MOTION_DEG = 0.5
-"""RMS motion in a window below which the signal counts as noise [deg]."""
+"""RMS motion below which a window contains only noise [deg]."""
 NEAR_STOP_DEG = 1.0
-"""Distance from the stops below which a window is omitted [deg]."""
+"""Distance from the steering stops below which a window is omitted [deg]."""
 UNLIMITED_L_MIN = 1e4
-"""Pump flow that acts as unlimited [l/min]."""
+"""Pump flow without effect on the steering rate [l/min]."""
 SURE, PRECISE = 50.0, 0.1
-"""Minimum reduction of chi squared, and maximum relative error, of an identified rate limit or backlash [-]."""
+"""Minimum reduction of chi squared and maximum relative error [-], for a rate limit or backlash to be identified."""
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the variance of the measured angle that a fit explains [-]. Assumed value: runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")
@@ -59,14 +59,14 @@ NAMES = (
 )
 """Names of the reported parameters in the order of the fit."""
 VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
-"""Indices of the parameters in every fit, and of the optional ones. CENTRED is the angle above which tyres press the
-linkage to one side of its play [deg]."""
+"""Indices of the parameters of every fit, and of three optional parameters. `CENTRED` is the angle above which the
+tyres press the linkage to one side of its play [deg]."""
 LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
 HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
 SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
-"""Typical magnitudes of the parameters. Gains are for the default cylinder."""
+"""Typical magnitudes of the parameters. Gains refer to the default cylinder."""
 PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
-"""Initial guesses for the backlash and for the angle `CENTRED` [deg]. A fit starts from the best pair."""
+"""Initial values of the backlash and of the angle `CENTRED` [deg]. A fit starts from the best pair."""
 
 
 class Identified(NamedTuple):
@@ -85,7 +85,7 @@ class Identified(NamedTuple):
     delay_s: float
     """Transport delay of the valve [s]."""
     backlash_deg: float | None
-    """Total play between cylinder and wheels [deg]; None if it is not visible in the run."""
+    """Total play between cylinder and wheels [deg]; None if the run does not show it."""
     errors: dict[str, float]
     """Standard errors of the parameters by name, in the units of the parameters."""
     rate_reached_deg_s: float
@@ -100,7 +100,7 @@ class Fitted(NamedTuple):
     """Result of one fit."""
 
     p: Array
-    """All parameters, shape (8,). A rate limit that is not identified is infinite; a backlash is 0."""
+    """All parameters, shape (8,). An unidentified rate limit is infinite, an unidentified backlash is 0."""
     free: tuple[int, ...]
     """Indices of the fitted parameters."""
     result: OptimizeResult
@@ -108,7 +108,7 @@ class Fitted(NamedTuple):
 
 
 class Data(NamedTuple):
-    """Measurements that the fit uses."""
+    """Measurements used by the fit."""
 
     voltage: Array
     """Valve voltage, constant in each tick, shape (n,) [V]."""
@@ -148,7 +148,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
 
 
 def _with_play(data: Data, fit: Fitted) -> Fitted:
-    """Extend the fit by a backlash and the angle `CENTRED`, if the run identifies them."""
+    """Return a fit with a backlash and the angle `CENTRED` if the run identifies them, otherwise `fit`."""
     held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
     if held is not fit:
         return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
@@ -156,7 +156,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Add the parameters `extra` to a fit, from the best of `starts`; return `fit` if the first is not identified."""
+    """Return a fit with the parameters `extra`from the best of `starts`, or `fit` if the first is not identified."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -190,14 +190,14 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Write the oil volume at each step to `oil` (n * steps + 1,) [m3] for a `voltage` per tick (n,) [V]."""
+    """Write the oil volume at each step to `oil` (n * steps + 1,) [m3], for the `voltage` in each tick (n,) [V]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
 
 
 def _angles(p: Array, data: Data) -> Array:
-    """Return the angle of the model without delay at every step, shape (n * steps + 1,) [rad]."""
+    """Return the angle of the model at every step, without the delay, shape (n * steps + 1,) [rad]."""
     dt = data.tick / STEPS_PER_TICK
     flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(
@@ -263,13 +263,13 @@ def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
 
 
 def _sizes(data: Data, chosen: list[int]) -> Array:
-    """Return factors on the typical magnitudes, because gains scale with the displacement of the cylinder."""
+    """Return the typical magnitudes of the parameters `chosen`. Gains scale with the displacement of the cylinder."""
     share = data.displacement / Cylinder().displacement
     return np.array([share if k in (1, 2) else 1.0 for k in chosen])
 
 
 def _variance(fit: Fitted, data: Data) -> float:
-    """Return the variance of a measurement [rad2]. The offset of each window costs one degree of freedom."""
+    """Return the variance of a measurement [rad2]. The offset of each window uses one degree of freedom."""
     return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 

@@ -1,4 +1,4 @@
-"""Identification of a vehicle from recordings: fit to a first part of the logs, evaluation on the rest."""
+"""Identification of a vehicle from recordings: fit to a first part of the logs, evaluation on the remaining part."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
@@ -31,37 +31,37 @@ CHOICES = {
     "lag": "steer_lag_s",
     "backlash": "backlash",
 }
-"""Names of fitted parameters for each value of `--fit`."""
+"""Names of the fitted parameters for each value of the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default of `--fit`. Slow steering cannot distinguish lag from delay."""
+"""Default of `--fit`. With slow steering, a lag cannot be distinguished from a delay, so only the delay is fitted."""
 LEAST_WINDOWS = 6
 """Minimum number of windows for a fit: half a minute of driving at speed."""
 LEAST_STEER_DEG = 0.5
 """Minimum RMS steering angle for a fit [deg]."""
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the yaw-rate variance that the fit explains on the rest of the log [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that a fit explains on the remaining part of the log [-]. Assumed value."""
 SEPARABLE = 0.5
 """Maximum half width of the interval of an identified stiffness, relative to its value [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
 """Plausible range of an axle's cornering stiffness per load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""Typical relative errors of yaw inertia and front load fraction from the machine size [-]. Assumed values."""
+"""Typical relative errors of yaw inertia and front load fraction estimated from the machine size [-]. Assumed."""
 AGE = Prior(0.0, 0.1)
-"""Prior of the latencies of speed, heading and position that the map does not give [s]."""
+"""Prior of latencies that are not given by the map: of speed, heading and position [s]."""
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0
-"""Time over which a heading difference is converted to a mean yaw rate [s]."""
+"""Interval in which a heading difference gives a mean yaw rate [s]."""
 
 
 class NothingExplainedError(ScenarioError):
-    """Raised if a fit explains too little variance, or gives an impossible stiffness."""
+    """Exception for a fit that explains too little variance, or gives an impossible stiffness."""
 
 
 class IdentifiedVehicle(NamedTuple):
     """Vehicle identified from recordings."""
 
     found: dict[str, Quantity]
-    """Quantities by key; the end of the key is the unit."""
+    """Identified quantities by key. A key ends with the unit."""
     windows: int
     explained: float
     """Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]."""
@@ -70,7 +70,7 @@ class IdentifiedVehicle(NamedTuple):
     kinematic_deg_s: float
     """RMS residual of a model without slip at the recorded angle, on the rest of the log [deg/s]."""
     moved: dict[str, tuple[float, float]]
-    """Front and rear stiffness relative to the result after changes of quantities unknown to the scenario [-]."""
+    """Factors on front and rear stiffness if a quantity unknown to the scenario changes, by text of the change [-]."""
     geometry: str
     """Geometry of the steering model: `small angles` or `tangent`."""
     notes: tuple[str, ...]
@@ -88,7 +88,8 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit parameters (`names` of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on the rest.
+    """Fit the parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on
+    the rest.
 
     Mass, yaw inertia, wheelbase and load fraction are those of the scenario. A `bicycle` plant selects small angles.
     Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too little variance.
@@ -134,7 +135,7 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield vehicle parameters with typical errors of quantities unknown to the scenario, each with a text."""
+    """Yield vehicle parameters with a typical error in one quantity unknown to the scenario, each with a text."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -145,12 +146,12 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Return the stiffness of an axle after a change per stiffness before the change [-]."""
+    """Return the stiffness of an axle in the fit `after`, divided by its stiffness in `before` [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the latencies to fit. They are relative to the first channel, to which the steering delay also refers."""
+    """Return the latencies to fit. They are relative to the first channel, as is the steering delay."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
@@ -161,7 +162,7 @@ def is_plausible(stiffness_per_load: float) -> bool:
 
 
 def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) -> None:
-    """Raise `NothingExplainedError` if the identified stiffness of an axle is impossible for tyres."""
+    """Raise `NothingExplainedError` if the identified stiffness of an axle is impossible."""
     weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
     for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
@@ -191,12 +192,12 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
 
 
 def judged_channel(data: VehicleData) -> str:
-    """Return the channel on which a fit is evaluated: the yaw rate (of gyro or heading), else the position."""
+    """Return the channel on which a fit is evaluated: the yaw rate (of gyro or heading), or else the position."""
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Return the explained fraction of variance, and RMS residuals of the fit and without slip [deg/s or m]."""
+    """Return explained fraction of variance, RMS residual of the fit, and RMS residual without slip [deg/s or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
@@ -210,7 +211,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return yaw rates of the gyro, or of the heading over `RATE_S`; without either the positions."""
+    """Return yaw rates of the gyro, or of the heading over `RATE_S`. Without both, return the positions."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]
@@ -220,7 +221,7 @@ def _rates(values: Channels, data: VehicleData) -> Array:
 
 
 def vehicle_quantities(result: VehicleFit, chassis: Chassis2) -> dict[str, Quantity]:
-    """Return the fitted quantities in the units of their keys, with intervals by Student's t distribution."""
+    """Return the fitted quantities in the units of their keys, with intervals from Student's t distribution."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     one = np.eye(len(index))
     halves = {name: half_width(result.covariance, one[k], result.freedom) for name, k in index.items()}

@@ -1,10 +1,10 @@
 """Windows of recordings for a fit: measured channels and predictions of a vehicle model in each window.
 
 Heading and gyro yaw rate are compared with those of the model for the recorded steering. Positions are predicted by
-dead reckoning along the recorded heading, if present, with the model's sideslip at the rear axle. A disturbance of the
-yaw is then not attributed to the antenna position. Without a recorded heading, positions follow the heading of the
-model. The unknown initial values of a window align it with the recording: positions by a shift, without a heading also
-by a rotation; a heading by a rotation.
+dead reckoning along the recorded heading, if present, with the model's sideslip at the rear axle. Yaw disturbances then
+do not affect the antenna position. Without a recorded heading, positions follow the heading of the model. In each
+window, the unknown initial values are fitted: a shift of positions, a rotation of headings and, without a recorded
+heading, a rotation of positions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,30 +25,29 @@ from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed
 
 WINDOW_S = 5.0
-"""Length of a window [s]: longer than the dynamics, short enough for many windows per minute."""
+"""Length of a window [s]: longer than the dynamics, and short enough for many windows per minute."""
 CUT_OFF_HZ = 3.0
-"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise at higher frequencies would resemble a lag."""
+"""Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above this frequency would act like a lag."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
-"""Range of the cut-off frequency of the filter before the play [Hz]. High values keep the sharp reversals of a sensor
-that turns before the wheels."""
+"""Range of the cut-off frequency of the filter before the play [Hz]. High values keep sharp reversals of the sensor."""
 PLAYING = radians(0.1)
-"""Noise of the angle between this filter and the play [rad]. Assumed value: larger noise moves the wheels through their
-play and resembles soft tyres."""
+"""Noise of the wheel angle after this filter [rad]. Assumed value: larger noise would move the wheels through their
+play and resemble soft tyres."""
 SETTLE_S = 2.0
-"""Time omitted at the start of a segment, in which the effects of initial state and play decay [s]."""
+"""Time omitted at the start of a segment, until the effects of initial state and play have decayed [s]."""
 LEAST_SAMPLES = 11
-"""Minimum number of samples of a channel in a window: a rate of 2.5 Hz, with `FULL`."""
+"""Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`."""
 LONGEST_PAUSE_S = 0.5
-"""Time between samples of a window above which the window has a gap [s]; at least 2.5 times the mean spacing."""
+"""Time between samples above which a window has a gap [s]. The limit is at least 2.5 times the mean spacing."""
 FULL = 0.95
 """Minimum fraction of the nominal number of samples in a window [-]."""
 EVEN, FULL_UNEVEN = 0.9, 0.85
-"""Minimum fraction of time steps near their median in an evenly sampled channel, and `FULL` of other channels [-].
-Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
+"""Minimum fraction of time steps near their median in an evenly sampled channel, and value of `FULL` for other channels
+[-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
 
 
 class WindowedChannel(NamedTuple):
-    """Measured channel, divided into windows."""
+    """Measured values of a channel, divided into windows."""
 
     t: Array
     """Times, shape (windows, n) [s]."""
@@ -72,11 +71,11 @@ class FitPiece(NamedTuple):
     u: Array
     """Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]."""
     yaw_rate: Array | None
-    """Yaw rate of gyro or heading, if the speed is that of the antenna [rad/s]; otherwise None."""
+    """Recorded yaw rate (gyro or heading) if the speed is that of the antenna [rad/s]; otherwise None."""
     heading: Callable[[Array], Array] | None
     """Function that interpolates the recorded heading [rad]; None without a heading."""
     windows: slice
-    """Windows of the channels that belong to this segment."""
+    """Index range of the windows, in each channel, that belong to this segment."""
 
 
 class VehicleData(NamedTuple):
@@ -85,7 +84,7 @@ class VehicleData(NamedTuple):
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
     channels: dict[str, WindowedChannel]
-    """Measured channels: `yaw_rate` of a gyro, `heading` and `position`, if available."""
+    """Measured channels by name: `yaw_rate` of a gyro, `heading` and `position`, if available."""
     steer_noise: float
     """Standard deviation of white noise in the recorded wheel angle [rad]."""
     speed_noise: float
@@ -106,11 +105,11 @@ class VehicleData(NamedTuple):
 
 
 class TooLittleError(FieldLogError):
-    """Raised if a log is too short or too slow for a fit."""
+    """Exception for a log that is too short or too slow for a fit."""
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """Prepare recordings for a fit. Raises `TooLittleError` if they have fewer than `windows` windows."""
+    """Return recordings prepared for a fit. Raises `TooLittleError` if they have fewer than `windows` windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         raise TooLittleError(
@@ -122,7 +121,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Prepare segments that have a wheel angle and at least one of gyro yaw rate, heading and position."""
+    """Return the data for a fit. A segment has a wheel angle and a gyro yaw rate, heading or position."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}
@@ -147,14 +146,15 @@ def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleD
 
 
 def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
-    """Return the independent channels of a recording: heading, position, and the yaw rate only of a gyro."""
+    """Return the independent channels of a recording: heading, position, and yaw rate if measured by a gyro."""
     gyro = recording.yaw_rate if recording.yaw_rate_source == "gyro" else None
     parts = {"yaw_rate": gyro, "heading": recording.heading, "position": recording.position}
     return {name: series for name, series in parts.items() if series is not None and len(series.t) > 1}
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Filter values at the time steps of the model with a zero-phase low-pass filter at `cut_off` [Hz]."""
+    """Return values at the time steps of the model after a zero-phase low-pass filter at the frequency `cut_off`
+    [Hz]."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 
@@ -181,7 +181,7 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the noise of an input from the median of third differences, robust to motion and outliers."""
+    """Return the noise of an input, estimated from the median of third differences, robust to motion and outliers."""
     parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
     off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
     if not off:
@@ -191,7 +191,7 @@ def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
-    """Return the cut-off frequency that leaves the noise `PLAYING` in the recorded angle [Hz]."""
+    """Return the cut-off frequency of the filter after which the recorded angle has the noise `PLAYING` [Hz]."""
     steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
     share = (PLAYING / max(noise, 1e-9)) ** 2  # fraction of the band below half the sample rate
     return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
@@ -214,7 +214,7 @@ def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
 
 
 def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full: float) -> dict[int, TimeSeries]:
-    """Return the complete windows by number, with equal numbers of samples, in which the tractor moves throughout."""
+    """Return, by number, the complete windows in which the tractor moves; all have the same number of samples."""
     start, end = recording.start + SETTLE_S, recording.end
     n, longest = int(full * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}
@@ -250,8 +250,8 @@ SENSORS = {
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Parameters that do not affect the motion. The antenna position (relative to the map) does if its speed is used. In a
-bend the roll of the body moves the antenna outwards by `lean_s2` per lateral acceleration."""
+"""Parameters that do not affect the motion, except the antenna position (relative to the map) if its speed is used. In
+a bend, body roll shifts the antenna outwards by `lean_s2` times the lateral acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -290,7 +290,7 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def sensed(p: Mapping[str, float], recorded: Array) -> Array:
-    """Return the true angle at the sensor for recorded angles [rad]."""
+    """Return the true angle at the sensor for recorded angles, with the fitted scale and offset [rad]."""
     angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 
@@ -307,16 +307,14 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 
 
 def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
-    """Return the distances of the antenna ahead and to the left of the centre of the rear axle [m]."""
+    """Return the distances of the antenna ahead and to the left of the rear-axle centre [m]."""
     ahead, left, _ = piece.recording.arm
     return ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0)
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
-    """Return the predicted channels. Positions and headings are aligned with the recording in each window.
-
-    `m` is the motion of each segment, if already computed.
-    """
+    """Return the predicted channels, with positions and headings aligned with the recording in each window. `m` is the
+    motion of each segment, if already computed."""
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
     return {name: np.concatenate([part[name] for part in each]) for name in data.channels}
@@ -342,7 +340,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 
 
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
-    """Return east and north of the antenna by dead reckoning along the recorded heading, shape (n,) each [m]."""
+    """Return the east and north position of the antenna by dead reckoning along the recorded heading(n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
@@ -351,17 +349,15 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 
 def _point(p: Mapping[str, float], piece: FitPiece, side: Array, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return east and north of the antenna [m] for positions x, y of the rear axle [m] with headings `yaw` [rad].
-
-    `side` is the lateral acceleration [m/s2].
-    """
+    """Return east and north of the antenna [m] for rear-axle positions x, y [m] with headings `yaw` [rad] and lateral
+    accelerations `side` [m/s2]."""
     (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
     beside = left - p.get("lean_s2", 0.0) * side
     return x + ahead * c - beside * s, y + ahead * s + beside * c
 
 
 def laid(points: Array, onto: Array, turned: bool) -> Array:
-    """Shift points (windows, n, 2) in each window to fit the points `onto`; also rotate them if `turned`."""
+    """Shift `points` (windows, n, 2) in each window to fit the points `onto`. Also rotate the points if `turned`."""
     a, b = (each[..., 0] + 1j * each[..., 1] for each in (points, onto))
     middle = b.mean(axis=1, keepdims=True)
     a, b = a - a.mean(axis=1, keepdims=True), b - middle

@@ -42,9 +42,9 @@ class OpenedLog(NamedTuple):
     log_map: LogMap | None
     """Map of the columns, if known and sufficient for a replay; otherwise None."""
     missing: str
-    """Quantities that are missing for a replay, identification or calibration; empty if none is missing."""
+    """Quantities missing for a replay, identification or calibration, as text; empty if none is missing."""
     tables: dict[str, dict[str, Any]]
-    """Map tables of the columns, as a template for a user's map; empty for free columns."""
+    """Map tables for the known columns, as a template for a user-defined map. Empty for free columns."""
 
     def checked_map(self) -> LogMap:
         """Return `log_map`. Without a map, raises a `FieldLogError` that names the missing quantities."""

@@ -1,8 +1,8 @@
-"""Reader for the recorder of AgOpenWeb: `gps_data_log.csv` in its debug dump, one minute at 10 Hz.
+"""Reader for `gps_data_log.csv`, which AgOpenWeb writes in a debug dump (one minute at 10 Hz).
 
 The position is that of the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
 fused from antennas, inertial unit and course. The speed is in m/s. The roll in degrees is positive with the right side
-down, as boards send it. Times of day are UTC times of the program's thread, not of the fix. The steering angle, right
+down, as boards send it. Times of day are UTC, from the program and not from the fix. The steering angle, right
 positive, is the command of the guidance: the recorder has no measured angle.
 """
 

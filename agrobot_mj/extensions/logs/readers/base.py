@@ -1,4 +1,4 @@
-"""Base class of log readers, which convert a file of some program to a table in SI units.
+"""Base class of log readers. A reader converts a file of another program to a table in SI units.
 
 A reader recognises files by their content, independent of their names. It returns a column for each of the `QUANTITIES`
 in the file, with a common time and null for missing values. `Samples` collects the values. Unreadable lines of text are
@@ -46,13 +46,14 @@ HEAD_BYTES = 65536
 LONGEST_LINE = 65536
 """Maximum length of a line of text [bytes]."""
 LARGEST = 1e300
-"""Upper bound of the absolute value of valid values, in any unit."""
+"""Upper limit of absolute values that are valid, in any unit."""
 MOST_VALUES = 20_000_000
 """Maximum number of values from one file; a value needs 16 bytes."""
 MOST_DAMAGED = 0.2
-"""Maximum fraction of unreadable lines, above which a file is rejected as damaged [-]. Assumed value."""
+"""Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value."""
 LATE_S = 0.1
-"""Maximum delay of a value behind a newer one in the file [s]: two buses or sockets on one computer. Assumed value."""
+"""Maximum time by which a value may be older than a preceding value of the file [s], with two buses or sockets on one
+computer. Assumed value."""
 DAY_S = 86400.0
 
 
@@ -101,16 +102,17 @@ class Samples:
     """Collection of the values in a log, with their times."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection. Decreasing times are an error if `ordered`, and are sorted otherwise."""
+        """Create an empty collection. If `ordered`, decreasing times are an error; otherwise values are sorted by
+        time."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
 
     def add(self, t: float, source: str = "", **values: float) -> None:
-        """Add values by quantity at a time [s]. Values above `LARGEST` count as missing.
+        """Add values by quantity at time `t` [s]. Values above `LARGEST` are treated as missing.
 
-        If several sources provide a quantity, the source with most values is used. Raises `FieldLogError` for too many
-        values.
+        If several sources provide a quantity, the source with the most values is used. Raises `FieldLogError` for too
+        many values.
         """
         for name, value in values.items():
             if abs(value) < LARGEST and isfinite(t):
@@ -130,7 +132,7 @@ class Samples:
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
         """Return the table with notes about omitted data. Raises `FieldLogError` for too many damaged lines or no data.
 
-        `what` names the expected content in messages.
+        `what` is the name of the expected content in error messages.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
@@ -186,7 +188,7 @@ def _field(quantity: Column) -> pa.Field:
 
 
 def text_lines(path: Path) -> Iterator[str]:
-    """Yield the lines of a text file with their line ends. Raises `FieldLogError` for a too large file or line."""
+    """Yield the lines of a text file with their line ends. Raises `FieldLogError` if the file or a line is too long."""
     check_size(path)
     with path.open("rb") as stream:
         number = 0
@@ -204,7 +206,7 @@ class DayClock:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. Raises ValueError."""
+        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. ValueError for other formats."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

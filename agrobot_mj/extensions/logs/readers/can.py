@@ -19,7 +19,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples, text_lines
 
 REVERSE_BITS = 56
-"""Index of the first of two bits in ISO 11783-7 speed messages that are 0 in reverse."""
+"""Bit index in ISO 11783-7 speed messages of the first of two bits that are 0 in reverse."""
 
 
 class BusSignal(NamedTuple):
@@ -27,11 +27,11 @@ class BusSignal(NamedTuple):
 
     quantity: str
     start: int
-    """Index of the first bit, counted from the lowest bit of the first byte."""
+    """Index of the first bit of the value, counted from the lowest bit of the first byte."""
     bits: int
     signed: bool
     scale: float
-    """SI units per count. The sign makes values left positive."""
+    """SI units per count, with the sign that makes values left positive."""
     offset: float = 0.0
     """Value at count 0 [SI], with the sign of `scale`."""
     compass: bool = False
@@ -45,7 +45,7 @@ class BusSignal(NamedTuple):
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Return the value in the bytes of a message; None if it is unavailable or the message is too short."""
+        """Return the value in the data bytes of a message; None if it is unavailable or the message is too short."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")
@@ -84,11 +84,11 @@ SIGNALS: dict[int, tuple[BusSignal, ...]] = {
 }
 """Signals by parameter group number."""
 OWN_SIGNALS: dict[int, tuple[BusSignal, ...]] = {0x301: (BusSignal("steering_wheel", 0, 16, True, -2 * pi / 4096),)}
-"""Signals by 11-bit identifier. Steering wheel of a Massey Ferguson 7720: 4096 counts per revolution, measured."""
+"""Signals by 11-bit identifier: steering wheel of a Massey Ferguson 7720 with 4096 counts per revolution (measured)."""
 
 
 def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
-    """Return the name of a message and its signals, by CAN identifier; no signals for unknown messages."""
+    """Return the name of a message and its signals, by CAN identifier; unknown messages have no signals."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
     group = (identifier >> 8) & 0x3FFFF
@@ -101,7 +101,7 @@ ERROR_FRAME = 0x20000000
 """Identifier bit in candump logs that marks an error frame, which the CAN controller generates."""
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
-"""First bytes and names of log formats that python-can can convert."""
+"""Names of log formats that python-can can convert, by the first bytes of the file."""
 
 
 class Dialect(NamedTuple):
@@ -125,7 +125,7 @@ DIALECTS = (
     Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
     Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
 )
-"""Formats: candump -L, candump -t on a screen, CSV of python-can, `ms; ID;hex Data;bytes;` from a terminal."""
+"""Formats of candump -L, candump -t on a screen, CSV of python-can, and `ms; ID;hex Data;bytes;` from a terminal."""
 
 
 class CanText(LogReader):
@@ -170,7 +170,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """Return the text format of most of the lines; None if no line has a known format."""
+    """Return the format of most of the lines. Return None if no line has a known format."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

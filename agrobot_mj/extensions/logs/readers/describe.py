@@ -70,7 +70,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text about possible uses of a log with the columns of its map, and the reasons against other uses."""
+    """Return a text that states possible uses of a log with the columns of a map, and reasons against other uses."""
     enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -86,7 +86,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """Return one row of the table of columns; empty cells for a column without numbers."""
+    """Return one row of the table of columns. Cells are empty for a column without numbers."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:

@@ -4,7 +4,7 @@ A time log is a pair of files. The XML file describes the records: an empty attr
 .BIN file, an attribute with a value is constant. A record contains the time [ms of the day, days since 1980], the
 position [1e-7 deg], its status, numbered as the quality of GGA, and the process values that have changed. The data
 dictionary has a speed, but no wheel angle or heading of a tractor. Bus signals in the log are those of `can.SIGNALS`,
-among them the curvature reported by the steering. They are stored as counts without offset whenever they change.
+among them the curvature reported by the steering. They are stored, as counts without offset, when they change.
 """
 
 import re
@@ -26,26 +26,26 @@ TIME_LOG = re.compile(r"(TLG\d{5})\.XML")
 FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", "H": "I", "I": "H"}
 """Position attributes and their binary formats: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
 SPEED, ON_BUS = 397, 0xDFFE
-"""Data dictionary identifiers: actual speed [mm/s], and a bus signal that further attributes specify."""
+"""Data dictionary identifiers: actual speed [mm/s], and a bus signal that is specified by further attributes."""
 DEGREES = 1e-7
 """Latitude and longitude per count [deg]."""
 FAILED, NOT_AVAILABLE = 14, 15
-"""Values of the position status that have no GGA quality. Other values equal the GGA quality."""
+"""Values of the position status without an equivalent GGA quality. Other values are equal to the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
 """Maximum sizes: of a zip archive, of one XML file, and of all binary files together [bytes]."""
 MOST_FILES = 10_000
 """Maximum number of files in a zip archive."""
 Open = Callable[[int], bytes]
-"""Function that returns the content of a file, which may have at most the given number of bytes."""
+"""Function that returns the content of a file. Its argument is the maximum accepted size [bytes]."""
 
 
 class TaskData(LogReader):
-    """Time logs in ISO 11783-10 task data: position, its status, speed."""
+    """Reader for time logs in ISO 11783-10 task data: position, position status and speed."""
 
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the path is task data: a folder or archive with TASKDATA.XML, this file, or a time log."""
+        """Return whether it is task data: a folder or archive with TASKDATA.XML, this file itself, or a time log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
@@ -79,13 +79,13 @@ class TaskData(LogReader):
 
 
 class Record(NamedTuple):
-    """Record of a time log, decoded."""
+    """Decoded record of a time log."""
 
     t: float
     """Local time since 1980 [s]."""
     position: dict[str, float]
     signals: dict[str, dict[str, float]]
-    """Latest quantities and values of the bus signals, by source."""
+    """Latest values of the bus signals, by source and quantity."""
     end: int
     """Offset of the next record in the file [bytes]."""
 
@@ -104,7 +104,7 @@ class Layout(NamedTuple):
     """Number of process values."""
 
     def records(self, data: bytes) -> Iterator[Record]:
-        """Yield all records before the first incomplete or invalid one. A signal keeps its value until it changes."""
+        """Yield the records up to the first incomplete or invalid one. A signal keeps its value until it changes."""
         at, last, held = 0, 0.0, dict[str, dict[str, float]]()
         while at < len(data):
             try:
@@ -181,7 +181,8 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Return the files of task data by upper-case name. Raises `FieldLogError` for an archive with several sets."""
+    """Return functions that read the files of task data, by upper-case name. Raises `FieldLogError` for several data
+    sets."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

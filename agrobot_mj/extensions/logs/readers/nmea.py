@@ -1,8 +1,8 @@
-"""Reader for NMEA 0183 sentences of a receiver or board, in text or between any other bytes.
+"""Reader for NMEA 0183 sentences of a receiver or board, in a text file or among other bytes.
 
-Sentences may follow the time stamp of a logger, or be inside JSON or between binary messages of the receiver. The time
-is that of the receiver; sentences without a time get the time of the preceding sentence. Sentences before the first fix
-are omitted, because the receiver has not yet set its clock. The speed is over ground, and positive also in reverse.
+Sentences may follow the time stamp of a logger, or be inside JSON or between binary messages of the receiver. Times are
+those of the receiver; a sentence without a time gets the time of the preceding one. Sentences before the first fix are
+omitted, because the receiver has not yet set its clock. The speed is over ground, and positive also in reverse.
 """
 
 import mmap
@@ -16,13 +16,13 @@ from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Hea
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, Quantities, Sentence, found_in
 
 RESET_S = 60.0
-"""Time difference to the preceding sentence above which the clock of a sentence without a fix counts as not set [s]."""
+"""Time difference to the preceding sentence above which the clock of a sentence without a fix is not yet set [s]."""
 SETTLED_S = 10.0
-"""Time after the first fix in which a receiver may still correct its clock [s]. Assumed value."""
+"""Time after the first fix within which a receiver may still correct its clock [s]. Assumed value."""
 
 
 class NmeaText(LogReader):
-    """NMEA sentences: position with quality, speed and course; also the heading if available."""
+    """Reader for NMEA sentences: position with quality, speed, course, and heading if available."""
 
     kind: Literal["nmea"] = "nmea"
 
@@ -71,7 +71,7 @@ class _Sentences:
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
-        """Set the time to that of a sentence and return its quantities; None if it is invalid or too early."""
+        """Set the time to the time of a sentence and return its quantities; None if invalid or before the first fix."""
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)
@@ -92,7 +92,7 @@ class _Sentences:
         return values
 
     def _begin_again(self, found: Sentence) -> None:
-        """Omit all sentences before a decrease of the time. Raises `FieldLogError` if it occurs after `SETTLED_S`."""
+        """Omit all sentences before a decrease of the time. Raises `FieldLogError` for a decrease after `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(
@@ -103,7 +103,7 @@ class _Sentences:
         self.early, self.kept = self.early + self.kept, 0
 
     def _is_reset(self, text: str) -> bool:
-        """Return whether a time of day is far from that of the preceding sentence."""
+        """Return whether a time of day differs from the time of the preceding sentence by more than `RESET_S`."""
         apart = (DayClock().at(text) - self.clock.last + DAY_S / 2) % DAY_S - DAY_S / 2
         return abs(apart) > RESET_S
 

@@ -17,7 +17,7 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 
 
 class RunFolder(LogReader):
-    """Folder of a run: measurements of the simulated sensors."""
+    """Reader for the folder of a run: measurements of the simulated sensors."""
 
     kind: Literal["run"] = "run"
 
@@ -31,10 +31,10 @@ class RunFolder(LogReader):
 
 
 class LinkRecord(LogReader):
-    """Record of a link (`link.parquet`): messages from the boards to the guidance program.
+    """Reader for the record of a link (`link.parquet`): messages from the boards to the guidance program.
 
-    The motor output in message 253 has no sign, so that no valve voltage can be derived. The yaw rate in PANDA is
-    omitted: its resolution of one degree per second is worse than the derivative of the heading.
+    No valve voltage is derived, because the motor output in message 253 has no sign. The yaw rate in PANDA sentences is
+    omitted, because its resolution of one degree per second is worse than that of the derivative of the heading.
     """
 
     kind: Literal["link"] = "link"
@@ -66,7 +66,7 @@ class LinkRecord(LogReader):
 
 
 class FreeColumns(LogReader):
-    """CSV or Parquet file with any column names: signals of a run, or a user's table with a map."""
+    """Reader for a CSV or Parquet file with any column names: signals of a run, or a user-defined table with a map."""
 
     kind: Literal["columns"] = "columns"
 

@@ -1,8 +1,8 @@
-"""Reader for lines of a logging program that start with an ISO time: `time: sentence` or `time: {json}`.
+"""Reader for lines of a logging program that begin with an ISO time: `time: sentence` or `time: {json}`.
 
-The time of the program applies to all values, because JSON objects have no other time. Sentences are those of the
-`nmea` reader. In a JSON object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become
-columns, such as `was`, the counts of the steering sensor.
+All values have this time, because JSON objects contain no other time. Sentences are those of the `nmea` reader. In a
+JSON object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become columns, such as
+`was`, the counts of the steering sensor.
 """
 
 import json
@@ -22,7 +22,7 @@ FIRST = 20
 
 
 class TimedLines(LogReader):
-    """Lines with an ISO time and a sentence or JSON object: position, speed, heading, steering sensor counts."""
+    """Reader for lines with an ISO time and a sentence or JSON object: position, speed, heading, steering counts."""
 
     kind: Literal["lines"] = "lines"
 

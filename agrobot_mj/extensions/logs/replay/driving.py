@@ -1,9 +1,9 @@
-"""Replay on a plant: wheel angle or valve voltage, and the speed, follow a recording.
+"""Replay on a plant: the speed and either the wheel angle or the valve voltage follow a recording.
 
 In a replay by angle, an ideal valve without lag, dead band and limit replaces the valve of the scenario and follows the
 recorded angle every 10 ms. A replay by voltage keeps the valve. A pedal without lag imposes the speed. An integral
-controller corrects the speed over ground for wheel slip. A lead-in before the recording brings the tractor to the
-initial speed and angle.
+controller corrects the speed over ground for wheel slip. A simulated lead-in before the recording brings the tractor to
+the initial speed and angle.
 """
 
 from math import cos, sin
@@ -29,23 +29,23 @@ STEER_RATE = 4.0
 PEDAL_PER_V_S = 100.0
 """Gain of the ideal pedal, which imposes the recorded speed [1/(V s)]."""
 FAST_S = 1e-3
-"""Time constant of the ideal valve and pump [s]: half a physics step."""
+"""Time constant of the ideal valve and pump [s], half a physics step."""
 CORRECTION = 0.5
-"""Fraction of an angle error that is corrected per tick [-]. With 1, the oil spring of the cylinder would oscillate."""
+"""Fraction of an angle error corrected per tick [-]. At 1, the oil spring of the cylinder would oscillate."""
 INTEGRAL_S = 2.0
 """Time constant of the integral speed controller [s]: long compared with the oil spring of the drive (3 Hz)."""
 DRIVE_DAMPING = 10.0
-"""Damping of the drive in a replay per nominal damping [-]: half of critical for the mass on its oil spring."""
+"""Damping of the drive in a replay per nominal damping [-]: half of the critical damping of the oil spring."""
 LEAD_ACCELERATION = 1.0
-"""Acceleration in the lead-in [m/s2]."""
+"""Acceleration of the tractor in the lead-in [m/s2]."""
 LEAD_STEADY_S = 2.0
 """Time at the initial speed and angle at the end of the lead-in [s]."""
 MOVING = 0.05
-"""Minimum initial speed that needs a lead-in [m/s]."""
+"""Minimum initial speed for which a lead-in is needed [m/s]."""
 HOMING_V_RAD = 60.0
-"""Gain from steering error to voltage with which the scenario's valve reaches the initial angle [V/rad]."""
+"""Gain from steering error to voltage for moving the valve of the scenario to the initial angle [V/rad]."""
 Pose = tuple[float, float, float]
-"""Pose of R: east and north [m], heading [rad]."""
+"""Pose of the rear-axle centre R: east and north [m], heading [rad]."""
 
 
 class Driven(NamedTuple):
@@ -56,7 +56,7 @@ class Driven(NamedTuple):
     steer: Array
     """Wheel angle [rad]."""
     speed: Array
-    """Speed along the heading, or of the driven wheels if the recording has their speed [m/s]."""
+    """Speed along the heading, or speed of the driven wheels if the recording contains it [m/s]."""
     yaw_rate: Array
     """Yaw rate [rad/s]."""
     yaw: Array
@@ -64,11 +64,11 @@ class Driven(NamedTuple):
     point: Array
     """East and north coordinates of the recorded point, shape (n, 2) [m]."""
     outcome: str
-    """`completed`, or the reason why the plant stopped before the end."""
+    """`completed`, or the reason for which the plant stopped before the end."""
 
 
 class _Inputs(NamedTuple):
-    """Recorded inputs, interpolated at every tick of the replay."""
+    """Recorded inputs at every tick of the replay, by interpolation."""
 
     t: Array
     steer: Array
@@ -77,7 +77,7 @@ class _Inputs(NamedTuple):
 
 
 def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "steer") -> Driven:
-    """Replay a recording on the plant of a scenario, starting at a pose. Raises `FieldLogError`, `ScenarioError`."""
+    """Replay a recording on the plant of a scenario, starting at a pose. Raises `FieldLogError` or `ScenarioError`."""
     if (recording.steer if by == "steer" else recording.voltage) is None:
         has = "valve" if by == "steer" else "steer"
         raise FieldLogError(f"{recording.name}: the map has no [{by}]; add it, or use --by {has}")
@@ -85,7 +85,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """Return east and north of a point that is fixed to the tilted body [m]."""
+    """Return the east and north coordinates of a point that is fixed to the tilted body [m]."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -107,7 +107,7 @@ class _Replayer:
         self.missing = 0.0
 
     def _imposed(self, scenario: Scenario) -> dict[str, float]:
-        """Return overrides for the ideal pedal and, in a replay by angle, for the ideal valve."""
+        """Return the overrides for an ideal pedal and, in a replay by angle, an ideal valve."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,
             "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
@@ -151,7 +151,7 @@ class _Replayer:
         return self.truth
 
     def _lead_in(self, pose: Pose) -> Pose:
-        """Simulate from standstill to the initial speed and angle. Return the pose of R at the end."""
+        """Simulate from rest to the initial speed and angle. Return the pose of R at the end."""
         self._place(pose)
         i = self.inputs
         u, angle = float(i.speed[0]), float(i.steer[0])
@@ -196,7 +196,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance one tick with a valve voltage [V], so that the speed is `speed` at its end [m/s]."""
+        """Advance one tick with a valve voltage [V]. At its end, the speed is `speed` [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed
@@ -205,7 +205,7 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Return the recorded inputs at every tick. Angle or voltage is neutral if not recorded."""
+    """Return the recorded inputs at every tick. Inputs that are not recorded (angle or voltage) are neutral."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)

@@ -1,8 +1,8 @@
 """Residuals of yaw rate and position between a replay and its recording, and residuals of a kinematic model.
 
-The initial pose is fitted to the first metres of recorded positions, because a single antenna gives no heading.
-Afterwards, the open loop integrates every small error of the yaw rate. Windows of a few seconds are therefore aligned
-with the recorded track by rigid motions. They separate errors of the plant from errors of the initial pose.
+The initial pose is fitted to the first metres of recorded positions, because a single antenna gives no heading. During
+the replay, small errors of the yaw rate accumulate. Therefore windows of a few seconds are aligned with the recorded
+track by rigid motions, which separates errors of the plant from errors of the initial pose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,11 +21,11 @@ from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 START_M = 10.0
 """Length of the recorded track to which the initial pose is fitted [m]."""
 WINDOW_S = 10.0
-"""Length of a window [s], about one bend."""
+"""Length of a window [s], about the duration of one bend."""
 STRETCH_S = 1.0
 """Time between positions when track lengths are compared [s]: long compared with noise, short compared with bends."""
 LARGEST_LAG_S = 0.5
-"""Maximum lag between two yaw rates in the search [s]."""
+"""Maximum lag between two yaw rates that is considered [s]."""
 
 
 class Rigid(NamedTuple):
@@ -44,7 +44,7 @@ class Rigid(NamedTuple):
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """Return the rigid motion that maps points (n, 2) onto other points with least squares."""
+    """Return the rigid motion that maps points (n, 2) to the points `onto` by least squares."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -52,7 +52,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Correct the initial pose, so that the first metres of the plant fit the recorded ones in spite of slip."""
+    """Return a corrected initial pose with which the first metres fit the recorded ones in spite of slip."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -63,13 +63,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time at which the first metres of the track end [s]."""
+    """Return the time at which the tractor has covered the first `START_M` of the track [s]."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return positions on the first `START_M` of the track by recorded speed; None without positions."""
+    """Return the positions on the first `START_M` of the track, by the recorded speed; None without positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -81,7 +81,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the initial pose of R from the first metres. Without positions: the origin with the recorded heading."""
+    """Return the initial pose of R from the first metres. Without positions: the origin, with the recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -94,7 +94,7 @@ def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
 
 
 def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array, Array]:
-    """Return times, yaw and points (n, 2) of a model without slip for the wheel angle, or else the yaw rate."""
+    """Return times, yaw and points (n, 2) of a model without slip, for the recorded wheel angle or else yaw rate."""
     t = np.arange(recording.start, recording.end, 0.02)
     u = np.interp(t, recording.speed.t, recording.speed.value)
     if recording.steer is not None:
@@ -109,7 +109,7 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
 
 
 Replayed = tuple[FieldRecording, Driven]
-"""Segment of a recording together with its replay."""
+"""Segment of a recording and its replay."""
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
@@ -186,9 +186,10 @@ def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
 
 
 def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
-    """Return times (n,), plant minus recording ahead and left along the plant's heading (n, 2), and window errors (n,).
+    """Return times (n,) [s], position errors ahead and to the left (n, 2) [m], and window errors (n,) [m].
 
-    Window errors are distances after the best rigid motion of each window [m]; NaN if a window has too few positions.
+    Errors are plant minus recording, in the axes of the plant. Window errors are distances after the best rigid motion
+    of each window; NaN in a window with too few positions.
     """
     fixes, model = _beside(recording, driven)
     east, north = (model - fixes.value).T
@@ -201,7 +202,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return recorded positions, and positions of the plant at the same times (n, 2) [m]; empty without positions."""
+    """Return recorded positions, and positions of the plant at their times (n, 2) [m]; both empty without positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -218,7 +219,7 @@ def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Ar
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded track per length of the plant's track [-]; NaN without a track."""
+    """Return the length of the recorded track divided by the length of the plant's track [-]; NaN without a track."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = _beside(recording, driven)

@@ -1,4 +1,4 @@
-"""Replay of logs (read, simulate, compare), with its files `replay.json`, `.parquet`, `.png` and the scenario."""
+"""Replay of logs: read, simulate, compare; write `replay.json`, `.parquet`, `.png` and the scenario."""
 
 import shutil
 from collections.abc import Sequence
@@ -69,7 +69,7 @@ def replay(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> ReplayResult:
-    """Replay logs on the plant of a scenario without writing files. Raises `FieldLogError`, `ScenarioError`.
+    """Replay logs on the plant of a scenario without writing files. Raises `FieldLogError` or `ScenarioError`.
 
     Default of `by`: the recorded angle if available, otherwise the voltage.
     """
@@ -80,7 +80,7 @@ def replay(
 def replay_pieces(
     recordings: Sequence[FieldRecording], scenario: Scenario, by: By | None = None, notes: tuple[str, ...] = ()
 ) -> ReplayResult:
-    """Replay existing segments, and return the result as `replay` does."""
+    """Replay segments that have been read, and return the same result as `replay`."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
     scenario = on_wide_ground(scenario, max(map(_reach, recordings)))
     driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
@@ -97,21 +97,21 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with level ground up to at least `reach` [m] from the origin; other ground is unchanged."""
+    """Return the scenario with level ground extended to at least `reach` [m] from the origin. Other ground is kept."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
 
 
 def _reach(recording: FieldRecording) -> float:
-    """Return the maximum absolute coordinate of a segment [m]; without positions its maximum track length."""
+    """Return the maximum absolute coordinate of a segment [m], or its track length if it has no positions."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Replay a segment from the initial pose that aligns its first metres with the recorded positions."""
+    """Replay a segment from the initial pose whose first metres fit the recorded positions."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -149,7 +149,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
     def at_rows(times: pa.Array, values: Any) -> Any:
-        """Return a column with each value in the row nearest to its time, and NaN in the other rows."""
+        """Return a column with each value in the row nearest to its time. Other rows contain NaN."""
         column = np.full(n, np.nan)
         rows = np.rint((times - t[0]) / tick).astype(int)
         inside = (rows >= 0) & (rows < n)

@@ -1,4 +1,4 @@
-"""Scrub of the tyres of a plant: the yaw rate lost in a slow bend, as if the wheel angle were smaller."""
+"""Scrub of tyres: fraction of the yaw rate that the tyres of a plant lose in a slow bend."""
 
 from math import radians
 
@@ -10,13 +10,13 @@ from agrobot_mj.extensions.logs.series import TimeSeries
 from agrobot_mj.scenario.schema import Scenario
 
 SPEED_M_S, ANGLE_DEG = 1.0, 8.0
-"""Speed [m/s] and wheel angle [deg] of a slow bend, in which centrifugal force is negligible."""
+"""Speed [m/s] and wheel angle [deg] of the slow bend, in which centrifugal force is negligible."""
 SETTLED_S, END_S = 3.0, 4.0
 """Start and end of the evaluated part of the bend [s]."""
 
 
 def scrub(scenario: Scenario) -> float:
-    """Return the fraction of the yaw rate that a plant's tyres lose in slow level bends, mean of both sides."""
+    """Return the fraction of the yaw rate that the tyres of a plant lose in slow level bends to both sides."""
     lost, scenario = [], scenario.changed({"terrain.kind": "flat"})
     for angle in (radians(ANGLE_DEG), -radians(ANGLE_DEG)):
         driven = drive(scenario, _bend(angle), (0.0, 0.0, 0.0))

@@ -1,4 +1,5 @@
-"""Machine file of a twin: keys identified from a log, with intervals; other keys are those of a similar machine."""
+"""Machine file of a twin: some keys are identified from a log, with intervals; others are those of a similar
+machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite
@@ -17,12 +18,12 @@ from agrobot_mj.scenario.overrides import explicit_values, override
 from agrobot_mj.scenario.schema import Scenario
 
 MARGIN_DEG = 1.0
-"""Margin between the steering limit and the maximum recorded angle [deg]."""
+"""Margin between maximum recorded angle and steering limit [deg]."""
 MOST_STEER_DEG = 60.0
 """Maximum plausible steering limit [deg]."""
 BACKLASH = "steering.linkage.backlash_deg"
 CARCASS = (0.05, 2.0)
-"""Range of a tyre carcass's lateral stiffness per vertical stiffness [-]."""
+"""Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]."""
 
 
 class TwinKey(NamedTuple):
@@ -30,7 +31,7 @@ class TwinKey(NamedTuple):
 
     value: float | bool
     note: str
-    """Interval or source of the value, for a comment."""
+    """Text with interval or source of the value, for a comment."""
 
 
 def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:
@@ -68,7 +69,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return one key for both axles with the mean of their relaxation lengths; empty if none is identified."""
+    """Return one key for both axles, with the mean of the relaxation lengths; empty if none is identified."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -117,7 +118,7 @@ def _mounting(c: Calibration) -> str:
 
 
 def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) -> dict[str, Any]:
-    """Return the tables of a machine file: those of the scenario's machine, updated with the identified keys."""
+    """Return the tables of a machine file: the machine of a scenario, updated with the identified keys."""
     file = machine_file(scenario.machine)
     tables = machine_tables(file[0]) if file else {}
     own = explicit_values(scenario)
@@ -141,7 +142,7 @@ def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
 
 
 def not_told(scenario: Scenario, keys: Mapping[str, TwinKey]) -> list[tuple[str, object, str]]:
-    """Return the tractor keys that a log does not identify, each with its value and source."""
+    """Return the tractor keys that a log does not identify, with their values and sources."""
     file = machine_file(scenario.machine)
     of_machine = (machine_tables(file[0]) if file else {}).get("tractor", {})
     given = explicit_values(scenario).get("tractor", {})

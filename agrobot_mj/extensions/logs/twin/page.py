@@ -1,4 +1,4 @@
-"""Report page and files of a twin: machine, scenario with its path, and map."""
+"""Report page and files of a twin: machine, scenario with its path, and column map."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -91,7 +91,7 @@ def _position_residuals(t: Twin) -> Chart:
 
 
 def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:
-    """Return one curve from several parts, with gaps between the parts."""
+    """Return one curve that consists of several parts with gaps between them."""
     x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
     return line(x, y, name, colour)
 

@@ -1,4 +1,5 @@
-"""Twin of a machine from its logs: calibrate and identify with one part, replay the rest, write the results.
+"""Twin of a machine from its logs: calibrate and identify with one part of the logs, replay the rest, write the
+results.
 
 One fit estimates sensors and vehicle, so that intervals of stiffnesses include the uncertainty of the steering scale.
 The fit does not use the part on which it is evaluated.
@@ -36,20 +37,20 @@ from agrobot_mj.scenario.schema import Scenario
 SPACING_M = 0.5
 """Distance between waypoints [m]."""
 SMOOTHED_S = 2.0
-"""Length of the local cubics that smooth positions [s]."""
+"""Length of the local cubics used for smoothing positions [s]."""
 SLOWEST_M_S = 0.1
 """Minimum speed of waypoints [m/s]."""
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """Return east, north [m] and speed [m/s] of the CG on the longest forward leg, (n, 3); None if it is too short."""
+    """Return east, north [m] and speed [m/s] of the CG on the longest forward section, (n, 3); None if too short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Return the forward legs of R at equal distances, (n, 4) each: east, north [m], speed [m/s], heading [rad]."""
+    """Return the forward sections of R at equal distances, (n, 4) each: east, north [m], speed [m/s], heading [rad]."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -84,13 +85,13 @@ def waypoint_text(points: Array) -> str:
 
 
 SHARE = 0.6
-"""Fraction of the time that the fit uses; the rest is for evaluation."""
+"""Fraction of the time used for the fit; the rest is for evaluation."""
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Smoothing distances between path and recorded track [m]. The first that the machine can follow is used."""
+"""Smoothing distances between path and recorded track [m]. The first with which the machine can follow is used."""
 LEVEL_M = 450.0
-"""Extent of a track above which the scenario needs larger level ground [m]."""
+"""Extent of a track above which level ground in the scenario must be enlarged [m]."""
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
-"""Quantities of the fit that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
+"""Fitted quantities that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 """Names of the result files: machine, scenario and waypoints."""
 
@@ -111,7 +112,7 @@ class Twin(NamedTuple):
     """Segments used in the fit, converted with the calibrated map."""
     held_out: ReplayResult
     texts: dict[str, str]
-    """Texts of the result files by name: the machine, and scenario with waypoints if available."""
+    """Contents of the result files by name: machine, and scenario with waypoints if available."""
     identity: str
 
     @property
@@ -131,7 +132,7 @@ class Twin(NamedTuple):
 
     @property
     def beyond_map(self) -> dict[str, Quantity]:
-        """Vehicle quantities that the map does not contain."""
+        """Vehicle quantities that are not part of the map."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
@@ -168,14 +169,14 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the wheel angle after the play in place of the sensor angle."""
+    """Return the recording with the wheel angle after the steering play instead of the sensor angle."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
 
 
 def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """Return the texts of the machine file and of a scenario with the longest drive, if the machine can follow it."""
+    """Return the machine file and, if the machine can follow, a scenario with the longest recorded track, as texts."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
@@ -211,7 +212,7 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Return whether the scenario loads; its path may be too sharp for the machine."""
+    """Return whether the scenario can be loaded. It cannot if its path is too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
