@@ -3,8 +3,9 @@
 Each metric in the condition gets a value at each tick: its value at the end of the run if all later errors were 0. A
 maximum is the present magnitude. A root mean square or a percentile covers the complete planned duration. The margin of
 a comparison with a number c is (value - c) / |c|, which is negative until the condition is met; `and` takes the
-minimum, `or` the maximum, `not` the negative [Fainekos2009]. The condition is first met at a margin of about 0;
-`Condition.fails` decides. The margin never uses later ticks, because splitting would then be biased.
+minimum, `or` the maximum, `not` the negative [Fainekos2009]. At a margin of about 0 the condition is first met; whether
+a run fails is decided by `Condition.fails`. The margin of a tick does not depend on later ticks, because splitting
+would then be biased.
 """
 
 import ast
@@ -39,7 +40,7 @@ SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "yaw_rate_error_": lambda view: view.column("e_yaw_rate"),
     "hitch_angle_": lambda view: view.column("hitch_angle"),
 }
-"""Signal from which a metric is computed, by the first part of the metric's name."""
+"""Signal from which a metric is computed, by the first part of the name of the metric."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,9 @@ class Closeness:
     """Function that returns the margin of a run to a failure condition."""
 
     until: str
-    """Failure condition, as text that `Condition` parses."""
+    """Failure condition as text, see `Condition`."""
     signal: str | None = None
-    """Column whose magnitude is the margin. Default: the margin follows from the metrics in the condition."""
+    """Column whose magnitude is the margin. Default: the margin is computed from the metrics in the condition."""
 
     def __call__(self, log: Log) -> Array:
         """Return the finite margin at each tick, shape (ticks,) [-]. Raises `ScenarioError`."""
@@ -64,14 +65,15 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Rises:
-    """Function that returns the ticks at which the margin of a run reaches a new maximum, for splitting."""
+    """Function that returns the ticks at which the margin of a run reaches a new maximum, for splitting at these
+    ticks."""
 
     closeness: Closeness
     ahead_s: float = 0.0
     """Time by which an increase of the margin is extrapolated [s]."""
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """Return `rises`, number and margin of each tick with a new maximum, and `ticks`, the number of all ticks."""
+        """Return `rises`, a list of (tick number, margin) for each new maximum, and `ticks`, the number of ticks."""
         close = self.closeness(log)
         before = np.concatenate([np.repeat(close[:1], SLOPE_TICKS), close])[: len(close)]
         close = close + np.maximum(close - before, 0.0) * self.ahead_s / (SLOPE_TICKS * TICK_S)
@@ -86,14 +88,14 @@ def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
 
 
 class _Ticks:
-    """Computes the margins of one run at all its ticks."""
+    """Margins of one run at all its ticks."""
 
     def __init__(self, view: RunView, log: Log) -> None:
         self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the margin of a node of the condition at each tick, positive where the node is true [-]."""
+        """Return the margin of a node of the condition at each tick [-]. It is positive if the node is true."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
@@ -119,7 +121,7 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Return one side of a comparison at each tick, shape (ticks,), and its scale, 0 for a metric."""
+        """Return one side of a comparison at each tick, shape (ticks,), and its scale; the scale of a metric is 0."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -140,7 +142,7 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome, from load transfer and roll, hitch angle, or distance from the path."""
+        """Return the margin to an outcome per tick from load transfer, roll, hitch angle or distance from the path."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -163,7 +165,7 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """Return a metric over all planned ticks at each tick, with 0 for later ticks."""
+    """Return the value of a metric at each tick if all later errors, up to the `planned` ticks, were 0."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):
@@ -173,7 +175,7 @@ def _over(size: Array, name: str, planned: int) -> Array:
 
 
 def _percentile(size: Array, planned: int) -> Array:
-    """Return the 95th percentile over all planned ticks at each tick, with 0 for later ticks."""
+    """Return the 95th percentile at each tick if all later errors, up to the `planned` ticks, were 0."""
     largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
     for k, value in enumerate(size.tolist()):
         if len(largest) < most:

@@ -198,7 +198,7 @@ def falsify(
 
 
 def _varied(text: str) -> "Varied":
-    """Return a key and its range or distribution from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
+    """Return a key with its range or distribution, read from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
     from agrobot_mj.extensions.search.falsify import Varied
 
     key, _, value = utf8(text, "--vary").partition("=")

@@ -1,4 +1,4 @@
-"""Trajectories of an ordinary and a failed run for a figure, and the recording of the failed run."""
+"""Trajectories of an ordinary run and of a failed run for a figure, and the recording of the failed run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class MeasuredCourse:
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Simulate an ordinary run and, if any, a failed run; return their trajectories with the times of branches [s]."""
+    """Simulate an ordinary run and, if any, a failed run; return their trajectories and the branch times [s]."""
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
     rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
@@ -49,7 +49,7 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mappin
 
 
 class _Renamed(NamedTuple):
-    """Stores selected files of a run in the results folder under other names."""
+    """Storage of selected files of a run in the results folder, with other names."""
 
     rows: RowFiles
     kept: Mapping[str, str]
@@ -65,7 +65,7 @@ class _Renamed(NamedTuple):
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return a figure of an ordinary and a failed run, with its empty panel and its panel of the margin."""
+    """Return a figure of an ordinary and a failed run, its panel for the margin, and an empty panel."""
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
     close, above = panels["close"], panels["above"]

@@ -4,7 +4,7 @@ The objective is the mean cost of runs over cases (`tuning_cases`) and seeds. Th
 steering travel / TRAVEL_DEG_S. The acquisition cost (`metrics.acquisition`) is acquired_s / ACQUIRED_S + overshoot /
 OVERSHOOT_M + steering travel / TRAVEL_DEG_S. If the line is not acquired, the duration replaces acquired_s, and the
 final distance / XTE_M is added. A run that fails (`metrics.success`) or loses its line costs more than any successful
-run, and more the less of its task it completed.
+run; the cost decreases with the completed fraction of its task.
 
 Differential evolution searches the ranges that the law declares (`tunable`), starting from the scenario's gains, so
 that the result is never worse on the training cases. Test cases have other seeds; only the evaluation of the result
@@ -30,22 +30,23 @@ from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, wri
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05
-"""Cross-track RMS with cost 1 [m]. Assumed value: twice the stated accuracy of RTK guidance."""
+"""Cross-track RMS error with cost 1 [m]. Assumed value: twice the stated accuracy of RTK guidance."""
 OVERSHOOT_M = 0.1
 """Overshoot across a line with cost 1 [m]. Assumed value: a pass with missing seed."""
 ACQUIRED_S = 20.0
 """Acquisition time with cost 1 [s]. Assumed value: a distance of 25 m."""
 LOST_M = 0.2
-"""Distance from the line at the end of a run above which the line counts as not acquired [m]. Assumed value."""
+"""Distance from the line at the end of a run above which the line is not acquired [m]. Assumed value."""
 TRAVEL_DEG_S = 5.0
 """Mean steering rate with cost 1 [deg/s]. Assumed value: a fifth of the rate at full pump flow."""
 MOST = 20.0
 """Maximum cost of a successful run [-]."""
 FAILED = 25.0
-"""Minimum cost of a failed run [-]; MOST is added if it made no progress."""
+"""Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`."""
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Factors on the difference of two candidates, sampled per generation, and fraction of keys that change [Storn1997]."""
+"""Range of the factor on differences of two candidates, fraction of keys that change in a generation [-]
+[Storn1997]."""
 MOST_RUNS = 100_000
 """Maximum number of runs of a search, including the evaluation of its result."""
 Overrides = dict[str, Any]
@@ -54,16 +55,16 @@ Limits = tuple[float, float]
 
 
 class Judgement(NamedTuple):
-    """Cost and metrics of one run."""
+    """Evaluation of one run."""
 
     cost: float
-    """Cost of the run in the objective [-]."""
+    """Cost of the run, as in the objective [-]."""
     row: dict[str, Any]
     """Metrics of the run, including whether it ended as expected (`metrics.success`)."""
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
-    """Return the gain ranges of the scenario's law and yaw controller by dotted key. Raises `ScenarioError`."""
+    """Return the gain ranges of the law and yaw controller of a scenario, by dotted key. Raises `ScenarioError`."""
     law, controller = scenario.guidance, scenario.controller
     driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
@@ -91,13 +92,13 @@ def task_of(case: TuningCase, gains: Overrides) -> Task:
 
 
 def steering(log: Log) -> dict[str, float]:
-    """Return the duration of a run [s] and the sum of its steering angle changes [deg]."""
+    """Return the duration of a run [s] and the sum of absolute changes of the steering angle [deg]."""
     travel = np.nan_to_num(np.abs(np.diff(log.column("steer"))), posinf=0.0)
     return {"end_s": float(log.column("t")[-1]), "steer_travel_deg": degrees(float(travel.sum()))}
 
 
 def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
-    """Return the cost of a run; `row` contains its metrics and the values of `steering`."""
+    """Return the evaluation of a run; `row` contains its metrics and the values of `steering`."""
     if row["outcome"] == ERROR:
         return Judgement(FAILED + MOST, row)
     return (_acquisition if case.measure == "acquisition" else _tracking)(row)
@@ -127,7 +128,7 @@ def _travel(row: dict[str, Any]) -> float:
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """Return the cost of each candidate [-], or only a lower bound if it exceeds the candidate's limit in `bounds`."""
+    """Return the cost of each candidate [-], or a lower bound if it exceeds the limit of the candidate in `bounds`."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -147,7 +148,7 @@ def tune(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Tune the gains of the scenario's law; write tuning.json to `folder` and return its content."""
+    """Tune the gains of the law of a scenario. Write tuning.json to `folder` and return its content."""
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
     check_tractors(case.scenario for case in (*training, *test))
@@ -166,7 +167,7 @@ def search(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search with `budget` evaluations of the objective, in complete generations; return gains and history."""
+    """Search with `budget` evaluations of the objective, in complete generations. Return gains and history."""
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -201,10 +202,8 @@ def search(
 
 
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
-    """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
-
-    A trial is accepted only if it is better than the point that it would replace, which limits its evaluation.
-    """
+    """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997]. A
+    trial is accepted only if it is better than the point that it would replace, which limits its evaluation."""
     rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
     for _ in range(generations - 1):
         best, factor = points[int(np.argmin(costs))], rng.uniform(*MUTATION)
@@ -223,7 +222,7 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Return the gains at a point of the search with two digits; positive ranges have a logarithmic scale."""
+    """Return the gains at a point of the search, with two digits. The scale of positive ranges is logarithmic."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
         value = low * (high / low) ** share if low > 0 else low + share * (high - low)
@@ -232,7 +231,7 @@ def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
 
 
 def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
-    """Return the first generation, shape (POPULATION, keys): the initial gains and a Latin hypercube."""
+    """Return the first generation, shape (POPULATION, keys): the initial gains, and a Latin hypercube."""
     rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
     points: Array = (cells + rng.random((POPULATION, n))) / POPULATION

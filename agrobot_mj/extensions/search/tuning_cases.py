@@ -21,11 +21,11 @@ from agrobot_mj.studies.pieces import at_speed
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FIRST_TEST_SEED = 1000
-"""First seed of the test cases. Seeds of the training cases count up from the scenario's seed."""
+"""First seed of the test cases. The seeds of the training cases start at the seed of the scenario."""
 
 
 class CaseSpec(Spec):
-    """Case of a tuning file: one run, or one run per speed."""
+    """Case of a tuning file: one run, or one run for each speed."""
 
     name: Name
     """Name of the case in the table of scores."""
@@ -43,7 +43,7 @@ class LawSpec(Spec):
     set: dict[str, Any]
     """Overrides that select the law and its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
-    """Known good gains, which the first generation includes."""
+    """Gains known to be good, which are part of the first generation."""
 
 
 class TuningFile(Spec):
@@ -64,19 +64,19 @@ class TuningFile(Spec):
     test: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
     """Test cases, which evaluate the result: `[[test]]`."""
     laws: dict[str, LawSpec] = Field(default_factory=dict)
-    """Laws by name, for `make gains`."""
+    """Laws by name, tuned by `make gains`."""
 
     def part(self, name: str) -> tuple[CaseSpec, ...]:
-        """Return the cases of "training" or "test"."""
+        """Return the cases of the part "training" or "test"."""
         return self.training if name == "training" else self.test
 
     def runs(self, name: str) -> int:
-        """Return the number of runs per seed of "training" or "test"."""
+        """Return the number of runs per seed of the part "training" or "test"."""
         return sum(len(case.speeds_m_s or (0,)) for case in self.part(name))
 
 
 class TuningCase(NamedTuple):
-    """Run of the objective."""
+    """One run of the objective."""
 
     name: str
     measure: str
@@ -111,7 +111,7 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
 
 
 def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
-    """Yield the scenario of a case at each speed; none if the plant does not support it. Raises `ScenarioError`."""
+    """Yield the scenario of a case at each speed, unless the plant does not support it. Raises `ScenarioError`."""
     try:
         changed = scenario.changed(changes)
     except ScenarioError as error:

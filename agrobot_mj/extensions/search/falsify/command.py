@@ -26,7 +26,7 @@ from agrobot_mj.studies.style import write_figure
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet", "scenario.toml": "failure.toml"}
 """Files of the failing run, and their names in the results folder."""
 FILES = ("falsify.json", "falsify.png", *FAILURE.values())
-"""Files that a falsification writes. Those of the failing run are absent if no combination fails."""
+"""Files that a falsification writes. Without a failing combination, the files of the failing run are missing."""
 
 
 def falsify(
@@ -68,7 +68,7 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """Return a figure of the evaluated combinations over two keys, and of the trajectories of two runs."""
+    """Return a figure of the evaluated combinations over two keys, and of two trajectories."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn

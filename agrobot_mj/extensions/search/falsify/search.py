@@ -1,7 +1,8 @@
-"""Search for the smallest failing combination of changes: differential evolution, then bisection towards nominal.
+"""Search for the smallest failing combination of changes: differential evolution, then bisection towards the mild
+values.
 
-Failing combinations rank first, ordered by their distance from the nominal values. The others are ordered by their
-margin to failure. The distance of each key is in units of the width of its range or of its standard deviation.
+Failing combinations rank first, ordered by their distance from the nominal values. The other combinations are ordered
+by their margin to failure. The distance of each key is in units of the width of its range or of its standard deviation.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,15 +22,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
-"""Maximum distance of a sampled value from the mean [standard deviations]; one in 16,000 is farther away."""
+"""Maximum distance of a sampled value from the mean [standard deviations]. One in 16,000 values is farther away."""
 FEWEST = 20
-"""Minimum number of combinations in a search [-]."""
+"""Minimum number of combinations in a search."""
 NOT_FOUND = "not_found"
-"""Verdict of a search in which no combination fails."""
+"""Verdict of a search without a failing combination."""
 
 
 class Varied(NamedTuple):
-    """Key that is varied, with its unit of distance: the width of its range, or its standard deviation."""
+    """Varied key with its unit of distance, which is the width of its range or its standard deviation."""
 
     key: str
     start: float
@@ -52,14 +53,14 @@ class Varied(NamedTuple):
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key that varies in a range. Raises `ScenarioError` for invalid ends."""
+        """Return a key that varies in a range from `mild` to `hard`. Raises `ScenarioError` for invalid ends."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: specify two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """Return a key with a mean and a standard deviation. Raises `ScenarioError` for invalid numbers."""
+        """Return a key with a normal distribution. Raises `ScenarioError` for invalid numbers."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: write normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
@@ -71,11 +72,11 @@ class FalsifyQuestion(NamedTuple):
     varied: tuple[Varied, ...]
     until: str
     budget: int = 150
-    """Number of combinations to evaluate [-]."""
+    """Number of combinations to evaluate."""
     seeds: int = 3
-    """Number of runs of each combination. A combination fails if more than half of its runs fail [-]."""
+    """Number of runs of each combination. A combination fails if more than half of its runs fail."""
     score: str | None = None
-    """Signal whose magnitude is the margin of a run. Default: the margin follows from the metrics in `until`."""
+    """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
 
     def check(self, scenario: Scenario) -> None:
         """Raise `ScenarioError` if the settings are invalid for a scenario."""
@@ -103,7 +104,7 @@ class Combination(NamedTuple):
     runs: int
     failed: int
     close: float
-    """Median over the runs of the largest margin to the condition [-]."""
+    """Median margin to the failure condition [-]: the maximum margin of each run, median over the runs."""
 
     @property
     def fails(self) -> bool:
@@ -117,12 +118,12 @@ class Combination(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """Values as a text of overrides."""
+        """Values as text, in the form of overrides."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
     def share(self) -> str:
-        """Number of failed runs and number of all runs, as text."""
+        """Text with the number of failed runs and of all runs."""
         return f"{self.failed} of {self.runs}"
 
 
@@ -131,28 +132,29 @@ class Falsified(NamedTuple):
 
     verdict: str
     mildest: Combination
-    """Smallest failing combination, run with additional seeds; if none fails, the combination closest to failure."""
+    """Smallest failing combination, run with additional seeds. If none fails, the one with the largest margin."""
     alone: dict[str, Combination]
-    """Combinations with one key at its hard end and the others at their mild values, by that key."""
+    """For each key, the combination with this key at its hard end and the others at their mild values."""
     around: tuple[Combination, ...]
-    """Combinations near the result: on the line from nominal through the result, and with each key changed slightly."""
+    """Combinations near the result: on the line from the mild values through the result, and with single keys
+    changed."""
     tried: tuple[Combination, ...]
     statement: str
 
 
 HALVINGS = 6
-"""Number of bisection steps [-]; the final resolution is 1/64 of the distance."""
+"""Number of bisection steps; the final resolution is 1/64 of the distance."""
 CONFIRMED = 10
-"""Number of runs of the result, of combinations on the line to it, and of its neighbours [-]."""
+"""Number of runs of the result, of combinations on the line to the result, and of its neighbours."""
 MOST_CONFIRMED = 10
-"""Maximum number of failing combinations, from mild to hard, that are repeated with more seeds [-]."""
+"""Maximum number of failing combinations, from mild to hard, that are repeated with more seeds."""
 NEAR = 0.1
 """Step to a neighbour of the result, as a fraction of its distance or of the unit of a key [-]."""
 Place = tuple[float, ...]
 
 
 class FalsifySearch:
-    """Search that evaluates combinations and stores their results."""
+    """Search for the smallest failing combination."""
 
     def __init__(
         self,
@@ -184,7 +186,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Run combinations and report each; store them if `noted`."""
+        """Run combinations and report each of them. Store the combinations if `noted`."""
         task = Task.of(self.scenario, measure=Rises(Closeness(self.q.until, self.q.score)))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -236,7 +238,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the smallest combination that also fails with more seeds; without one, the last that was repeated."""
+        """Return the smallest combination that also fails with more seeds, or else the last one that was repeated."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -244,7 +246,7 @@ class FalsifySearch:
         return sure
 
     def _bisected(self, best: Combination) -> Combination:
-        """Return the smallest failing combination on the line from the nominal values to `best`."""
+        """Return the smallest failing combination on the line from the mild values to `best`."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
@@ -254,7 +256,8 @@ class FalsifySearch:
         return mildest
 
     def _around(self, best: Combination) -> list[Place]:
-        """Return neighbours of the result within the ranges: on the line through it, and with each key changed."""
+        """Return neighbours of the result within the ranges: on the line through the result, and with each key
+        changed."""
         at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
         places = [tuple(way * d for d in at) for way in ways]
         for k in range(len(at)):

@@ -1,7 +1,7 @@
-"""Importance of uncertain parameters: the fraction of a metric's variance that each draw of a sweep causes.
+"""Importance of uncertain parameters: the fraction of a metric's variance caused by each random parameter of a sweep.
 
-A screening is a regression on about ten samples. Sobol indices need hundreds of samples. Both report draws that they
-cannot distinguish.
+A screening is a regression on about ten samples. Sobol indices need hundreds of samples. Both report parameters that
+they cannot distinguish.
 """
 
 from agrobot_mj.extensions.search.importance.results import importance, importance_table, importance_text

@@ -1,4 +1,4 @@
-"""Importance of the draws of a finished sweep: fractions of the variance by group, as table, text and figure."""
+"""Importance of the random parameters of a sweep: fractions of the variance by group, as table, text and figure."""
 
 import tomllib
 from collections.abc import Sequence
@@ -28,13 +28,13 @@ NEGLIGIBLE = 0.05
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Return a Markdown table with the rank, the fraction of the variance and the effect of each draw in each group."""
+    """Return a Markdown table with rank, fraction of the variance and effect of each random parameter in each group."""
     head, rows = importance_rows(found)
     return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table that `importance_table` writes."""
+    """Return the head and the rows of the table of `importance_table`."""
     screening = found[0].unexplained is not None
     columns = ["rank", "fraction of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -53,7 +53,7 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the conclusions that the samples of each group allow."""
+    """Return sentences about the conclusions that are possible from the samples of each group."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
@@ -81,7 +81,8 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return a figure of the fractions with their intervals, one panel per group; for Sobol also first-order ones."""
+    """Return a figure of the fractions with intervals, one panel per group, for Sobol indices also with the first
+    order."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -110,12 +111,13 @@ def _rank(first: Influence, key: str) -> str:
 DESIGNS = ("screening", "saltelli")
 """Sampling methods that `importance` supports."""
 OF_EVERY_RUN = ("expected", "progress")
-"""Columns that failed runs have, too."""
+"""Columns for which failed runs also have values."""
 Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """Compute the fractions for the sweep in `folder` by group; write `importance.json` and `importance.png` there.
+    """Compute variance fractions, by group, for the sweep in `folder`. Write `importance.json` and `importance.png`
+    there.
 
     Raises `ScenarioError` if the folder has no finished sweep of one of `DESIGNS`, or if some runs (such as failed
     runs) have no value of the metric.
@@ -144,7 +146,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the fractions of one group, from draws (points, d) and values (points, seeds). Raises `ScenarioError`."""
+    """Return the fractions of a group from `draws` (points, d), `values` (points, seeds). Raises `ScenarioError`."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: the metric does not vary in {name}")
@@ -159,7 +161,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of the point means that is due to seeds; None with one seed."""
+    """Return the fraction of the variance of point means that is caused by seeds; None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -170,7 +172,7 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Return draws (points, d) and metric (points, seeds) by group, in order of the design. Raises `ScenarioError`."""
+    """Return parameters (points, d) and metric (points, seeds) by group, in design order. Raises `ScenarioError`."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds

@@ -1,10 +1,10 @@
 """Fractions of a metric's variance with intervals and ranks, by regression or as Sobol indices.
 
-Screening is a standardised linear regression of the metric on the ranks of all draws; ranks make logarithmic ranges
-linear. The squared slope of a draw is the fraction of the variance that it explains linearly, which underestimates its
-importance. Variance that is neither linear nor noise of the seeds may belong to any draw through curvature or
-interactions. It is added to the upper end of every interval. Standard errors are HC3 [MacKinnonWhite1985], valid for
-residuals of unequal variance.
+A draw is a random parameter of a sweep. Screening is a standardised linear regression of the metric on the ranks of all
+draws; ranks make logarithmic ranges linear. The squared slope of a draw is the fraction of the variance that it
+explains linearly, which underestimates its importance. Variance that is neither linear nor noise of the seeds may
+belong to any draw through curvature or interactions. It is added to the upper end of every interval. Standard errors
+are HC3 [MacKinnonWhite1985], valid for residuals of unequal variance.
 
 Sobol indices [Saltelli2010] of a sweep with `method = "saltelli"` are computed by SALib. The first-order index of a
 draw is the fraction of the variance removed when its value is known. The total index is the fraction that remains while
@@ -21,7 +21,7 @@ from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array
 
 CONFIDENCE = 0.95
-"""Confidence with which the intervals of all draws in a group hold simultaneously [-]."""
+"""Probability with which the intervals of all draws in a group are correct simultaneously [-]."""
 
 
 class Share(NamedTuple):
@@ -52,23 +52,23 @@ class Share(NamedTuple):
 
 
 class Influence(NamedTuple):
-    """Fractions of all draws in one group. A group has one variant and one value of each axis."""
+    """Variance fractions of all draws in one group, which consists of runs with equal variant and axis values."""
 
     group: str
     mean: float
     deviation: float
     """Standard deviation over the points of the design, after averaging over seeds [unit of the metric]."""
     noise: float | None
-    """Fraction of the variance that is due to seeds after averaging [-]; None with one seed."""
+    """Fraction of the variance that is caused by seeds, after averaging over the seeds [-]; None with one seed."""
     unexplained: float | None
-    """Upper limit of the variance fraction that the regression does not explain, without noise [-]; None for Sobol."""
+    """Upper limit of the variance fraction that is neither regression nor noise [-]; None for Sobol."""
     flaws: tuple[str, ...]
-    """Reasons why the intervals are unreliable, in which case there is no ranking; empty if they are reliable."""
+    """Reasons why the intervals are unreliable. In this case there is no ranking."""
     shares: tuple[Share, ...]
 
     @property
     def ordered_pairs(self) -> int:
-        """Number of pairs of draws whose order is determined."""
+        """Number of pairs of draws whose order is certain."""
         return sum(share.best - 1 for share in self.shares)
 
     @property
@@ -78,10 +78,8 @@ class Influence(NamedTuple):
 
 
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
-    """Sort fractions by rank. All draws are tied if the intervals are not `trusted`.
-
-    A draw ranks above another draw only if its interval is entirely above the interval of the other draw.
-    """
+    """Sort fractions by rank. If the intervals are not `trusted`, all draws have the same rank. A draw ranks above
+    another draw only if its interval is entirely above the interval of the other draw."""
     found = []
     for share in shares:
         above = sum(other.low > share.high for other in shares) if trusted else 0
@@ -102,7 +100,7 @@ class Regression(NamedTuple):
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return the fractions by regression, and the upper limit of the variance that is neither linear nor noise."""
+    """Return fractions by regression, and the upper limit of the variance that is neither linear nor noise."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -147,14 +145,15 @@ def _standard(values: Array) -> Array:
 RESAMPLES = 1000
 """Number of bootstrap resamples [-]."""
 FEWEST = 64
-"""Minimum number of samples for reliable intervals. With 16 samples, every third interval misses a known index."""
+"""Minimum number of samples for reliable intervals. With 16 samples, every third interval misses the index."""
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
     """Return Sobol fractions of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
 
-    `noise` is the fraction of the variance of `values` that is due to seeds. It is part of each total index and is
-    subtracted from the estimate and the lower end. The upper end keeps it, because noise may depend on a draw.
+    `noise` is the fraction of the variance of `values` that is due to seeds. Each total index includes this fraction.
+    It is subtracted from the estimate and from the lower end, but not from the upper end, because noise may depend on a
+    draw.
     """
     sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}

@@ -27,7 +27,7 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.NotEq: operator.ne,
 }
 OUTCOMES = (*get_args(Outcome), ERROR)
-"""Words with which a condition may compare `outcome`."""
+"""Values of `outcome` that a condition may contain."""
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
 LONGEST = 1000
 """Maximum length of a condition [characters]."""
@@ -67,22 +67,20 @@ class Condition:
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:
-        """Return whether a run has an error, meets the condition, or ends unexpectedly while no outcome is compared.
-
-        Tracking errors of failed or incomplete runs count as missing, and a missing metric meets the condition.
-        """
+        """Return whether a run raised an error, meets the condition, or (unless outcomes are compared) ended
+        unexpectedly. A missing metric meets the condition. Tracking errors of failed or incomplete runs are missing."""
         unexpected = not self.names_outcome and not succeeded(numbers)
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
     def met(self, numbers: Numbers) -> bool:
-        """Return whether a run meets the condition or lacks a compared metric."""
+        """Return whether a run meets the condition or has no value of a compared metric."""
         try:
             return self._holds(numbers)
         except KeyError:
             return True
 
     def _read(self, node: ast.expr) -> Callable[[Numbers], bool]:
-        """Convert a node to a function that evaluates it for a run, with a KeyError for a missing metric."""
+        """Return a function that evaluates a node of the condition for a run; KeyError for a missing metric."""
         if isinstance(node, ast.BoolOp):
             joined, parts = all if isinstance(node.op, ast.And) else any, [self._read(value) for value in node.values]
             # All parts are evaluated, so that a missing metric is found in any order.
@@ -112,7 +110,7 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return the kind of one side of a comparison ("outcome", "word", "metric", "number") and a function for its
+        """Return the kind of a side of a comparison ("outcome", "word", "metric", "number"), and a function for its
         value."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
@@ -148,7 +146,7 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """Return the name that a term consists of, with dots for nested metrics; None for other terms."""
+    """Return the name that a term consists of, with dots for nested metrics. Return None for other terms."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

@@ -1,4 +1,4 @@
-"""Settings of a limit search, its evaluated values, and its result: a verdict, and sentences with caveats."""
+"""Settings of a limit search, evaluated values, and its result: a verdict, and sentences with limitations."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -20,7 +20,7 @@ from agrobot_mj.studies.statistics import runs_needed
 MOST_CONFIDENT = 0.999999
 """Maximum confidence [-]. Above it, rounding errors dominate the interval of a rate."""
 TRIAL_S = 1.0
-"""Duration of the trial run that shows which metrics exist [s]."""
+"""Duration of a short run that shows which metrics exist [s]."""
 
 
 class Question(NamedTuple):
@@ -33,9 +33,9 @@ class Question(NamedTuple):
     """Value at the other end of the range, above or below `start`."""
     until: str
     seeds: int = 12
-    """Maximum number of runs per value during the search [-]. The two values around the limit get at least twelve."""
+    """Maximum number of runs per value during the search. The two values next to the limit get at least twelve."""
     reliability: float = 0.8
-    """Fraction of runs that must succeed at a value for a law to be reliable there [-]."""
+    """Fraction of successful runs above which a law is reliable at a value [-]."""
     confidence: float = 0.8
     """Confidence of the intervals of success rates [-]."""
     tolerance: float | None = None
@@ -48,13 +48,13 @@ class Question(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """Results of all runs at one value of the key."""
+    """Results of all runs at one value of the varied key."""
 
     value: float
     runs: int
-    """Number of independent runs [-]; 1 if seeds have no effect."""
+    """Number of independent runs; 1 if seeds have no effect."""
     failed: int
-    """Number of runs that fail according to `Condition.fails` [-]."""
+    """Number of failed runs, see `Condition.fails`."""
     low: float
     """Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect."""
     high: float
@@ -65,11 +65,11 @@ class Tried(NamedTuple):
     """Whether the entire interval is above or below the required reliability."""
     outcomes: dict[str, int]
     unexpected: int
-    """Number of runs whose outcome differs from the expected outcome of the scenario [-]."""
+    """Number of runs whose outcome differs from the expected outcome of the scenario."""
     independent: bool = True
-    """Whether seeds affect the runs. Otherwise only one run counts, and there is no interval."""
+    """Whether seeds affect the runs. If not, only one run counts, and the interval has zero width."""
     medians: Mapping[str, float] = MappingProxyType({})
-    """Median of each metric in the condition, over the runs that have a value."""
+    """Median of each compared metric over the runs that have a value."""
 
     @property
     def share(self) -> str:
@@ -88,27 +88,27 @@ class Tried(NamedTuple):
 
 
 class Counterpart(NamedTuple):
-    """Result of the baseline: the same search without the fault or disturbance."""
+    """Result of the baseline, which is the same search without the fault or disturbance."""
 
     overrides: dict[str, Any]
     verdict: str
-    """Verdict as in `Found`, or `fixed` without a search if the baseline lacks the key or sets it."""
+    """Verdict as in `Found`. If the baseline lacks the key or sets it, there is no search: `fixed`."""
     limit: float | None
     statement: str
-    """Result of the baseline as a sentence, with the shift of the limit."""
+    """Sentence with the result of the baseline and the shift of the limit."""
     tried: tuple[Tried, ...]
-    """All evaluated values. A `fixed` baseline has one, stored under the start of the range."""
+    """All evaluated values. A `fixed` baseline has one, with the start of the range as its value."""
 
 
 class Found(NamedTuple):
-    """Result of a limit search for one law."""
+    """Result of the limit search for one law."""
 
     law: str
     verdict: str
     """Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
     limit: float | None
     interval: tuple[float, float] | None
-    """Nearest values around the limit with certain success and certain failure, or the ends of the range."""
+    """Nearest values on both sides of the limit with certain success and certain failure, or the ends of the range."""
     statement: str
     tried: tuple[Tried, ...]
     """All evaluated values, ordered from the start of the range."""
@@ -117,18 +117,18 @@ class Found(NamedTuple):
 
 
 def metric_names(scenario: Scenario) -> list[str]:
-    """Simulate a short run of a scenario and return the names of its numeric metrics."""
+    """Return the names of the numeric metrics of a scenario, from a short run."""
     numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
     return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario with each kind of guidance, or with its own kind by default. Raises `ScenarioError`."""
+    """Return the scenario with each of the guidance `kinds`. Default: its own guidance. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
 def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
-    """Check the settings and return their failure condition. Raises `ScenarioError`."""
+    """Check the settings and return the failure condition. Raises `ScenarioError`."""
     q = question
     if q.key == "seed":
         raise ScenarioError(
@@ -166,7 +166,7 @@ def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """Return the value in the type of the key, rounded to an integer or to whole ticks if necessary."""
+    """Return a value in the type of the key, rounded to an integer or to complete ticks if necessary."""
     tidy = float(f"{value:.10g}")
     try:
         scenario.changed({key: tidy}, files=False)
@@ -180,7 +180,7 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """Return the verdict on evaluated values, which are ordered from the start of the range, with caveats."""
+    """Return the verdict on evaluated values, which are ordered from the start of the range, with its limitations."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
@@ -223,15 +223,15 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
 
 
 def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
-    """Return the last value with certain success before the change and the first with certain failure after it; the
-    ends of the range if there are none."""
+    """Return the last value with certain success before the limit and the first with certain failure after it. Without
+    these values, return the ends of the range."""
     before = [t.value for t in tried[:first_bad] if t.certain]
     after = [t.value for t in tried[first_bad:] if t.certain and not t.holds]
     return before[-1] if before else tried[0].value, after[0] if after else tried[-1].value
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Describe the evaluated values, and how wide an interval with other results between them could be."""
+    """Return sentences about the evaluated values, and about the width of an undetected interval with other results."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
@@ -241,7 +241,7 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
-    """Describe weaknesses of the intervals: seeds without effect, or too few runs at intermediate values."""
+    """Return sentences about weaknesses of the intervals: seeds without effect, or few runs at intermediate values."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"
@@ -252,13 +252,13 @@ def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
 
 
 def answer_beside(found: Found, q: Question, sound: Found, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the result of a baseline search, with the shift of the limit by the fault or disturbance."""
+    """Return the result of a baseline search, with the shift of the limit caused by the fault or disturbance."""
     text = f"with {_shown(overrides)}: {sound.statement.removeprefix(sound.law + ' ').split('. ')[0]}"
     return Counterpart(dict(overrides), sound.verdict, sound.limit, f"{text}; {_taken(found, q, sound)}", sound.tried)
 
 
 def _taken(found: Found, q: Question, sound: Found) -> str:
-    """Describe the shift of the limit by the fault or disturbance."""
+    """Return a sentence about the shift of the limit caused by the fault or disturbance."""
     if found.limit is None or sound.limit is None:
         same = found.verdict == sound.verdict
         return "the same result without the disturbance" if same else "not comparable: one limit is out of range"
@@ -269,7 +269,7 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the result of a baseline without a search: success rate, and medians of the compared metrics."""
+    """Return the result of a baseline without a search: its success rate and the medians of the compared metrics."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:

@@ -2,11 +2,11 @@
 
 A law *holds* at a value if the lower end of the sequential interval [Robbins1970] of its success rate is at least the
 required reliability. It *fails* if the upper end is below. Runs are added until one of these is true or all seeds are
-used; then the rate decides and the value is marked uncertain. If seeds have no effect, one run decides.
+used. In the latter case the success rate decides, and the value is uncertain. If seeds have no effect, one run decides.
 
 First, the search evaluates equidistant values, from the end of the range at which the law should hold. Then it bisects
-the first change from holding to failing. Both values around the change get more runs, which may shift the change. Other
-results are reported: the law holds again further on, never fails, or fails from the start.
+the first change from holding to failing. Both values next to the change get more runs, which may shift it. Other
+results are reported: the law holds again at farther values, never fails, or fails at the start.
 """
 
 from collections import Counter
@@ -42,9 +42,9 @@ from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5
-"""Number of equidistant values that are evaluated before the bisection [-]."""
+"""Number of equidistant values evaluated before the bisection."""
 SHOWN_RUNS = 12
-"""Minimum number of runs at the values around the limit [-], sufficient for certainty with default settings."""
+"""Minimum number of runs at the values next to the limit, sufficient for certainty with default settings."""
 Numbers = Mapping[str, Any]
 
 
@@ -72,7 +72,8 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Evaluate the baseline: by another search, or only by runs if the baseline lacks the key or sets it."""
+    """Return the result of the baseline, by another search, or only by runs if the baseline lacks the key or sets
+    it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -81,7 +82,7 @@ def _beside(
 
 
 def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bool:
-    """Return whether the baseline has the key and does not set it."""
+    """Return whether a baseline has the varied key and does not set it."""
     if q.key in overrides:
         return False
     try:
@@ -93,7 +94,7 @@ def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bo
 
 
 class _Search:
-    """Search that evaluates values of the key and stores their runs."""
+    """Search that evaluates values of the key and stores the results."""
 
     def __init__(
         self, scenario: Scenario, q: Question, condition: Condition, do: RunTasks, done: Callable[[Tried], object]
@@ -102,7 +103,7 @@ class _Search:
         self.runs, self.tried = dict[float, list[Numbers]](), dict[float, Tried]()
 
     def run(self) -> tuple[Tried, ...]:
-        """Search, and return all evaluated values, ordered from the start of the range."""
+        """Search for the limit. Return all evaluated values, ordered from the start of the range."""
         for k in range(SCANNED):
             self._try(self._value(self.q.start + (self.q.stop - self.q.start) * k / (SCANNED - 1)))
         while self._goes_on():
@@ -111,11 +112,11 @@ class _Search:
 
     @property
     def in_order(self) -> tuple[Tried, ...]:
-        """Values evaluated so far, ordered from the start of the range."""
+        """Evaluated values, ordered from the start of the range."""
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
-        """Evaluate a value between last success and first failure, or add runs at both; return False when done."""
+        """Evaluate a value between last success and first failure, or add runs at both. Return False if done."""
         tried = self.in_order
         change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
         if change and tried[0].holds:
@@ -179,21 +180,21 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
 
 
 def _copies(runs: Sequence[Numbers]) -> bool:
-    """Return whether runs with different seeds have identical results, so that noise has no effect."""
+    """Return whether runs with different seeds have identical results. Noise then has no effect."""
     first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
     measured = any(isinstance(value, float) for value in first.values())
     return measured and bool(others) and all(other == first for other in others)
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """Return the values of a metric, where available; tracking errors only of runs with valid errors."""
+    """Return the available values of a metric. Tracking errors are those of runs with valid errors."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]
 
 
 def _batches(q: Question) -> Iterator[int]:
-    """Yield numbers of runs: two to detect a failure, then enough to prove success, then two at a time."""
+    """Yield numbers of runs to add: two (to detect a failure), then enough to prove success, then two at a time."""
     left, needed = q.seeds, runs_needed(q.reliability, q.confidence)
     for wanted in chain((2, needed - 2), repeat(2)):
         batch = min(wanted, left)
@@ -253,7 +254,7 @@ def _plain(found: Found | Counterpart) -> dict[str, Any]:
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Return a figure of success rate and interval over the key, one panel per law; the limit interval is shaded."""
+    """Return a figure of success rate and interval over the key, one panel per law. The limit interval is shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):

@@ -1,4 +1,4 @@
-"""Estimation of a failure probability: split runs by their margin; write `risk.json`, `risk.png` and a failed run."""
+"""Estimation of a failure probability: split runs by their margin; write `risk.json`, `risk.png` a failed run."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -32,13 +32,13 @@ class Risk(NamedTuple):
 
     estimate: RiskEstimate
     paths: int
-    """Number of simulated runs [-], including runs that share their beginning with another run."""
+    """Number of simulated runs, including runs that share their initial part with another run."""
     worth: float
-    """Computing time of all simulated parts, as a number of complete runs [-]."""
+    """Computing time of all simulated parts, expressed as a number of complete runs [-]."""
     statement: str
     splits: tuple[Split, ...]
     ordinary: Run
-    """Ordinary run for the figure: the one with the median margin among runs simulated from the beginning."""
+    """Ordinary run for the figure: of the runs simulated from the start, the one with the median margin."""
     failure: Run | None
 
 
@@ -73,7 +73,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """Return the result of finished splittings."""
+    """Return the result of completed splittings."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs with the duration of {worth:,.0f} complete ones"
@@ -93,7 +93,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Return the computing time of all simulated parts, as a number of complete runs [-]."""
+    """Return the computing time of all simulated parts, expressed as a number of complete runs [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
@@ -119,9 +119,9 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
     """Return a figure of the probability of exceeding each margin, and of the trajectories of two runs.
 
-    Thin lines are splittings, the thick line is their mean, the dashed line is the failure probability. Runs are split
-    by an extrapolated margin or by a `score`. Therefore levels differ from the other panel, and a level above 0 is not
-    a failure.
+    Thin lines are splittings, the thick line is their mean, the dashed line is the failure probability. Levels are
+    extrapolated margins or values of `score`. They differ from the margins of the other panel, and a level above 0 is
+    not necessarily a failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
     levels, mean = _mean(splits)
@@ -139,13 +139,13 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels of all splittings, and the mean probability of exceeding each, where it is above 0."""
+    """Return the levels of all splittings, and the mean probability of exceeding each level, where it is above 0."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
 
 
 def _chances(split: Split, levels: Array) -> Array:
-    """Return the probability of exceeding each level according to one splitting."""
+    """Return the probability of exceeding each level, estimated by one splitting."""
     own, weights = np.array([(-np.inf, 1.0), *split.trace]).T
     return np.asarray(weights[np.searchsorted(own, levels, side="right") - 1])

@@ -1,4 +1,4 @@
-"""Runs of a splitting. Seed and branches identify each run; the engine of all studies simulates them."""
+"""Runs of a splitting. A run is identified by seed and branches, and is simulated by the engine of all studies."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -24,11 +24,11 @@ class Run(NamedTuple):
     seed: int
     branches: tuple[Branch, ...]
     rises: tuple[tuple[int, float], ...]
-    """Number and margin of each tick with a new maximum."""
+    """Tick number and margin of each new maximum of the margin."""
     ticks: int
     failed: bool
     flaw: str = ""
-    """Reason for a failure that the margin does not show: the outcome, or a metric without a value."""
+    """Reason for a failure that does not appear in the margin: the outcome, or a metric without a value."""
 
     @property
     def level(self) -> float:
@@ -36,12 +36,12 @@ class Run(NamedTuple):
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:
-        """Return the tick at which the margin first exceeded `level`, or else the last tick."""
+        """Return the first tick at which the margin exceeds `level`, or else the last tick."""
         return next((tick for tick, close in self.rises if close > level), self.ticks)
 
     @property
     def begun(self) -> int:
-        """Number of ticks that were not simulated but copied from the stored state of another run."""
+        """Number of ticks copied from the stored state of another run, which are not simulated again."""
         return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
 
 
@@ -59,12 +59,12 @@ class Population:
         self._want(next(self._work))
 
     def _want(self, wanted: list[Wanted[Run]]) -> None:
-        """Store the runs to simulate. A parent that exceeds the level only at its end is used unchanged."""
+        """Store the runs to simulate. A parent that exceeds the level only at its last tick is used as is."""
         self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
         self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 
     def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
-        """Return the seed and the branches of a run to simulate."""
+        """Return the seed and the branches of a run that copies `parent` up to `level`, or of a new run."""
         if parent is None:
             return next(self._seeds), ()
         tick, self._branched = parent.above(level), self._branched + 1
@@ -72,7 +72,7 @@ class Population:
         return parent.seed, (*before, Branch(tick, self.number << 32 | self._branched))
 
     def take(self, driven: Sequence[Run]) -> None:
-        """Continue with simulated runs, in the requested order, until `split` is known or new runs are due."""
+        """Continue with simulated runs, in the requested order. Then `split` is known or further runs are requested."""
         self.runs += driven
         fresh = iter(driven)
         try:
@@ -84,10 +84,8 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all finished splittings. They advance together, so that many runs can be simulated in parallel.
-
-    Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor.
-    """
+    """Return all finished splittings. They advance together, so that many runs can be simulated in parallel. Raises
+    `ScenarioError` if every initial run raises an error, which is not a failure of the tractor."""
     rises = Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]
     while going := [each for each in found if each.split is None]:

@@ -5,9 +5,9 @@ the lowest of n paths are dropped. Each is replaced by a copy of a surviving pat
 first exceeded the level of the dropped path; the copy then continues with different noise. If k paths are dropped, the
 weight is multiplied by (n - k) / n.
 
-With discrete time and repeated scores, the estimate is unbiased for any n, score and stopping rule if two inequalities
-are strict [Brehier2016]: all paths at or below the level are dropped, however many, and a copy branches from a score
-above the level. The estimate is 0 if no path survives.
+With discrete time and equal scores, the estimate is unbiased for any n, score and stopping rule under two conditions
+[Brehier2016]: all paths at or below the level are dropped, and a copy branches from a score strictly above the level.
+The estimate is 0 if no path survives.
 """
 
 from collections.abc import Generator, Sequence
@@ -31,7 +31,7 @@ class Leveled(Protocol):
 
 P = TypeVar("P", bound=Leveled)
 Wanted = tuple[P | None, float]
-"""Path to simulate: a copy of a path up to its first score above a level, or a new path (None)."""
+"""Path to simulate: a path and the level above which its copy branches, or None for a new path."""
 
 
 class Split(NamedTuple):
@@ -42,11 +42,11 @@ class Split(NamedTuple):
     weight: float
     """Product of the surviving fractions of all rounds [-]."""
     failed: int
-    """Number of failed paths among those that reached the last level [-]."""
+    """Number of failed paths among the paths that reached the last level."""
     trace: tuple[tuple[float, float], ...]
-    """Level of each round, and the weight after the round: the probability of exceeding that level [-]."""
+    """Level of each round, and weight after the round, which estimates the probability of exceeding the level [-]."""
     paths: int
-    """Number of simulated paths, including the initial ones [-]."""
+    """Number of simulated paths, including the initial ones."""
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
@@ -82,17 +82,17 @@ class RiskQuestion(NamedTuple):
 
     until: str
     particles: int = 50
-    """Number of runs that are split together [-]."""
+    """Number of runs that are split together."""
     repeats: int = 10
-    """Number of independent splittings [-]. Their spread gives the interval."""
+    """Number of independent splittings. The interval follows from their spread."""
     score: str | None = None
-    """Signal whose magnitude is the margin of a run. Default: the margin follows from the metrics in `until`."""
+    """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
     least: float = 1e-6
     """Weight below which a splitting ends [-]."""
 
     @property
     def worst(self) -> int:
-        """Minimum number of runs dropped per round [-]: a tenth, so that several runs can be simulated in parallel."""
+        """Minimum number of runs dropped per round: a tenth, so that several runs can be simulated in parallel."""
         return max(1, self.particles // 10)
 
     def check(self) -> None:
@@ -119,8 +119,8 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """Return the mean of independent splittings with its interval.
 
-    The interval is Wilson's if no splitting was necessary. Without failures, the upper end is Wilson's for the runs of
-    the last rounds, multiplied by their weight.
+    If no splitting was necessary, the interval is Wilson's. Without failures, the upper end is that of Wilson's
+    interval for the runs of the last rounds, multiplied by their weight.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
@@ -134,7 +134,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """Return the mean of independent estimates, with an interval by Student's t distribution of its logarithm."""
+    """Return the mean of independent estimates, with an interval of its logarithm by Student's t distribution."""
     from scipy.stats import t
 
     n, mean = len(values), fsum(values) / len(values)
