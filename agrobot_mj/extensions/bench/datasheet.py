@@ -35,34 +35,34 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
-"""Speeds for turning and climbing, for steering, and above which braked wheels count as slipping [m/s]. An axle that
-reaches its brake torque first moves at 1-4 mm/s while the carcasses of the other deflect."""
+"""Speed for turning and climbing, speed for steering, and speed above which braked wheels slip [m/s]. An axle that
+reaches its brake torque first moves at 1-4 mm/s while the tyres of the other axle deflect."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
-"""Radius of the circle [wheelbases], and maximum speed on the circle [m/s], at most 0.8 of the top speed."""
+"""Radius of the circle [wheelbases], and maximum speed on the circle [m/s]. It is at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rates at which the slope increases: below and above the third value [deg/s, deg/s, deg]."""
+"""Rate at which the slope increases, rate above a certain slope [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
-"""Fraction of the initial speed below which a machine cannot climb [-]: wheels slip beyond their maximum pull."""
+"""Fraction of the initial speed below which a machine fails to climb [-], because its wheels slip too much."""
 STEADY_S = 10.0
-"""Time at constant pedal position in which oscillations of the crawling machine decay [s]."""
+"""Time at constant pedal position until oscillations of the crawling machine have decayed [s]."""
 
 
 class Measured(NamedTuple):
-    """Line of a data sheet: a measured quantity."""
+    """Measured quantity, which is one line of a data sheet."""
 
     name: str
     value: float
-    """Value [unit]."""
+    """Measured value [`unit`]."""
     unit: str
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """Line of the data sheet as JSON values, with six significant digits; None for a missing value."""
+        """JSON values of the line, with six significant digits. A missing value is None."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine given by name or path, and yield each line when it is available. Raises `ScenarioError`."""
+    """Measure a machine, given by name or path. Yield each line when it is available. Raises `ScenarioError`."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")
@@ -100,7 +100,7 @@ def _standing(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _turning(scenario: Scenario) -> Iterator[Measured]:
-    """Yield the turning radius at full lock, and the steering rates from lock to lock in both directions."""
+    """Yield the turning radius at full lock, and the steering rates from lock to lock to the right and to the left."""
     driver = _driver(scenario, min(ROLLING_M_S, 0.5 * scenario.driveline.full_speed_m_s))
     driver.go(3.0)
     rates = []
@@ -124,7 +124,7 @@ def _rate(driver: Driver, side: int) -> float:
 
 
 def _understeer(scenario: Scenario) -> float:
-    """Return the gradient of the steering angle with respect to the lateral acceleration [deg s2/m]."""
+    """Return the derivative of the steering angle with respect to the lateral acceleration on a circle [deg s2/m]."""
     driver = _driver(scenario, 0.0)
     speeds = min(FASTEST_M_S, 0.8 * driver.full_speed) * np.arange(1, 5) / 4
     rows = circle(driver, 15.0, CIRCLE_WHEELBASES * scenario.tractor.wheelbase_m, speeds)
@@ -132,7 +132,7 @@ def _understeer(scenario: Scenario) -> float:
 
 
 def _slope(plant: MujocoPlant) -> Iterator[float]:
-    """Tilt gravity backwards, as on a slope that rises ahead of the machine; yield the slope at each tick [deg]."""
+    """Tilt gravity backwards, as on an increasing slope ahead of the machine. Yield the slope in each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
         grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
@@ -148,7 +148,7 @@ def _holding(scenario: Scenario) -> float:
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which the speed of a crawling machine with a constant pedal falls below `CLIMBING` [deg]."""
+    """Return the slope at which the speed of a crawling machine falls below `CLIMBING` at constant pedal [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay
@@ -174,25 +174,25 @@ SAYS = {
     "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
     "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
 }
-"""Patterns of the first words of a comment, by basis."""
+"""Patterns of the start of a comment, by basis of the value."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
 UNKNOWN = "not stated"
-"""Basis of a key without a comment in the machine file."""
+"""Basis of a value for which the machine file has no comment."""
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")
 
 
 class Basis(NamedTuple):
-    """Parameter of a machine with its basis."""
+    """Value of a machine parameter with its basis."""
 
     key: str
     value: float
     """Value in the unit of the key."""
     basis: str
-    """One of `SAYS`, or `UNKNOWN`."""
+    """Basis of the value: a key of `SAYS`, or `UNKNOWN`."""
 
 
 def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
-    """Yield all numeric parameters of tractor, steering and driveline with their basis; machine by name or path."""
+    """Yield all numeric parameters of tractor, steering and driveline with their basis. `machine` is a name or path."""
     found = machine_file(machine)
     stated = {} if found is None else comments(found[0].read_text(encoding="utf-8"))
     for table, part in (
@@ -222,12 +222,12 @@ def comments(text: str) -> dict[str, str]:
 
 
 def basis_of(comment: str) -> str:
-    """Return the basis that the start of a comment states."""
+    """Return the basis that is stated at the start of a comment."""
     return next((basis for basis, pattern in SAYS.items() if re.match(pattern, comment)), UNKNOWN)
 
 
 def of_default(part: Spec, name: str) -> str:
-    """Return the basis of a default value, from the docstring of its key."""
+    """Return the basis of a default value, as stated in the docstring of its key."""
     text = type(part).describe(name)
     if "Assumed value" in text or name in part.sized:
         return "assumed"
@@ -235,5 +235,5 @@ def of_default(part: Spec, name: str) -> str:
 
 
 def basis_text(found: Basis) -> str:
-    """Return a parameter with its value and basis as a line of text."""
+    """Return a line of text with a parameter, its value and its basis."""
     return f"{found.key:40} {float(f'{found.value:.4g}'):9g} {found.basis}"

@@ -65,8 +65,7 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Rises:
-    """Function that returns the ticks at which the margin of a run reaches a new maximum, for splitting at these
-    ticks."""
+    """Function that returns the ticks at which the margin of a run reaches a new maximum, at which runs are split."""
 
     closeness: Closeness
     ahead_s: float = 0.0

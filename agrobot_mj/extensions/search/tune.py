@@ -45,8 +45,7 @@ FAILED = 25.0
 """Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`."""
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Range of the factor on differences of two candidates, fraction of keys that change in a generation [-]
-[Storn1997]."""
+"""Range of factors on differences of two candidates, fraction of keys that change in a generation [-] [Storn1997]."""
 MOST_RUNS = 100_000
 """Maximum number of runs of a search, including the evaluation of its result."""
 Overrides = dict[str, Any]

@@ -55,7 +55,7 @@ GRADES_DEG = (5.0, 10.0, 15.0)
 ROOM_CM = 1.0
 """Maximum difference between measured and predicted offsets [cm]."""
 DRIVE_S, SETTLED_S = 100.0, 40.0
-"""Duration of a run, and of the evaluated part at its end [s]."""
+"""Duration of a run, and of its final part that is evaluated [s]."""
 GAINS: dict[str, dict[str, float]] = {
     "pd": {"guidance.gain_per_m": 0.7, "controller.kp": 0.41, "controller.kd": 0.099},
     "pd_t2fnn": {
@@ -65,7 +65,7 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the runs, by controller. With these gains, the PD offset is 5.4 cm larger per degree of steady steering."""
+"""Gains of the runs, by controller. With these gains, the offset with PD increases by 5.4 cm per degree of steering."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
@@ -85,7 +85,7 @@ class SlopeState(NamedTuple):
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
-    """Return the theoretical steady state on a slope, computed from parameters only."""
+    """Return the theoretical steady state on a slope, computed without measured values."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
     return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
@@ -102,7 +102,7 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return the estimated sin(psi) [-] and offset of R to the left of the fixes [m], for steering `delta` [rad]."""
+    """Return the estimated sin(psi) [-] and offset of R to the left of the fixes [m], at a steering `delta` [rad]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -140,14 +140,14 @@ class SlopeDrive(NamedTuple):
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenario keys of a control loop, which checks and figures use."""
+    """Return the scenario keys of a control loop, for checks and figures."""
     return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
 
 
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Simulate a run along a contour, eastwards (left side uphill) or westwards (180 deg), and evaluate its end."""
+    """Simulate a run along a contour, eastwards (left side uphill) or westwards (180 deg). Return its final state."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -170,7 +170,7 @@ def drive(
 
 def run(m: Trial) -> Iterator[Check]:
     """Check the offsets on every tyre with a force law. Quick mode: PD controller and paper's EKF, eastwards on 10
-    degrees, with or without terrain compensation depending on the tyre."""
+    degrees; only some tyres are tested with terrain compensation."""
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())
     if m.quick:
@@ -183,7 +183,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> Iterator[Check]:
-    """Yield checks against both theories [cm]; `seen` contains one run per direction of travel."""
+    """Yield checks of measured offsets `seen`, one per direction of travel, against both theories [cm]."""
     pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
     yield m.about(f"{words}, held", tyre.kind, "cm").close(*worse, ROOM_CM)

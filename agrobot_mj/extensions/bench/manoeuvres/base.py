@@ -1,7 +1,7 @@
 """Common parts of all manoeuvres: checks with acceptance bands, plants and tyres.
 
-A manoeuvre is a file with a function `run(m: Trial) -> Iterator[Check]`. The bands are the project's accuracy claims
-and are never widened; a check outside its band fails. Internal units are SI and radians. Each check has its own unit.
+A manoeuvre is a file with a function `run(m: Trial) -> Iterator[Check]`. The bands state the accuracy of the simulator
+and are never widened; a check outside its band fails. Internal units are SI and radians; checks have individual units.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,11 +17,11 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Subject of checks on the bicycle. For a MuJoCo tractor, the subject is the kind of its tyres."""
+"""Subject of checks on the bicycle model. For a MuJoCo tractor, the subject is the kind of its tyres."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
-    """Return the default tractor scaled geometrically to a mass [kg]. Explicit tyre properties are removed."""
+    """Return the default tractor, scaled geometrically to a mass [kg], without explicit tyre properties."""
     p = TractorParameters()
     size = (mass_kg / p.mass_kg) ** (1 / 3)
     powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
@@ -36,7 +36,7 @@ class Check(NamedTuple):
     manoeuvre: str
     quantity: str
     subject: str
-    """`bicycle`, or the kind of tyres of the MuJoCo tractor."""
+    """Tested plant: `bicycle`, or the kind of tyres of the MuJoCo tractor."""
     measured: float
     theory: float | None
     unit: str
@@ -45,7 +45,7 @@ class Check(NamedTuple):
     high: float
     """Upper limit of the band [unit]."""
     band: str
-    """Acceptance limits as text; `reported` for a check without limits."""
+    """Acceptance limits as text. Without limits, the text is `reported`."""
 
     @property
     def passed(self) -> bool:
@@ -53,19 +53,19 @@ class Check(NamedTuple):
         return isfinite(self.measured) and self.low <= self.measured <= self.high
 
     def judged(self, judged: bool) -> "Check":
-        """Return the check; without acceptance limits if `judged` is False."""
+        """Return the check, without acceptance limits if `judged` is False."""
         return self if judged else self._replace(low=-inf, high=inf, band="reported")
 
     @property
     def line(self) -> str:
-        """Check as one line of text."""
+        """One line of text with the result of the check."""
         theory = "" if self.theory is None else f", theory {self.theory:.4g}"
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.manoeuvre}, {self.subject}: {self.quantity}: {self.measured:.4g}{unit}{theory}, band {self.band}"
 
 
 class About(NamedTuple):
-    """Head of a check: manoeuvre, quantity, subject and unit. The methods create checks."""
+    """Description of a check: manoeuvre, quantity, subject and unit. Its methods create checks."""
 
     manoeuvre: str
     quantity: str
@@ -73,32 +73,32 @@ class About(NamedTuple):
     unit: str
 
     def near(self, measured: float, theory: float, share: float) -> Check:
-        """Return a check that `measured` differs from `theory` by at most the fraction `share` [-]."""
+        """Return a check that requires a difference from `theory` of at most the fraction `share` of `theory`."""
         room = share * abs(theory)
         return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
 
     def close(self, measured: float, theory: float, room: float) -> Check:
-        """Return a check that `measured` differs from `theory` by at most `room` [unit]."""
+        """Return a check that requires a difference from `theory` of at most `room` [unit]."""
         return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
 
     def below(self, measured: float, limit: float) -> Check:
-        """Return a check that the absolute value is at most `limit` [unit]."""
+        """Return a check that requires an absolute value of at most `limit` [unit]."""
         return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
 
     def none(self, measured: float) -> Check:
-        """Return a check that a count is zero."""
+        """Return a check that requires a count of zero."""
         return self._check(measured, None, 0.0, 0.0, "none")
 
     def between(self, measured: float, low: float, high: float) -> Check:
-        """Return a check that the value is between two limits [unit]."""
+        """Return a check that requires a value from `low` to `high` [unit]."""
         return self._check(measured, None, low, high, f"{low:g} to {high:g} {self.unit}".rstrip())
 
     def above(self, measured: float, limit: float) -> Check:
-        """Return a check that the value is at least `limit` [unit]."""
+        """Return a check that requires a value of at least `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
     def reported(self, measured: float, theory: float | None = None) -> Check:
-        """Return a check without acceptance limits, which requires a finite value."""
+        """Return a check without acceptance limits; only a finite value is required."""
         return self._check(measured, theory, -inf, inf, "reported")
 
     def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
@@ -107,7 +107,7 @@ class About(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """Return the default tyre of every kind for firm ground. Soil with sinkage has a separate manoeuvre."""
+    """Return the default tyres of all kinds for firm ground. Soil with sinkage has a separate manoeuvre."""
     found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
@@ -118,12 +118,12 @@ def tyre_of(kind: str) -> Any:
 
 
 def force_tyres() -> list[Any]:
-    """Return the default tyre of every kind with a force law, for which a theory exists."""
+    """Return the default tyres of all kinds with a force law, for which a theory exists."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 
 class Trial:
-    """Execution of one manoeuvre: creates plants and heads of checks, and stores curves for figures."""
+    """One execution of a manoeuvre. A trial creates plants and checks, and stores curves for figures."""
 
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick
@@ -139,23 +139,23 @@ class Trial:
         return self
 
     def about(self, quantity: str, subject: str, unit: str = "") -> About:
-        """Return the head of a check."""
+        """Return the description of a check in this trial."""
         return About(self.name, quantity, subject, unit)
 
     def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
-        """Return plant and truth from `mujoco_plant`, and include the plant's warnings in the count."""
+        """Return the plant and truth of `mujoco_plant`. Warnings of this plant are counted."""
         plant, truth = mujoco_plant(tyre, *place, **how)
         self._plants.append(plant)
         return plant, truth
 
     def restart(self, plant: MujocoPlant) -> None:
-        """Reset the tractor to the origin; its MuJoCo warnings so far are added to the count."""
+        """Reset the tractor to the origin. MuJoCo warnings up to now remain counted."""
         self._warned += plant.warnings()
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Return subject, plant and initial truth on level ground for the bicycle, and for MuJoCo with all tyres or
-        only `linear`."""
+        """Return subject, plant and initial truth on level ground: bicycle, and MuJoCo with all tyres or only
+        `linear`."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]

@@ -33,11 +33,11 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent for each orientation of a tractor that faces east [deg]."""
+"""Direction of steepest ascent [deg] for a tractor that faces east, by orientation on the slope."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
 """Maximum brake torque on the slope, and brake torque for stopping: half of the torque that locks the wheels [N m]."""
 ROLLING_M_S = 0.0003
-"""Speed above which the tractor counts as rolling [m/s]: 1 % of the speed with full rolling resistance."""
+"""Speed above which the tractor has begun to roll [m/s]: 1 % of the speed with full rolling resistance."""
 FROM_M_S, TO_M_S = 2.5, 0.5
 BAND = 0.02
 MASSES_KG, PARKED_DEG = (700.0, 2000.0, 5000.0, 9000.0), 12.0
@@ -46,7 +46,7 @@ FREE = Machine(driveline=Driveline(connected=False, brake_torque_n_m=CAPACITY_N_
 
 
 def released(plant: MujocoPlant, needed: float) -> float:
-    """Release the brake slowly from above `needed` [N m]; return the torque at which the tractor begins to roll."""
+    """Release the brake slowly from above `needed` [N m]. Return the torque at which the tractor starts rolling."""
     torque = 1.1 * needed
     while torque > 0.0:
         truth = plant.advance(Drive(NEUTRAL_V, NEUTRAL_V, torque / CAPACITY_N_M))
@@ -65,7 +65,7 @@ def deceleration(plant: MujocoPlant) -> float:
 
 
 def parked(m: Trial, mass_kg: float) -> float:
-    """Return the drift in ten seconds of a parked tractor, with tyres scaled to its mass [mm]."""
+    """Return the displacement of a parked tractor in ten seconds, with tyres scaled to its mass [mm]."""
     share = mass_kg / TractorParameters().mass_kg
     grown = {key: share * value for key, value in Linear().model_dump().items() if key.endswith(("_n_rad", "_n"))}
     slope = Slope(grade_deg=PARKED_DEG, direction_deg=20.0)
@@ -94,7 +94,7 @@ def stopping(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check holding torque, deceleration, and parking of several masses. Quick mode: lightest and heaviest tractor."""
+    """Yield checks of holding torque, deceleration and parking. Quick mode: only lightest and heaviest tractor."""
     for tyre in force_tyres():
         yield from holding(m, tyre)
         yield stopping(m, tyre)

@@ -25,19 +25,19 @@ from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 TRACTOR = TractorParameters()
 DT_S, PERIODS = 0.001, 3
-"""Time step [s], and number of simulated periods [-]; the last period is evaluated."""
+"""Time step [s], and number of simulated periods. Only the last period is evaluated."""
 HARMONICS, SEED = 2, 20
 MOTIONS, BRIEFLY = 1000, 60
-"""Number of motions of each tyre, in the full and in the quick suite [-]."""
+"""Number of motions per tyre in the full suite and in the quick suite."""
 ROUNDING = 1e-6
 """Maximum energy gain due to rounding errors, divided by the energy exchanged in a period [-]."""
 
 
 class Cycle(NamedTuple):
-    """Closed motion of one wheel. Each signal is a mean and `HARMONICS` pairs (amplitude, phase), shape (5,)."""
+    """Closed motion of one wheel. A signal is a mean and `HARMONICS` pairs (amplitude, phase), shape (5,)."""
 
     wheel: int
-    """Index of the wheel: 0 front, 2 rear."""
+    """Index of the wheel: 0 for front left, 2 for rear left."""
     period: float
     """Period [s]."""
     ahead: Array
@@ -51,7 +51,7 @@ class Cycle(NamedTuple):
 
 
 def cycle(rng: np.random.Generator) -> Cycle:
-    """Return a random closed motion of a wheel that stands or rolls."""
+    """Return a random closed motion of a wheel that rolls or is at rest."""
     wheel, period = int(rng.choice([0, 2])), float(10 ** rng.uniform(-0.5, 0.5))
     static = TRACTOR.wheels[wheel // 2].deflection
 
@@ -84,7 +84,7 @@ def value(wave: Array, phase: float) -> float:
 
 @jit
 def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int) -> tuple[float, float]:
-    """Return the work of the ground on a wheel in the last period, and the sum of its magnitudes [J]."""
+    """Return the work of the ground on a wheel in the last period, and the integral of the absolute power [J]."""
     i, dt = cycle.wheel, cycle.period / steps
     bristle, wrench, report, before = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
     work, moved = 0.0, 0.0
@@ -105,7 +105,7 @@ def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int
 
 
 def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
-    """Return the work of the ground on a wheel in one period, and the sum of its magnitudes, shape (motions, 2) [J]."""
+    """Return the work of the ground on a wheel and the integral of the absolute power in a period, (motions, 2) [J]."""
     ground, tyres = Flat().ground(), tyre_set(tyre, TRACTOR)
     tyres.damping[:] = 0.0  # damping would reduce the load to zero
     steps = [max(300, round(one.period / DT_S)) for one in motions]
@@ -113,7 +113,7 @@ def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
 
 
 def tool_gains(motions: list[Cycle]) -> Array:
-    """Return the work of the soil on a tool in one period, and the sum of its magnitudes, shape (motions, 2) [J]."""
+    """Return, for each motion, the work of the soil on a tool in one period and the absolute work, (motions, 2) [J]."""
     law, found = Tool(suction_share=0.0).law(), []
     for one in motions:
         memory, before, work, moved, n = np.zeros(MEMORIES), np.zeros(3), 0.0, 0.0, 300
@@ -131,7 +131,7 @@ def tool_gains(motions: list[Cycle]) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check random motions of a wheel with every tyre, with and without carcass damping, and of a tool."""
+    """Yield checks of random motions: a wheel with each tyre, with and without carcass damping, and a tool."""
     rng = np.random.default_rng(SEED)
     motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
     some = motions[: len(motions) // 10]

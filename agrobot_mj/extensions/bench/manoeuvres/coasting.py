@@ -25,7 +25,7 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 5.0
 FROM_M_S, TO_M_S = 1.0, 4.0
-"""Speeds between which the acceleration is measured [m/s]; both are well above standstill."""
+"""Speeds between which the acceleration is measured [m/s], well above standstill."""
 BAND = 0.02
 
 
@@ -46,7 +46,7 @@ def theory(plant: MujocoPlant, paper: Tractor) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the acceleration with every tyre. Quick mode is identical."""
+    """Yield checks of the acceleration with every tyre. Quick mode is identical."""
     for tyre in tyres():
         slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
         plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)

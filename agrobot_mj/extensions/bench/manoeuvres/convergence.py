@@ -15,7 +15,7 @@ from agrobot_mj.simulation.run import run as simulate
 STEP_S = 0.002
 BRIEFLY_S = 20.0
 BAND = 2.0
-"""Maximum change of the RMS lateral error [%]."""
+"""Maximum change of the RMS lateral error when the step is halved [%]."""
 
 
 def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
@@ -27,7 +27,7 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Compare both steps with every tyre on the full path. Quick mode: first seconds, tyres with a force law."""
+    """Yield checks of the change with every tyre on the full path. Quick mode: first seconds, tyres with force law."""
     for tyre in force_tyres() if m.quick else tyres():
         coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
         change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")

@@ -27,7 +27,7 @@ BAND = 0.05
 
 
 def hold_radius(radius: float, wheelbase: float) -> Steer:
-    """Return a steering function that keeps a path radius [m] by integrating the curvature error."""
+    """Return a steering function that holds a path radius [m] by integrating the error of the curvature."""
     steer = wheelbase / radius
 
     def rule(truth: Truth) -> float:
@@ -41,7 +41,7 @@ def hold_radius(radius: float, wheelbase: float) -> Steer:
 
 
 def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Array = SPEEDS_M_S) -> Array:
-    """Return lateral acceleration [m/s2], and steering angle minus L / R [rad], at each speed, shape (n, 2)."""
+    """Return, at each speed, the lateral acceleration [m/s2] and the steering angle minus L / R [rad], shape (n, 2)."""
     L = driver.plant.tractor.wheelbase_m
     rule, rows = hold_radius(radius, L), []
     for speed in speeds:
@@ -53,7 +53,7 @@ def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Arr
 
 
 def paper_gradient(kind: str) -> float:
-    """Return the understeer gradient K from the paper's formula, for the bicycle or the `linear` tyre [rad s2/m]."""
+    """Return the understeer gradient by the formula of the paper, for the bicycle or the `linear` tyre [rad s2/m]."""
     tyre, bicycle = Linear(), Bicycle()
     front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
     if kind != BICYCLE:
@@ -62,7 +62,7 @@ def paper_gradient(kind: str) -> float:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical understeer gradient K [rad s2/m]; None for MuJoCo's contact model."""
+    """Return the theoretical understeer gradient of a tyre [rad s2/m]; None for the contact model of MuJoCo."""
     if kind in (BICYCLE, Linear().kind):
         return paper_gradient(kind)
     if not tyre_of(kind).judged:
@@ -71,7 +71,7 @@ def theory(kind: str) -> float | None:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the understeer gradient of the bicycle and of every tyre. Quick mode: less time to settle."""
+    """Yield checks of the understeer gradient for the bicycle and every tyre. Quick mode: shorter runs."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
         about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)

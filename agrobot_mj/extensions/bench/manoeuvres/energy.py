@@ -45,7 +45,7 @@ class Wheel:
         self.down = down / np.linalg.norm(down)
 
     def powers(self, velocity: Array, spin: Array) -> tuple[float, float, float]:
-        """Return tyre loss, damping power, and power into the tyre spring [W], for velocities (3,) at mid-step."""
+        """Return tyre loss, damping power, and power stored in the tyre spring [W], for velocities (3,) at mid-step."""
         plant, i, n, t = self.plant, self.i, self.n, self.plant.tyred.tyres
         report, wrench = plant.tyred.report[i], plant.data.xfrc_applied[self.body]
         tip = self.centre + t.radius[i] * self.down
@@ -76,7 +76,7 @@ class Wheel:
 
 
 class Books:
-    """Energies summed since the start [J]."""
+    """Sums of energies since the start [J]."""
 
     def __init__(self, plant: MujocoPlant) -> None:
         self.plant = plant
@@ -90,12 +90,12 @@ class Books:
         self.jacobians = np.zeros((2, 3, plant.model.nv))
 
     def stored(self) -> Array:
-        """Return the present potential and kinetic energy, shape (2,) [J]."""
+        """Return the current potential and kinetic energy, shape (2,) [J]."""
         mujoco.mj_forward(self.plant.model, self.plant.data)
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step, add the powers to the sums, and return the truth."""
+        """Advance the plant by one physics step, add its powers to the sums, and return the truth."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]
@@ -115,7 +115,7 @@ class Books:
         return truth
 
     def close(self) -> tuple[float, float, float]:
-        """Return the loss of potential energy, the change of kinetic energy, and the residual of the balance [J]."""
+        """Return the loss of potential energy, the gain of kinetic energy, and the residual of the balance [J]."""
         potential, kinetic = self.stored() - self.start
         lost = self.hydraulic + self.tyres + self.damping + self.springs
         return -float(potential), float(kinetic), float(self.engine - potential - lost - kinetic)
@@ -133,7 +133,7 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the energy balance with every tyre that has a force law. Quick mode: only a few seconds."""
+    """Yield checks of the energy balance for every tyre with a force law. Quick mode: only a few seconds."""
     for tyre in force_tyres():
         plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
         books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)

@@ -1,4 +1,4 @@
-"""Figures of the validation: step steer, crab angle on a slope, understeer. Marks are measured, lines are theory."""
+"""Figures of the validation: step steer, crab angle on a slope, understeer. Markers are measured, lines are theory."""
 
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -52,7 +52,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Plot the crab angle of the heading over the grade, and the mean crab angle from the sum of stiffnesses."""
+    """Plot the crab angle of the heading over the grade, and the mean crab angle from the total stiffness."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -94,7 +94,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
 
 
 def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
-    """Plot steering angle minus L / R over lateral acceleration."""
+    """Plot the steering angle minus L / R over the lateral acceleration."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, a = figure.subplots(), np.linspace(0.02, 0.6, 25)
     for subject, seen in rows.items():
@@ -121,4 +121,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""Functions that draw the curves of a manoeuvre, by manoeuvre. Each file is named after its function."""
+"""Functions that plot the curves of a manoeuvre, by name of the manoeuvre. The file is named after the function."""

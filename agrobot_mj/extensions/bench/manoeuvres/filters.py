@@ -18,7 +18,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 KINDS = ("ekf", "ekf_bias")
 BAND = 1e-9
-"""Maximum difference between the estimates of both implementations: position, yaw, covariance [m, rad, m2, rad2]."""
+"""Maximum difference between the estimates of both backends: position [m], yaw [rad], covariance [m2, rad2]."""
 BRIEFLY_S = 20.0
 """Duration of the run in quick mode [s]."""
 
@@ -46,7 +46,7 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Compare the backends for the paper's estimator and for `ekf_bias`. Quick mode: only the first seconds."""
+    """Yield checks of the differences for the estimator of the paper and for `ekf_bias`. Quick mode: first seconds."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

@@ -35,7 +35,7 @@ from agrobot_mj.tyres import Linear, MagicFormula
 
 SPEEDS_M_S = (1.0, 2.0, 3.0)
 STEER = 0.02
-"""Steering angle in the linear range of the equations [rad]."""
+"""Small steering angle, for which the equations are linear [rad]."""
 SHARP = 0.25
 """Steering angle for the slow circle [rad]."""
 BAND = 0.02
@@ -45,13 +45,13 @@ AXLES = 2 * TYRE.front_cornering_stiffness_n_rad, 2 * TYRE.rear_cornering_stiffn
 PLOUGH = Mounted(
     tool=Tool(draught_scale=0.0, noise_share=0.0, cornering_stiffness_n_deg=200.0, side_limit_n=1e5), mass_kg=110.0
 )
-"""Mounted tool that has lateral forces only."""
+"""Mounted tool that only has lateral forces."""
 TRAILER = Drawn(cg_height_m=0.5)
 CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise_share=0.0, suction_share=0.0)
 
 
 class Steady(NamedTuple):
-    """Steady turn of tractor and implement, per steering angle."""
+    """Steady turn of tractor and implement, relative to the steering angle."""
 
     gain: float
     """Yaw rate divided by steering angle [1/s]."""
@@ -60,7 +60,7 @@ class Steady(NamedTuple):
 
 
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:
-    """Return the analytic steady turn with a rigidly mounted tool, at the speed `u` [m/s]."""
+    """Return the theoretical steady turn with a rigidly mounted tool, at the speed `u` [m/s]."""
     (C_f, C_r), L = AXLES, tractor.wheelbase_m
     C_t = plough.tool.cornering_stiffness_n_deg * 180 / np.pi
     x_t, x_i = tractor.hitch_behind_m + plough.tool_behind_m, tractor.hitch_behind_m + plough.cg_behind_m
@@ -76,7 +76,7 @@ def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady
 
 
 def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady:
-    """Return the analytic steady turn with a trailer on a pin, at the speed `u` [m/s]."""
+    """Return the theoretical steady turn with a trailer on a pin, at the speed `u` [m/s]."""
     (C_f, C_r), L, b = AXLES, tractor.wheelbase_m, tractor.hitch_behind_m
     C_i = C_r * trailer.slip_stiffness_scale
     share = trailer.cg_behind_m / trailer.axle_behind_m
@@ -90,13 +90,13 @@ def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady
 
 
 class Hauler:
-    """Tractor with an implement, controlled by the true state."""
+    """Tractor with an implement, controlled with the true state."""
 
     def __init__(self, m: Trial, implement: ImplementBase, tyre: Any = TYRE) -> None:
         self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
 
     def drive(self, speed: float, seconds: float, steer: float) -> dict[str, Array]:
-        """Continue driving; return signals of truth and implement over the last second, each of shape (20,)."""
+        """Continue the run. Return signals of truth and implement during the last second, each of shape (20,)."""
         self.driver.speed = speed
         self.driver.go(seconds - 1.0, steer)
         rows, reported = [], [column.name for column in COLUMNS]
@@ -108,7 +108,7 @@ class Hauler:
 
 
 def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: float) -> Iterator[Check]:
-    """Compare the yaw-rate gain and the hitch angle with the analytic solution at every speed."""
+    """Yield checks of yaw-rate gain and hitch angle against the theory at every speed."""
     hauler = Hauler(m, implement)
     for speed in SPEEDS_M_S:
         found = hauler.drive(speed, seconds, STEER)
@@ -128,7 +128,7 @@ def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
 
 
 def off_tracking(m: Trial, seconds: float) -> Check:
-    """Return the check of the radius of the trailer's axle on a slow circle."""
+    """Return the check of the radius of the trailer axle on a slow circle."""
     b, d = STOCK.tractor.hitch_behind_m, TRAILER.axle_behind_m
     found = Hauler(m, TRAILER).drive(0.5, seconds, SHARP)
     wanted = (radius_of(found, "rear_x", "rear_y") ** 2 + b * b - d * d) ** 0.5
@@ -137,7 +137,7 @@ def off_tracking(m: Trial, seconds: float) -> Check:
 
 
 def pulls(m: Trial, seconds: float) -> Iterator[Check]:
-    """Check the draught against the formula of the standard, and the balance of forces at the hitch."""
+    """Yield checks of the draught against the formula of the standard, and of the balance of forces at the hitch."""
     tyre, row = MagicFormula(), TOOLS[CHISEL.type]
     hauler = Hauler(m, Drawn(lowered=True, tool=CHISEL), tyre)
     for speed in SPEEDS_M_S[:2]:
@@ -152,7 +152,7 @@ def pulls(m: Trial, seconds: float) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Run all checks of implements. Quick mode: less time to reach the steady state."""
+    """Yield all checks of implements. Quick mode: shorter runs."""
     seconds = 14.0 if m.quick else 25.0
     yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
     yield from turns(m, TRAILER, with_trailer, "trailer", seconds)

@@ -32,11 +32,11 @@ LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg
 SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
 """Steering system sized for the class of the tractor, as in the scenario `steering_backlash`."""
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
-"""Rate and end angles of the sweeps [deg/s, deg], and range of angles in which torques are averaged [deg]."""
+"""Rate [deg/s] and end angles [deg] of steering sweeps, and range of angles in which torques are averaged [deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
 WEAK_BAR = 25.0
-"""Relief pressure below the pressure that steering at standstill needs [bar]."""
+"""Relief pressure that is too low for steering at standstill [bar]."""
 
 
 class Turning(NamedTuple):
@@ -45,7 +45,7 @@ class Turning(NamedTuple):
     torque: float
     """Torque that opposes the motion, mean of both directions [N m]."""
     offset: float
-    """Half the difference of the torques in the two directions [N m]."""
+    """Half of the difference between the torques in both directions [N m]."""
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
@@ -64,7 +64,7 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Steer left, right and left about an angle. Return mean torques within `WITHIN_DEG`, without the first sweep."""
+    """Steer left, right and left about an angle. Return the mean torques of the last two sweeps within `WITHIN_DEG`."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
@@ -79,23 +79,23 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Return the torque for turning both parked wheels, by the manufacturers' rule [N m]."""
+    """Return the torque for turning both parked wheels, by the rule of manufacturers [N m]."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
 def changed(**linkage: float) -> Machine:
-    """Return the machine with changed kingpin parameters."""
+    """Return the machine with other kingpin parameters."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 
 def loaded_radius(plant: MujocoPlant) -> float:
-    """Return the height of a front wheel's centre above the ground at the static load [m]."""
+    """Return the height of the centre of a front wheel above the ground at static load [m]."""
     tractor = plant.tractor
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
 
 def parked(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Check torque and pressure, parked and rolling, for two kingpin offsets."""
+    """Yield checks of torque and pressure, parked and rolling, with two kingpin offsets."""
     for offset in (0.0, LINKAGE.kingpin_offset_m):
         machine = changed(kingpin_offset_m=offset)
         plant, _ = m.mujoco(tyre, machine=machine)
@@ -111,7 +111,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Check the steering rate with a low relief pressure, parked and rolling."""
+    """Yield checks of the steering rate at a low relief pressure, parked and rolling."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
     rates = []
@@ -126,7 +126,7 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def lifted(m: Trial) -> Check:
-    """Return the check of the torque that lifts the tractor by steering, at 20 degrees, on tyres without scrubbing."""
+    """Return the check of the torque that lifts the tractor at 20 degrees of steering, on tyres without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -138,7 +138,7 @@ def lifted(m: Trial) -> Check:
 
 
 def trailing(m: Trial, tyre: Any) -> Check:
-    """Return the check of the torque that caster adds in a steady bend, with 10 degrees of steering at 3 m/s."""
+    """Return the check of the torque added by caster in a steady bend, at 10 degrees of steering and 3 m/s."""
     torques = []
     for caster in (0.0, CASTER_DEG):
         machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)
@@ -159,7 +159,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Run all checks with `magic_formula`, the caster check with `linear`. Quick mode: no sweeps while rolling."""
+    """Yield all checks with `magic_formula`, the caster check with `linear`. Quick mode: no sweeps while rolling."""
     if m.quick:
         yield lifted(m)
     else:

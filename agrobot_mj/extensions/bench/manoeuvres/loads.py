@@ -21,11 +21,11 @@ from agrobot_mj.terrain import Slope
 
 SETTLED_S, WATCHED_S = 5.0, 5.0
 BAND = 0.01
-"""Maximum difference from the theory divided by the load [-]."""
+"""Maximum difference between measured and theoretical load, divided by the load [-]."""
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
-    """Return the static loads of front and rear axle [N] on a slope [rad], positive if the tractor faces uphill."""
+    """Return the static loads of front and rear axle [N] on a slope [rad], positive for a tractor that faces uphill."""
     L, weight = tractor.wheelbase_m, tractor.mass_kg * GRAVITY
     front = tractor.front_axle_load
     for _ in range(5):
@@ -39,7 +39,7 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the wheel loads with every tyre. Quick mode is identical."""
+    """Yield checks of the wheel loads with every tyre. Quick mode is identical."""
     for tyre in tyres():
         theory_tyre = tyre if tyre.judged else LINEAR
         for facing, direction in FACING.items():
@@ -52,7 +52,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _compare(tractor: Tractor, facing: str, carried: Array) -> list[tuple[str, float, float]]:
-    """Return the name of the wheel, its measured load and its static load [N]."""
+    """Return name, measured load and static load [N] of each wheel."""
     if facing == "across":
         wanted = tractor.side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [

@@ -23,10 +23,10 @@ from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.run import run as simulate
 
 BAND, ROOM_CM, REST_MM_S = 0.05, 1.0, 1.0
-"""Acceptance limits of slip angle [relative], offset [cm] and initial speed [mm/s]."""
+"""Acceptance limits: slip angle [relative], offset [cm], initial speed [mm/s]."""
 GRADE_DEG = 10.0
 DRIVE_S, SETTLED_S = 120.0, 40.0
-"""Duration of a run, and of the evaluated part at its end [s]."""
+"""Duration of a run, and of its final part that is evaluated [s]."""
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},
@@ -39,12 +39,12 @@ BARE: dict[str, Any] = {
 
 
 def scenario_of(machine: str) -> Scenario:
-    """Return the side-slope scenario with a machine, without its implement and without GNSS noise."""
+    """Return the side-slope scenario with a machine, but without its implement and without GNSS noise."""
     return load_scenario("side_slope_10", {"machine": machine, **BARE})
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every machine. Quick mode: only the machines of `QUICK`."""
+    """Yield checks of every machine. Quick mode: only the machines in `QUICK`."""
     for machine in QUICK if m.quick else machine_files():
         yield from _on_slope(m, machine)
 

@@ -29,11 +29,11 @@ WATCHED_S = 20.0
 MOVES_MM, DIGS_MM = 0.1, 0.1
 """Maximum motion and maximum additional sinkage of a parked tractor [mm]."""
 LEANS = 0.02
-"""Fraction of the load added by roll on soil [-]."""
+"""Fraction of the load added because roll on soil shifts the centre of gravity [-]."""
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check parked tractors of every mass on soft and on firm ground. Quick mode: only the default tractor."""
+    """Yield checks of parked tractors of every mass on soft and firm ground. Quick mode: only the default tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
             plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))

@@ -16,14 +16,14 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
-"""Direction of steepest ascent for each orientation of a tractor that faces east [deg]."""
+"""Direction of steepest ascent [deg] for a tractor that faces east, by orientation on the slope."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
 DRIFT_MM = 1.0
-"""Maximum drift in ten minutes [mm]."""
+"""Maximum displacement in ten minutes [mm]."""
 
 
 def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
-    """Return the motion of the CG from `SETTLED_S` to `seconds` [mm], and its speed in the last 10 s [mm/min]."""
+    """Return the displacement of the CG from `SETTLED_S` to `seconds` [mm], and its speed in the last 10 s [mm/min]."""
     if seconds < 2 * SETTLED_S:
         raise ValueError(f"park for {2 * SETTLED_S:g} s or more, got {seconds:g}")
     settled = round(SETTLED_S / TICK_S)
@@ -33,7 +33,7 @@ def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the drift with every tyre. Quick mode: only half a minute."""
+    """Yield checks of the displacement with every tyre. Quick mode: only half a minute."""
     seconds = BRIEFLY_S if m.quick else PARKED_S
     for tyre in tyres():
         for facing, direction in FACING.items():

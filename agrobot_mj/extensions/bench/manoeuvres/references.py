@@ -26,7 +26,7 @@ from agrobot_mj.tyres.laws import tyre_set
 
 
 class LoadedRadius(NamedTuple):
-    """Published radius of a loaded tyre."""
+    """Published loaded radius of a tyre."""
 
     code: str
     load_kg: float
@@ -34,7 +34,7 @@ class LoadedRadius(NamedTuple):
     pressure_bar: float
     """Inflation pressure [bar]."""
     printed_m: float
-    """Loaded radius [m]."""
+    """Published loaded radius [m]."""
 
 
 RADII = (
@@ -44,16 +44,16 @@ RADII = (
     LoadedRadius("650/65R42", 4250, 1.6, 0.858),
     LoadedRadius("12-16.5", 2800, 5.52, 0.3835),
 )
-"""Published radii of [BWT2026], with assumed loads, and of [Mitas2026] in the last line."""
+"""Published radii: from [BWT2026] with assumed loads, and in the last line from [Mitas2026]."""
 SOILS = {
     "firm": (1200.0, 0.72, (8.0, 10.0)),
     "tilled": (900.0, 0.67, (11.0, 13.0)),
     "soft": (450.0, 0.55, (14.0, 16.0)),
 }
-"""For each soil: cone index [kPa], an assumed value; efficiency [-] and slip range [%] for rear-wheel drive
+"""For each soil: cone index [kPa] (assumed value), published efficiency [-] and slip range [%], rear-wheel drive
 [Arizona2026]."""
 RADIUS_BAND, EFFICIENCY_ROOM, SLIP_ROOM = 0.015, 0.1, 4.0
-"""Bands of radius [relative] and efficiency [-], and tolerance on both sides of the published slip range [%]."""
+"""Acceptance limits: radius [relative], efficiency [-], and deviation from the published slip range [%]."""
 GEARS = 0.96
 """Power at the axle divided by power at the power take-off [-]. Assumed value (0.94-0.97)."""
 STABILITY_DEG = 38.0
@@ -63,7 +63,7 @@ TYRES = {"front_tyre": "380/70R24", "rear_tyre": "480/70R34"}
 
 
 class Pull(NamedTuple):
-    """Operating point of a tractor that pulls with rear-wheel drive."""
+    """Operating point of a tractor with rear-wheel drive that pulls a load."""
 
     slip: float
     """Slip of the rear wheels [%]."""
@@ -72,7 +72,7 @@ class Pull(NamedTuple):
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check loaded radii and traction; report tip-over angles."""
+    """Yield checks of loaded radii and traction, and report tip-over angles."""
     for tyre in RADII:
         size = tyre_size(tyre.code)
         loaded = size.diameter / 2 - GRAVITY * tyre.load_kg / size.stiffness(tyre.pressure_bar)
@@ -92,13 +92,13 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def best_pull(tractor: TractorParameters, cone_index_kpa: float) -> Pull:
-    """Return the operating point with the maximum efficiency on soil with a cone index [kPa]."""
+    """Return the operating point of maximum efficiency on soil with a cone index [kPa]."""
     pulls = [pull_at(tractor, cone_index_kpa, slip) for slip in np.linspace(0.01, 0.4, 196)]
     return max(pulls, key=lambda pull: pull.efficiency)
 
 
 def pull_at(tractor: TractorParameters, cone_index_kpa: float, slip: float) -> Pull:
-    """Return the operating point at a slip of the rear wheels [-], including the load transfer due to the pull."""
+    """Return the operating point at a slip of the rear wheels [-], with the load transfer caused by the pull."""
     tyres, footing = tyre_set(Soil(cone_index_kpa=cone_index_kpa), tractor), Footing(1.0, 1e3 * cone_index_kpa)
     laws, pull, gross = (tyres.front, tyres.rear), 0.0, 0.0
     for _ in range(20):

@@ -35,30 +35,30 @@ SOILS = {
 }
 """Soil parameters of [Wong2008]; parameters without a source are assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
-"""Length of a pass [m]; distance [m] and duration [s] of a step, at 1.2 m/s."""
+"""Length of a pass [m]; length [m] and duration [s] of a time step, for 1.2 m/s."""
 HEADING = 0.3
-"""Heading of the wheel, oblique to the cells of the soil memory [rad]."""
+"""Heading of the wheel, oblique to the cell grid of the soil memory [rad]."""
 BAND, CLOSED = 0.02, 0.005
 """Maximum relative errors of the resistance of a wheel, and of the closed forms for a plate [-]."""
 PASSES = 10
 
 
 class Pass(NamedTuple):
-    """Pass of a wheel over the soil, evaluated over the middle third of its length."""
+    """One pass of a wheel over the soil, evaluated in the middle third of its length."""
 
     resistance: float
     """Mean motion resistance [N]."""
     depth: float
     """Depth at the centre of the rut [m]."""
     work: float
-    """Work that compacts all cells to their depths by Bekker's curve, divided by the length [N]."""
+    """Work of compacting all cells to their depths by Bekker's law, divided by the length [N]."""
     tiles: int
-    """Number of tiles of the soil memory in use [-]."""
+    """Number of tiles of the soil memory in use."""
 
 
 @jit
 def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Array, out: Array) -> None:
-    """Tow a wheel from the origin along `frame[1]` (3,), and write its resistance at each step to `out` [N]."""
+    """Tow a wheel from the origin in the direction `frame[1]` (3,). Write its resistance at each step to `out` [N]."""
     n, f, left = frame
     vectors = ((n[0], n[1], n[2]), (f[0], f[1], f[2]), (left[0], left[1], left[2]))
     mass, depth, sinking = load / 9.81, 0.01, 0.0
@@ -72,7 +72,7 @@ def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Arr
 
 
 def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
-    """Simulate passes of the rear wheel along the same track, and return their results."""
+    """Return the results of `count` passes of the rear wheel along the same track."""
     soil = tyre.structure().bearing
     tread = tread or treads(soil, TRACTOR)[1]
     ground: Ground = with_soil_memory(plane(0.0, 0.0, 2 * WAY_M), soil)
@@ -101,7 +101,7 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
 
 
 def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
-    """Check pressure over plastic sinkage, rebound stiffness, and repeated loading of a plate."""
+    """Yield checks of a plate: pressure over plastic sinkage, rebound stiffness, and repeated loading."""
     soil, b = tyre.structure().bearing, 0.2
     k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa per sinkage after the first [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa per sinkage after the first one [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:
@@ -134,7 +134,7 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check plate, towed wheel and repeated passes. Quick mode: only one soil."""
+    """Yield checks of plate, towed wheel and repeated passes. Quick mode: only one soil."""
     yield from plate(m, Ruts())
     for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m

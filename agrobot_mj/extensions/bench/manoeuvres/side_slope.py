@@ -27,18 +27,18 @@ GRADES_DEG = (2.0, 5.0, 10.0, 15.0)
 SPEED_M_S = 1.2
 BAND = 0.05
 LINEAR_SHARE = 0.97
-"""Minimum ratio of the tyre force to its tangent at zero slip, which defines the linear range [-]."""
+"""Minimum ratio of tyre force to its tangent at zero slip, above which the tyre is in the linear range [-]."""
 
 
 def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, float]:
-    """Return the angles of rear and front wheels to the course, in the ground plane, positive uphill [deg]."""
+    """Return the angles of rear and front wheels to the course, in the ground plane and positive uphill [deg]."""
     trace = driver.go(seconds, track_course())
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(grade_deg)))
     return degrees(heading), degrees(heading + trace.mean("steer", 3.0))
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the crab angles with every tyre. Quick mode: all slopes except 10 degrees."""
+    """Yield checks of the crab angles with every tyre. Quick mode: all slopes except 10 degrees."""
     for tyre in tyres():
         for grade in GRADES_DEG:
             if m.quick and grade == 10.0:
@@ -64,7 +64,7 @@ def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> li
 
 
 def linear_slip(paper: Tractor, grade_deg: float) -> float:
-    """Return the slip angle at which linear tyres of both axles hold the tractor on a side slope [rad]."""
+    """Return the slip angle at which both axles, with linear tyres, support the tractor on a side slope [rad]."""
     return paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
 
 

@@ -28,14 +28,14 @@ from agrobot_mj.tyres import MagicFormula
 MASSES_KG = (700.0, 2000.0, 5000.0, 9000.0)
 GRADE_DEG, SPEED_M_S = 5.0, 1.2
 BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
-"""Acceptance limits: crab angle and peak force [relative], parking torque [relative], trailer's hitch angle [deg]."""
+"""Acceptance limits: crab angle and peak force [relative], parking torque [relative], hitch angle of trailer [deg]."""
 TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
-"""Slip angles among which the peak force is searched [deg]."""
+"""Slip angles at which the force is computed to find its peak [deg]."""
 
 
 def grown(mass_kg: float) -> Machine:
-    """Return the default machine scaled to a mass [kg]. Tyres, steering and drive follow from the size."""
+    """Return the default machine scaled to a mass [kg]. Tyres, steering and drive follow from its size."""
     return Machine(tractor=tractor_of(mass_kg))
 
 
@@ -49,7 +49,7 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the mean slip angle of both axles, weighted by stiffness, and the hitch angle of an implement [deg]."""
+    """Return the stiffness-weighted mean slip angle of both axles, and the hitch angle (0 without implement) [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # equal speed in wheelbases per second, because the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
@@ -71,7 +71,7 @@ def peak(tractor: TractorParameters, wheel: int) -> float:
 
 
 def parked(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the torque while the wheels of a parked tractor turn [N m], and the final steering angle [deg]."""
+    """Return the torque for turning the wheels of a parked tractor [N m], and the final steering angle [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
     torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)
@@ -79,7 +79,7 @@ def parked(m: Trial, machine: Machine) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check tractors of every mass. Quick mode: only the second and the last mass."""
+    """Yield checks of tractors of every mass. Quick mode: every second mass."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
         machine, size = grown(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor

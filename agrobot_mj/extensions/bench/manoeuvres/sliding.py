@@ -22,12 +22,12 @@ from agrobot_mj.tyres import Linear, Soil
 LOCKED_DEG = (20.0, 45.0, 70.0, 80.0)
 """Angles between the velocity of a locked wheel and its heading [deg]."""
 SPINNING = (0.83, 0.9, 0.95)
-"""Slips of a spinning wheel: rim speed minus ground speed, divided by rim speed [-]."""
+"""Slip of spinning wheels: rim speed minus ground speed, divided by rim speed [-]."""
 SIDE = 0.5
 """Lateral velocity of a spinning wheel divided by its forward velocity [-]."""
 SPEEDS_M_S = (0.05, 0.5, 4.0)
 LEAN_DEG = 5.0
-"""Maximum angle between the force and the direction opposite to sliding [deg]."""
+"""Maximum angle between the force and the direction opposite to the sliding velocity [deg]."""
 TRACTION = 0.005
 """Maximum error of the net traction divided by the load [-]."""
 TRACTOR = TractorParameters()
@@ -35,7 +35,7 @@ LOAD_N = TRACTOR.rear_axle_load / 2
 
 
 def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
-    """Return the angle between force and direction opposite to sliding [deg] for wheel and rim velocities [m/s]."""
+    """Return the angle between the force and the direction opposite to sliding [deg], given velocities [m/s]."""
     setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
     reading = Rig(tyre, TRACTOR, REAR).steady(setting)
     power = reading.fx * (rim - forward) - reading.fy * left
@@ -44,7 +44,7 @@ def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
 
 
 def traction(soil: Soil, s: float) -> float:
-    """Return the net traction of the rear wheel per load at the slip `s`, by the formula of the module [-]."""
+    """Return the net traction of the rear wheel divided by its load at slip `s`, by the standard [-]."""
     W, b, d = LOAD_N, TRACTOR.rear_wheel_width_m, 2 * TRACTOR.rear_wheel_radius_m
     h, delta = soil.section_height_share * b, W / TRACTOR.rear_wheel.stiffness
     B_n = 1e3 * soil.cone_index_kpa * b * d / W * (1 + 5 * delta / h) / (1 + 3 * b / d)
@@ -52,7 +52,7 @@ def traction(soil: Soil, s: float) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check force directions with every tyre, and traction on soil. Quick mode: only one speed."""
+    """Yield checks of force directions with every tyre, and of traction on soil. Quick mode: only one speed."""
     speeds = SPEEDS_M_S[1:2] if m.quick else SPEEDS_M_S
     pulled = [(v * cos(radians(a)), v * sin(radians(a)), 0.0) for v in speeds for a in LOCKED_DEG]
     spun = [(v, v * SIDE, v / (1 - s)) for v in speeds for s in SPINNING]

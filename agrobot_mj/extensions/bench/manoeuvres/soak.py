@@ -17,11 +17,11 @@ from agrobot_mj.terrain import Flat, Rough
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
 HOLD_S = 0.5
-"""Duration for which each random voltage is applied [s]."""
+"""Time for which a random voltage remains constant [s]."""
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
-    """Return the number of ticks with a value that is not finite, and the number of restarts."""
+    """Return the number of ticks with values that are not finite, and the number of restarts."""
     rng = np.random.default_rng(1)
     broken = restarts = 0
     drive = Drive(0.0, 0.0)
@@ -39,7 +39,7 @@ def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check every tyre on both types of ground. Quick mode: only 20 s."""
+    """Yield checks of every tyre on both types of ground. Quick mode: only 20 s."""
     seconds = BRIEFLY_S if m.quick else DURATION_S
     for tyre in tyres():
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):

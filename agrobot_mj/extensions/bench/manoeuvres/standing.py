@@ -30,12 +30,12 @@ from agrobot_mj.tyres.patch import LOAD
 
 BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 BAND_DEG, SOUGHT_DEG, HALVINGS = 0.3, 1.0, 5
-"""Acceptance limit of the tipping slope and half the search range [deg], and number of bisection steps [-]."""
+"""Acceptance limit and half of the search range of the tipping slope [deg], and number of bisection steps."""
 PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
-"""Grades for parking, and direction of steepest ascent for a machine that faces east [deg]."""
+"""Grades for parking [deg], and direction of steepest ascent for a machine that faces east [deg]."""
 FASTEST_M_S, FROM, TO = 4.0, 0.85, 0.2
-"""Speed before braking [m/s], at most 0.9 of the top speed; fractions of it that limit the measurement [-]."""
+"""Speed before braking [m/s], at most 0.9 of top speed; fractions of it between which deceleration is measured [-]."""
 QUICK = ("compact", "orchard")
 
 
@@ -52,19 +52,19 @@ def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
 
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
-    """Return the slope at which the upper rear wheel lifts off as gravity tilts, as in the data sheet [deg]."""
+    """Return the slope at which the upper rear wheel lifts off while gravity is tilted, as in the data sheet [deg]."""
     return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
 def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
-    """Return whether the machine rests on four wheels after a start across a slope."""
+    """Return whether the machine rests on four wheels when it starts across a slope."""
     ground = Slope(grade_deg=grade_deg, direction_deg=90.0).ground()._replace(surface=GRIPPING)
     plant = plant_of(m, s, ground)
     return plant.trouble() is None and float(plant.wheels().reshape(-1, 4)[LOAD].min()) > 0.0
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Return the maximum slope near `about_deg` on which the machine rests after a start across the slope [deg]."""
+    """Return the maximum slope near `about_deg` on which the machine rests when it starts across the slope [deg]."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -73,7 +73,7 @@ def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
 
 
 def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
-    """Return the motion of a parked machine with this tyre and its brake applied [mm]."""
+    """Return the displacement of a parked machine with a given tyre and its brake applied [mm]."""
     ground = Slope(grade_deg=grade_deg, direction_deg=DIAGONALLY_DEG) if grade_deg else Flat()
     plant, start = m.mujoco(tyre, ground, s.vehicle)
     *_, end = hold(plant, BRIEFLY_S if m.quick else PARKED_S, BRAKED)
@@ -91,7 +91,7 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check machines that start, park and brake, and every tyre when parked. Quick mode: two machines, 30 s."""
+    """Yield checks of machines (start, parking, braking) and of parked tyres. Quick mode: 2 machines, 30 s."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -26,11 +26,11 @@ from agrobot_mj.tyres import Linear
 
 SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)
-"""Voltages relative to neutral, between the dead band and saturation [V]."""
+"""Voltages relative to neutral, above the dead band and below saturation [V]."""
 STEP_V = 3.0
 """Voltage of the step, relative to neutral [V]."""
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
-"""Acceptance limits: dead band, gains and rate limit [relative]; time constant [relative]; delay, 2.5 steps [s]."""
+"""Acceptance limits: dead band, gains and rate limit [relative]; time constant [relative]; delay [s] (2.5 steps)."""
 PHYSICS_S = 0.002
 
 
@@ -50,7 +50,7 @@ def angles(trace: Trace) -> Array:
 
 
 def rolling(plant: Any, speed: float) -> Driver:
-    """Return a driver whose tractor rolls straight with the steering valve in neutral."""
+    """Return a driver whose tractor rolls straight ahead with the steering valve in neutral."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     driver.go(3.0)
     driver.go_by_voltage(1.0, NEUTRAL_V)
@@ -58,14 +58,14 @@ def rolling(plant: Any, speed: float) -> Driver:
 
 
 def steady_rate(plant: Any, volts: float) -> float:
-    """Return the steering rate for a voltage relative to neutral, after the spool has settled [rad/s]."""
+    """Return the steady steering rate at a voltage relative to neutral [rad/s]."""
     seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(1.2, NEUTRAL_V + volts))
     late = seen[round(0.8 / PHYSICS_S) :]
     return float(np.polyfit(PHYSICS_S * np.arange(late.size), late, 1)[0])
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Return the angle after a voltage step `STEP_V`: integral of the spool voltage outside the dead band [rad]."""
+    """Return the angle after a step `STEP_V`: gain times integral of the spool voltage outside the dead band [rad]."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -73,7 +73,7 @@ def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: fl
 
 
 def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
-    """Identify the valve parameters on one side: 1 left, -1 right."""
+    """Return the valve parameters on one side (1 left, -1 right), identified from steering angles."""
     flows = [side * steady_rate(plant, side * v) * displacement / LITRE_PER_MINUTE for v in RAMP_V]
     gain, offset = np.polyfit(RAMP_V, flows, 1)
     limit = side * steady_rate(plant, side * FULL_RANGE_V / 2)
@@ -87,13 +87,13 @@ def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
 
 
 def oil_column(subject: str) -> float:
-    """Return the delay that the compliance of the cylinder adds [s]."""
+    """Return the delay due to the compliance of the cylinder [s]."""
     column = STOCK.cylinder.column(STOCK.tractor)
     return 0.0 if subject == BICYCLE else column.damping / column.stiffness
 
 
 def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
-    """Check the identified valve parameters of both sides."""
+    """Yield checks of the identified valve parameters on both sides."""
     valve, cylinder = Valve(), Cylinder()
     limit = valve.pump_flow_l_min * LITRE_PER_MINUTE / cylinder.displacement
     judged = subject == BICYCLE or tyre_of(subject).judged
@@ -111,14 +111,14 @@ def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def turning_pressure(plant: MujocoPlant, speed: float) -> float:
-    """Return the mean pressure while the wheels turn left at a steady rate and their patches slide [bar]."""
+    """Return the mean pressure while the wheels turn left at a steady rate and their contact patches slide [bar]."""
     driver = rolling(plant, speed)
     driver.go_by_voltage(1.0, NEUTRAL_V + 2.0)
     return float(np.mean(driver.pressures(0.5, NEUTRAL_V + 2.0))) / 1e5
 
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
-    """Check the steering pressure, parked and rolling."""
+    """Yield checks of the steering pressure, parked and rolling."""
     tyres, front = plant.tyred.tyres, plant.tractor.front_axle_load
     patch, twisting = tyres.patch_half_length[0], DRY_GRIP * front * tyres.scrub_arm[0] / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
@@ -128,10 +128,8 @@ def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
 
 
 def relief(m: Trial, tyre: Any) -> Check:
-    """Check the mean pressure while 1.6 times the relief torque pushes the wheels from 5 to 30 degrees.
-
-    Tyres that scrub carry a third of the relief torque in addition to the oil.
-    """
+    """Return the check of the mean pressure while 1.6 times the relief torque pushes the wheels from 5 to 30 degrees.
+    Tyres that scrub carry a third of the relief torque in addition to the oil."""
     plant, _ = m.mujoco(tyre, tick_s=PHYSICS_S)
     torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = 1.6 * torque
@@ -144,12 +142,12 @@ def relief(m: Trial, tyre: Any) -> Check:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """Return the time at which the steering angle is first 2 degrees from its stop [s]."""
+    """Return the time at which the steering angle is first 2 degrees away from its stop [s]."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 
 def rigid_leaving(side: int) -> float:
-    """Return the analytic time at which the steering with a rigid cylinder is 2 degrees from its stop [s]."""
+    """Return the theoretical time at which a steering with a rigid cylinder is 2 degrees away from its stop [s]."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0
@@ -161,7 +159,7 @@ def rigid_leaving(side: int) -> float:
 
 
 def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
-    """Check the steering angle at each stop under full flow, and the time to leave the stop."""
+    """Yield checks of the steering angle at each stop under full flow, and of the time for leaving the stop."""
     for name, side in (("left", 1), ("right", -1)):
         driver = Driver(plant, plant.reset(ORIGIN))
         held = float(angles(driver.go_by_voltage(5.0, NEUTRAL_V + side * NEUTRAL_V))[-1])
@@ -173,7 +171,7 @@ def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the valve with every plant, and the cylinder with every tyre. Quick mode: only bicycle and `linear`."""
+    """Yield checks of the valve with every plant, and of the cylinder with every tyre. Quick: bicycle, `linear`."""
     plants = m.level_plants(only_linear=m.quick)
     for subject, plant, _ in plants:
         yield from identification(m, subject, plant)

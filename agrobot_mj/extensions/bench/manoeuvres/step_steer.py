@@ -37,11 +37,11 @@ PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02
 """Acceptance limit of the steady gain [relative], as in the tests of the plants."""
 TRANSIENT_BAND = 0.10
-"""Acceptance limit of the overshoot [relative], which is a difference of two values."""
+"""Acceptance limit of the overshoot [relative]. It is wide because the overshoot is a difference of two values."""
 
 
 class Step(NamedTuple):
-    """Response to the step, starting at the tick of the step."""
+    """Response to a steering step, from the tick of the step."""
 
     t: Array
     """Time since the step [s]."""
@@ -54,25 +54,25 @@ class Step(NamedTuple):
 
     @property
     def response_s(self) -> float:
-        """Time from half the steering angle to 90 % of the yaw rate [s]."""
+        """Time from reaching half of the steering angle to reaching 90 % of the yaw rate [s]."""
         return rise(self.t, self.yaw_rate, 0.9) - rise(self.t, self.steer, 0.5)
 
     @property
     def overshoot(self) -> float:
-        """Overshoot of the yaw rate divided by its steady value [-]."""
+        """Maximum yaw rate above its steady value, divided by the steady value [-]."""
         steady = self.yaw_rate[-40:].mean()
         return float(self.yaw_rate.max() / steady - 1)
 
 
 def rise(t: Array, values: Array, share: float) -> float:
-    """Return the interpolated time at which `values` first reach a fraction of their final value [s]."""
+    """Return the time at which `values` first reach the fraction `share` of their final value, by interpolation [s]."""
     level = share * values[-40:].mean()
     k = int(np.argmax(values >= level))
     return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])
 
 
 def swept(voltage: float) -> float:
-    """Return the steering angle that a voltage pulse causes with a rigid cylinder [rad]."""
+    """Return the steering angle caused by a voltage pulse with a rigid cylinder [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -81,7 +81,7 @@ def swept(voltage: float) -> float:
 
 
 def pulse_voltage() -> float:
-    """Return the voltage of the pulse that steers the wheels by `STEER` [V]."""
+    """Return the voltage of the pulse that turns the wheels by `STEER` [V]."""
     return float(brentq(lambda voltage: swept(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
 
 
@@ -101,7 +101,7 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical steady gain [1/s]; None for MuJoCo's contact model."""
+    """Return the theoretical steady gain [1/s]; None for the contact model of MuJoCo."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
@@ -150,7 +150,7 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Return measured and theoretical overshoot, and the RMS difference of the yaw rates, per steady yaw rate [%]."""
+    """Return measured and theoretical overshoot, and the RMS difference of yaw rates, per steady yaw rate [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (
@@ -161,7 +161,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check steady gain and response of the bicycle and of every tyre. Quick mode: less time to reach steady state."""
+    """Yield checks of steady gain and response for the bicycle and every tyre. Quick mode: shorter runs."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)

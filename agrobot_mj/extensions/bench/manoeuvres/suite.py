@@ -32,13 +32,13 @@ FIGURES = {
     "constant radius": ("understeer.png", "Understeer: marks measured, lines theory"),
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
-"""File and caption of the figure of a manoeuvre."""
+"""File name and caption of each figure, by manoeuvre."""
 NEGLIGIBLE = 1e-3
-"""Magnitude below which only this limit is shown."""
+"""Magnitude below which a value is shown as smaller than this limit."""
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """Return the page of the validation, with the first paragraphs of `texts` (module docstrings by manoeuvre)."""
+    """Return the page of the validation. `texts` are the module docstrings by manoeuvre."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands."
@@ -99,7 +99,7 @@ def _cell(check: Check | None, own_theory: bool) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number as text with four significant digits and without an exponent."""
+    """Return a number as text with four significant digits, without exponent."""
     if value == 0 or abs(value) >= NEGLIGIBLE:
         return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"< {NEGLIGIBLE:g}"
@@ -112,13 +112,13 @@ MODULES = (
 )
 """Modules of the manoeuvres, in the order of the page."""
 NAMES = {"braking": "brake", "size": "machine size", "cornering": "constant radius", "references": "outside references"}
-"""Names of manoeuvres that differ from the name of their module."""
+"""Names of manoeuvres that differ from the names of their modules."""
 MANOEUVRES: dict[str, Run] = {
     NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }
 
 FILES = ("validation.json", "validation.md", "images/")
-"""Files written by a validation; the last entry is a folder."""
+"""Files written by a validation, and a folder."""
 
 
 def validate(

@@ -2,8 +2,8 @@
 
 Vehicle axes (x forward, y left, z up), origin R below the rear axle. In the frame of the tractor, a side slope `grade`
 with the left side uphill is equivalent to a left bend: lateral acceleration a = g sin(grade) and gravity g_n = g
-cos(grade); a bend on level ground has a = u gamma and g_n = g. The tyre forces on the tractor are m a to the left; the
-right side carries more load.
+cos(grade); a bend on level ground has a = u gamma and g_n = g. The tyre forces on the tractor sum to m a to the left;
+the right side carries more load.
 
 The front axle is mounted on a roll pivot P, which transmits no roll moment within its stops. For the body (index b:
 chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
@@ -39,7 +39,7 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed at which tyre laws are evaluated [m/s]. At this speed, terms that vanish at standstill are fully developed."""
+"""Speed at which tyre laws are evaluated [m/s], sufficient for the full effect of terms that vanish at standstill."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -64,7 +64,7 @@ class Parts(NamedTuple):
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """Return masses and positions of the two bodies from the compiled model at static load."""
+    """Return masses and positions of the two bodies of the compiled model at static load."""
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -83,7 +83,7 @@ class Loads(NamedTuple):
     wheels: Array
     """Loads of fl, fr, rl, rr, shape (4,) [N]."""
     lean: float
-    """Roll angle phi, positive to the right [rad]."""
+    """Roll angle phi of the body, positive to the right [rad]."""
 
 
 class Balance(NamedTuple):
@@ -91,13 +91,13 @@ class Balance(NamedTuple):
 
     loads: Loads
     front_slip: float
-    """Slip angle of the front wheels, positive if the force points left [rad]."""
+    """Slip angle of the front wheels, positive for a force to the left [rad]."""
     rear_slip: float
-    """Slip angle of the rear wheels, positive if the force points left [rad]."""
+    """Slip angle of the rear wheels, positive for a force to the left [rad]."""
 
 
 class Tractor:
-    """Theoretical steady states of a tractor with one kind of tyre."""
+    """Theory of the steady states of a tractor with one kind of tyre."""
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
@@ -111,9 +111,7 @@ class Tractor:
         self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False, aside: Pair = (0.0, 0.0)
     ) -> Loads:
         """Return the wheel loads for the front force F_f and a `shift` of load from the front to the rear axle [N].
-
-        `aside` is the sum of load times displacement of the patches, of both axles [N m].
-        """
+        `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m]."""
         p, b = self.p, self.parts
         L, T, k = p.wheelbase_m, p.track_m, p.rear_wheel.stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
@@ -127,20 +125,21 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def aside(self, loads: Array, forces: Array) -> Pair:
-        """Return the sum of load times displacement of the patches of both axles under lateral forces [N m]."""
+        """Return the sum of load times lateral displacement of the patches under lateral forces, for each axle [N
+        m]."""
         if not self.tyres.load_follows:
             return 0.0, 0.0
         moments = loads * forces / self.tyres.springs[:, 1]
         return float(moments[:2].sum()), float(moments[2:].sum())
 
     def gyroscopes(self) -> tuple[float, float]:
-        """Return the spin inertia per rolling radius of both front wheels and of both rear wheels [kg m]."""
+        """Return the spin inertia divided by the rolling radius, for both front and for both rear wheels [kg m]."""
         p = self.p
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Return the tyre law of wheel `i`, and the state of its rolling tyre at slips `x`, `y` and a load [N]."""
+        """Return the tyre law of wheel `i`, and its state when rolling with the slips `x`, `y` and a load [N]."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
@@ -150,7 +149,7 @@ class Tractor:
         return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
-        """Return the rolling resistance rho_i N_i and, on soil, the drag at the slip of a towed wheel [N]."""
+        """Return the rolling resistance rho_i N_i of wheel `i` and, on soil, the drag of a towed wheel [N]."""
         own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
@@ -162,13 +161,13 @@ class Tractor:
         return own - float(law.drag(state, 1.0))
 
     def rolling(self, grade: float = 0.0) -> tuple[Array, float]:
-        """Return the effective rolling radii (4,) [m] and the total rolling resistance [N] on a slope [rad]."""
+        """Return the effective rolling radii (4,) [m] and the total rolling resistance [N] on a slope `grade` [rad]."""
         loads = np.array([self.static(i) for i in range(4)]) * cos(grade)
         radii = self.tyres.radius - loads / self.tyres.stiffness / 3
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels give a lateral force [N]. Raises ValueError above their grip."""
+        """Return the slip angle at which two wheels produce a lateral force [N]. ValueError: beyond their grip."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
@@ -176,7 +175,8 @@ class Tractor:
         return float(brentq(missing, -0.5, 0.5, xtol=1e-12))
 
     def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
-        """Return the steady state for `a`, `g_n` [m/s2] on a path with a curvature [1/m]; parked without `rolling`."""
+        """Return the steady state at lateral acceleration `a` and gravity `g_n` normal to the ground [m/s2], on a path
+        with a `curvature` [1/m]. If not `rolling`, the tractor is parked."""
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
         front_force, shift, steer, aside = p.mass_kg * a * l_r / L, 0.0, L * curvature, (0.0, 0.0)
@@ -206,7 +206,7 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Return the moment of the patches against turning along a path of `curvature` [1/m], in N m."""
+        """Return the moment with which the patches resist turning on a path with a `curvature` [1/m] [N m]."""
         t = self.tyres
         rolls = t.twist_relaxation * t.twist_stiffness * abs(curvature)
         return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())
@@ -216,7 +216,7 @@ class Tractor:
         return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
 
     def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
-        """Return the steady state across a slope whose left side is uphill."""
+        """Return the steady state across a slope whose left side is uphill. If not `rolling`, the tractor is parked."""
         grade = radians(grade_deg)
         return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
 
@@ -228,7 +228,7 @@ class Tractor:
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """Return the gradient K of delta = delta_0 + K a_y in bends with a radius [m] at `speeds` [m/s] [rad s2/m]."""
+        """Return K in delta = delta_0 + K a_y [rad s2/m], for bends of a `radius` [m] at `speeds` [m/s]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -238,9 +238,9 @@ class Tractor:
         """Side slope at which the upper rear wheel leaves the ground [deg].
 
         The tipping axis is the line from the lower rear patch, which carries the complete side force, to the pivot:
-        with rigid tyres tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). The stops of the front axle are not
-        reached at this slope. Beyond it they have no effect: the tractor would balance on them at a roll angle of
-        atan(T / 2 / h), smaller than this slope plus the travel of the pivot.
+        with rigid tyres tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). The stops of the front axle have no effect:
+        they are not reached at this slope. Resting on them, the tractor would balance at the roll angle atan(T / 2 /
+        h), which is smaller than this slope plus the travel of the pivot.
         """
 
         share, weight = self.p.cg_to_rear_axle / self.p.wheelbase_m, (1 - self.p.front_load_fraction) * self.p.mass_kg
@@ -255,16 +255,14 @@ class Tractor:
 
 
 def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> float:
-    """Return the understeer gradient K of the linear bicycle, m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
+    """Return the understeer gradient of the linear bicycle, K = m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
     l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
     return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
-
-    The angle follows from coefficients: sin(grade) per stiffness per load, weighted by the axles' load fractions.
-    """
+    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg]. It is
+    sin(grade) divided by the stiffness per load, averaged with the load fractions of the axles."""
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load
     return degrees(sin(radians(grade_deg)) / (front + rear))

@@ -25,9 +25,9 @@ from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 18.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
-"""Rates at which gravity tilts, below and above `FROM_DEG` [deg/s]. The second is quasi-static."""
+"""Rates at which gravity tilts: below `FROM_DEG`, and above (quasi-static) [deg/s]."""
 SLID_M = 1.0
-"""Distance above which the tractor counts as sliding [m]. It exceeds the deflection of the carcasses."""
+"""Displacement above which the tractor has slid [m]. It is larger than the deflection of the carcasses."""
 BAND_DEG = 2.0
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
 """Ground with four times the normal friction, on which machines tip over before they slide."""
@@ -43,10 +43,8 @@ class TiltTest(NamedTuple):
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
-    """Tilt gravity up to `last_deg` until the tractor rolls over or slides off; return the result.
-
-    The slope remains across the tractor, which yaws by some degrees on its tyres.
-    """
+    """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the result. Gravity remains
+    tilted across the tractor, even though the tractor yaws by some degrees on its tyres."""
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start = truth = plant.truth()
     grade = lifted = 0.0
@@ -66,7 +64,7 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Ti
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the tipping slope on every tyre. Quick mode: tipping to one side only."""
+    """Yield checks of the tipping slope with every tyre. Quick mode: tipping to one side only."""
     for tyre in tyres():
         wanted = Tractor(tyre=tyre).tipping_deg
         for left_side_up in (True,) if m.quick else (True, False):

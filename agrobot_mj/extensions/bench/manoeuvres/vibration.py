@@ -25,21 +25,21 @@ TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
 DT_S = 0.002
 LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
-"""Time over which the load is applied; durations of the oscillation in the full and in the quick suite [s]."""
+"""Time over which the load is applied, and durations of the oscillation in the full and in the quick suite [s]."""
 FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)
-"""Amplitudes of the oscillation divided by the mean load [-]."""
+"""Amplitudes of the load oscillation divided by the mean load [-]."""
 DEEPER_MM, SAME_MM = 1.0, 0.1
 """Maximum additional rut depth relative to no oscillation, and relative to the maximum load applied once [mm]."""
 COUNT = 5
 """Number of full load cycles."""
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STIFFNESS = 2e6
-"""Stiffness that converts a change of load to a change of depth in the iteration [N/m]."""
+"""Stiffness by which the iteration converts a change of load to a change of depth [N/m]."""
 
 
 class Loading(NamedTuple):
-    """Load of a standing wheel as a function of time."""
+    """Load of a wheel at rest as a function of time."""
 
     mean: float
     """Mean load [N]."""
@@ -53,7 +53,7 @@ class Loading(NamedTuple):
 
 @jit
 def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, depth: float) -> float:
-    """Apply an oscillating load to a wheel at the origin. Return the wheel's depth below the untouched ground [m]."""
+    """Apply an oscillating load to a wheel at the origin. Return its final depth below the untouched ground [m]."""
     place: Vector = (0.0, 0.0, 0.0)
     for k in range(round((LOADED_S + loading.seconds) / DT_S)):
         t = k * DT_S
@@ -69,7 +69,7 @@ def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, dep
 
 
 def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
-    """Return the rut depth after each loading of one location [mm]. The wheel is lifted between loadings."""
+    """Return the rut depth after each loading at the same place [mm]. The wheel is lifted between loadings."""
     soil = tyre.structure().bearing
     tread = treads(soil, TRACTOR)[1]
     memory, found = with_soil_memory(plane(0.0, 0.0, 2.0), soil).memory, []
@@ -81,7 +81,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check oscillating loads and full load cycles. Quick mode: a third of the duration."""
+    """Yield checks of oscillating loads and of full load cycles. Quick mode: a third of the duration."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])

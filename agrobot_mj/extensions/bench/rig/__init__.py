@@ -1,7 +1,7 @@
 """Tyre test rig: one tractor wheel on level ground with prescribed speed, slip angle, slip ratio and load.
 
-The forces come from the tyre kernel of the tractor (`wheel`) or, for `contact`, from MuJoCo (`towed`). `rig_command`
-measures a tyre and writes `curves.parquet` (see `sweep`) and figures.
+The forces are computed by the tyre kernel of the tractor (`wheel`) or, for `contact`, by MuJoCo (`towed`).
+`rig_command` measures a tyre and writes `curves.parquet` (see `sweep`) and figures.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ __all__ = ["FRONT", "REAR", "Rig", "Setting", "Towed", "load_specimen", "rig_com
 
 
 def rig_command(source: str, out: Path) -> list[Path]:
-    """Measure a tyre, given by kind or TOML file, on the rig. Return the files written to `out`."""
+    """Measure a tyre, given by its kind or a TOML file, on the rig. Return the files written to `out`."""
     specimen = load_specimen(source)
     with results(out, ("curves.parquet", *(f"{draw.__name__}.png" for draw in FIGURES))):
         try:

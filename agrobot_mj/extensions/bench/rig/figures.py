@@ -1,6 +1,6 @@
-"""Figures of measurements on the tyre rig, in the style of the reports.
+"""Figures of measurements on the tyre rig, one PNG each with one panel per axle, in the style of the reports.
 
-Each figure is a PNG with one panel per axle. Forces and slips keep their signs: a lateral force opposes its slip angle.
+Forces and slips keep their signs: a lateral force is opposite to its slip angle.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,12 +20,12 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
 WIDTHS = (4.0, 2.8, 1.7, 0.7)
-"""Line widths of overlapping curves, from bottom to top [pt]."""
+"""Line widths of overlapping curves, from the lowest to the uppermost [pt]."""
 COLUMNS_OF_LEGEND = 7
 
 
 def write_figures(table: pa.Table, folder: Path) -> list[Path]:
-    """Draw the figures of a table from `sweep.sweep` into `folder`. Return the files."""
+    """Draw the figures of a table of `sweep.sweep` into `folder`. Return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(table) for draw in FIGURES}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
@@ -65,7 +65,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the relative lateral force over the distance since a slip-angle step, with one curve per speed."""
+    """Plot the lateral force, relative to steady state, over the distance from a slip-angle step, by speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -98,7 +98,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time in ground contact over slip angle per speed; None if contact is permanent."""
+    """Plot the fraction of time in contact over the slip angle, one curve per speed; None if contact is permanent."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -138,7 +138,7 @@ def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
 
 
 def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
-    """Return the steady lateral force at the slip angle of a step response, taken from the slip-angle sweep [N]."""
+    """Return the steady lateral force at the slip angle of a step response, from the sweep of slip angles [N]."""
     load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
     rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
     nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()
@@ -146,7 +146,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Plot lateral force divided by load at one speed. Return its slope at zero slip as text [1/rad]."""
+    """Plot the lateral force divided by load at one speed. Return the slope at zero slip as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")
@@ -173,7 +173,7 @@ def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -
 
 
 def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
-    """Return the rows of a table whose columns have the given values."""
+    """Return the rows of a table in which columns have the given values."""
     for name, value in equal.items():
         table = table.filter(pc.equal(table[name], value))
     return table

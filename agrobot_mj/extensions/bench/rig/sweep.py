@@ -79,17 +79,17 @@ def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
 
 
 SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)
-"""Speeds at which the other quantities are measured [m/s]."""
+"""Speeds for measuring the effect of speed [m/s]."""
 SPEED_M_S = 1.0
-"""Standard speed of the measurements [m/s]."""
+"""Speed of all other measurements [m/s]."""
 LOADS = (0.5, 1.0, 1.5, 2.0)
-"""Loads of the measurements, as fractions of the static load [-]."""
+"""Loads for measuring the effect of load, as fractions of the static load [-]."""
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
 """Magnitudes of the slip angles, finer near zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
 """Magnitudes of the slip ratios [-]."""
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)
-"""Slip angles at which the slip ratio is varied [deg]."""
+"""Slip angles at which the slip ratio is swept in the test `combined` [deg]."""
 FAR_DEG, FAR_RATIO = 60.0, 0.9
 """Maximum slip angle [deg] and maximum slip ratio [-] of the test `combined`."""
 CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
@@ -106,7 +106,7 @@ Row = tuple[str | float | None, ...]
 
 
 def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
-    """Return the rig for a tyre: with the tyre's kernel, or with MuJoCo's contact model."""
+    """Return a rig for a tyre: with the kernel of the tyre, or with the contact model of MuJoCo."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 
@@ -126,31 +126,31 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
 def lateral(
     speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
 ) -> Iterator[Setting]:
-    """Return settings with slip angles of both signs at the given speeds and loads."""
+    """Return settings with positive and negative slip angles at the given speeds and loads."""
     angles = both_ways(np.radians(list(angles_deg)))
     return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
 
 
 def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
-    """Return settings with slip ratios of both signs at the given speeds and loads."""
+    """Return settings with positive and negative slip ratios at the given speeds and loads."""
     ratios = both_ways(np.array(RATIOS))
     return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
 
 
 def combined(load: float) -> Iterator[Setting]:
-    """Yield settings with slip ratios at several slip angles, then slip angles far beyond the peak."""
+    """Yield settings with slip ratios at several slip angles, then with slip angles far beyond the peak."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
     yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
     yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))
 
 
 def both_ways(values: Array) -> Array:
-    """Return `values` (n,), which start with zero, and their negatives in ascending order, shape (2 n - 1,)."""
+    """Return `values` (n,), of which the first is zero, and their negatives in ascending order, shape (2 n - 1,)."""
     return np.concatenate([-values[:0:-1], values])
 
 
 def _tests(rig: TestBench, static: float) -> Iterator[Row]:
-    """Yield the rows of one wheel: test, speed, load, slip angle, slip ratio, distance and measured values."""
+    """Yield the result rows of one wheel: test, speed, load, slip angle, slip ratio, distance, measured values."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):

@@ -6,8 +6,8 @@ mass, and moves freely upwards. Before sliding, the force is viscous,
     F_y = -c v_y,        c = n b impratio m d / (1 - d),
 
 with n contact points, d and b of `solimp` and `solref`, and the effective mass m at the contact. The cornering
-stiffness is c v_x. During sliding, MuJoCo's contact pushes the wheel off the ground, and the wheel hops. A steady
-measurement is therefore the mean over time, and `Reading.grounded` is the fraction of time in contact.
+stiffness is c v_x. During sliding, MuJoCo's contact pushes the wheel off the ground, and the wheel hops. Therefore a
+steady measurement is a mean over time, and `Reading.grounded` is the fraction of time in contact.
 """
 
 import mujoco
@@ -21,7 +21,7 @@ from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.tyres.base import NativeContact
 
 RIGID = 1e9
-"""Gain of the actuators that impose a velocity [N s/m, N m s/rad]: 1,000 times the gain of the contact."""
+"""Gain of the actuators that impose velocities [N s/m, N m s/rad]: 1,000 times the gain of the contact."""
 PREFIX = "towed_"
 """Prefix of the names of all elements taken from the tractor model."""
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
@@ -31,10 +31,10 @@ SETTLE_S, STEADY_S = 1.0, 2.0
 
 
 class Towed:
-    """Rig for MuJoCo's contact model, with the methods of `Rig`."""
+    """Rig for the contact model of MuJoCo, with the methods of `Rig`."""
 
     relaxation = 0.0
-    """Relaxation length [m]: 0, because the build-up of force depends on the constraints of the sled."""
+    """Relaxation length [m]. It is 0, because the build-up of force depends on how the sled is constrained."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
@@ -43,7 +43,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measured values at each step from the start of the motion, shape (steps, 5)."""
+        """Return the measured values at each step since the start of the motion, shape (steps, 5)."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0
@@ -73,19 +73,20 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Return sled velocities along x and y [m/s], and wheel spin [rad/s] for contacts at half the penetration."""
+        """Return the velocities of the sled along x and y [m/s], and the wheel spin at the mean contact radius
+        [rad/s]."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """Return measured values: the force of the ground on the wheel, with the sign from the normal force."""
+        """Return the measured values. The sign of the force on the wheel follows from the normal force."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
 def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
-    """Return a model of sled, wheel and level ground. The joints x, y and spin have imposed velocities; z is free."""
+    """Return a model of sled, wheel and level ground. Velocities of the joints x and y and of the spin are imposed."""
     whole = tractor_spec(Machine(tractor))
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):

@@ -23,9 +23,9 @@ DT_S = 0.002
 SETTLE_LENGTHS = 25.0
 """Distance travelled before a steady measurement [relaxation lengths]; exp(-25) is 1e-11."""
 MOST_RADII = 10.0
-"""Maximum relaxation length per free radius, as in a scenario [-]. Longer ones take too long to settle."""
+"""Maximum relaxation length divided by free radius [-], as in a scenario. Longer ones take too long to settle."""
 FRONT, REAR = 0, 2
-"""Indices of the tractor wheels whose tyres are tested."""
+"""Indices of the front and rear wheel whose tyres are tested."""
 AXLES = {"front": FRONT, "rear": REAR}
 
 
@@ -43,7 +43,7 @@ class Setting(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Forces and moment that the rig measures."""
+    """Forces and moment measured by the rig."""
 
     fx: float
     """Longitudinal force, positive forward [N]."""
@@ -63,13 +63,13 @@ def static_load(tractor: TractorParameters, wheel: int) -> float:
 
 
 class TestBench(Protocol):
-    """Interface of a rig with one wheel, independent of the source of the forces."""
+    """Interface of rigs with one wheel, independent of how the forces are computed."""
 
     relaxation: float
     """Relaxation length of the tyre [m]; 0 without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measured values at each step from the start of the motion, shape (steps, 5)."""
+        """Return the measured values at each step since the start of the motion, shape (steps, 5)."""
 
     def steady(self, setting: Setting) -> Reading:
         """Return the measured values in steady state."""
@@ -77,7 +77,7 @@ class TestBench(Protocol):
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Simulate one step per row of `out` (steps, 5), starting with undeflected bristles. Rows are as in `Reading`."""
+    """Simulate one step per row of `out` (steps, 5), from undeflected bristles. Rows have the fields of `Reading`."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -104,7 +104,7 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measured values at each step, starting with undeflected bristles, shape (steps, 5)."""
+        """Return the measured values at each step, from undeflected bristles, shape (steps, 5)."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
@@ -114,7 +114,7 @@ class Rig:
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:
-        """Return the longer one of the two relaxation lengths (longitudinal and lateral) at a load [N] [m]."""
+        """Return the larger of the longitudinal and lateral relaxation length at a load [N] [m]."""
         t, i = self.tyres, self.wheel
         law = t.front if i < 2 else t.rear
         K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)

@@ -136,8 +136,7 @@ class Falsified(NamedTuple):
     alone: dict[str, Combination]
     """For each key, the combination with this key at its hard end and the others at their mild values."""
     around: tuple[Combination, ...]
-    """Combinations near the result: on the line from the mild values through the result, and with single keys
-    changed."""
+    """Combinations near the result: on the line from the mild values through the result, and with one key changed."""
     tried: tuple[Combination, ...]
     statement: str
 
@@ -256,8 +255,7 @@ class FalsifySearch:
         return mildest
 
     def _around(self, best: Combination) -> list[Place]:
-        """Return neighbours of the result within the ranges: on the line through the result, and with each key
-        changed."""
+        """Return neighbours of the result in the ranges, on the line through the result and with one key changed."""
         at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
         places = [tuple(way * d for d in at) for way in ways]
         for k in range(len(at)):

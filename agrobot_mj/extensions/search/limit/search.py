@@ -72,8 +72,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the result of the baseline, by another search, or only by runs if the baseline lacks the key or sets
-    it."""
+    """Return the result of the baseline by another search, or only by runs if the baseline lacks the key or sets it."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
