@@ -2,7 +2,7 @@
 
 The tractor acts as steer module, GNSS receiver and inertial unit. A host sends the steering angle over UDP. With
 `steer_by = "angle"`, this angle is the setpoint of the tractor's steering loop. With `"pwm"`, the proportional law of
-the board controls the valve, with gains tuned by users. The speed is the reference speed of the path.
+the board, with adjustable gains, controls the valve. The speed is the reference speed of the path.
 """
 
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ Byte = Annotated[int, Field(ge=0, le=255)]
 
 
 class BoardSettings(Spec):
-    """Settings of a steer module until the host sends others. The defaults are those of common boards."""
+    """Settings of a steer module before the host sends settings. The defaults are those of common boards."""
 
     kp: Byte = 40
-    """Proportional gain of the board's law [PWM counts/deg]. Default of AgOpenGPS boards."""
+    """Proportional gain of the control law of the board [PWM counts/deg]. Default of AgOpenGPS boards."""
     high_pwm: Byte = 60
     """PWM limit at steering errors of 3 deg or more [PWM counts of 255]. Default of AgOpenGPS boards."""
     min_pwm: Byte = 9
@@ -47,9 +47,9 @@ class Actuation(NamedTuple):
     voltage: float | None = NEUTRAL_V
     """Valve voltage that replaces the output of the steering loop [V]; None if the steering loop controls the valve."""
     asked: float = nan
-    """Setpoint of the host, left positive [rad]. Also valid while not engaged; NaN before the first message."""
+    """Setpoint of the host, left positive [rad]. Also valid while not engaged. NaN before the first message."""
     cross_track: float = nan
-    """Cross-track error computed by the host, left positive [m]; NaN without a line, and while the host is silent."""
+    """Cross-track error computed by the host, left positive [m]. NaN without a line or without messages of the host."""
 
 
 class AgOpenGps(GuidanceLaw):
@@ -60,7 +60,7 @@ class AgOpenGps(GuidanceLaw):
     host: Literal["agopengps", "agopenweb"] = "agopengps"
     """Dialect of the messages. `agopengps` includes QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Use of the host's angle: setpoint of the steering loop (`angle`), or input of the board's law (`pwm`)."""
+    """Use of the angle from the host: setpoint of the steering loop (`angle`), or of the law of the board (`pwm`)."""
     position: Literal["panda", "paogi"] = "panda"
     """Position sentence sent to the host: `panda` for one antenna, `paogi` for two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
@@ -72,7 +72,7 @@ class AgOpenGps(GuidanceLaw):
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
     """Time without messages after which the board releases the steering [s]. AgOpenGPS boards: 100 loops of 25 ms."""
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
-    """Time without messages after which a board is latched [s], at least `watchdog_s`, or "never".
+    """Time without messages after which the board is latched [s], at least `watchdog_s`, or "never".
 
     A latched board does not steer until a message without the engaged bit arrives. AiO v2.5: 6.25 s (250 loops of 25
     ms). Autosteer_UDP_v5: never.
@@ -80,7 +80,7 @@ class AgOpenGps(GuidanceLaw):
     released: Literal["hold", "centre"] = "hold"
     """Output of a board that does not steer: valve in neutral, or wheels straight ahead."""
     give_up_s: Positive = 10.0
-    """Time without messages after which the run ends [s]. Assumed value (3-60): long enough to restart the host."""
+    """Time without messages after which the run ends [s]. Assumed value (3-60): enough for a restart of the host."""
     engage_at_s: NonNegative | None = None
     """Time at which the steer switch of the board is turned on [s]. Default: the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
@@ -90,17 +90,17 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Always False: the host has its own line and supervision."""
+        """False, because the host follows its own line and supervises itself."""
         return False
 
     @property
     def outside(self) -> str:
-        """Command that runs this guidance."""
+        """Name of the command that runs this guidance."""
         return "link"
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensor requirement: two antennas if `position` is "paogi"."""
+        """Required sensor settings: two antennas if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:

@@ -2,7 +2,7 @@
 
 The steering angle is that of the bicycle model for the commanded yaw rate and speed, tan(delta) = L omega / v. Tractors
 cannot turn on the spot: below `least_speed_m_s` the steering angle stays constant. An external program computes the
-commands, see `agrobot-mj ros2`. This module defines the keys and the behaviour without commands.
+commands, see `agrobot-mj ros2`. This module defines the scenario keys and the behaviour without commands.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class CmdVel(GuidanceLaw):
     least_speed_m_s: Positive = 0.05
     """Speed below which the steering angle stays constant [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
     give_up_s: Positive = 10.0
-    """Time without commands after which the run ends [s]. Assumed value (3-60): long enough to restart the node."""
+    """Time without commands after which the run ends [s]. Assumed value (3-60): enough for a restart of the node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
     """Latitude of x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
@@ -45,12 +45,12 @@ class CmdVel(GuidanceLaw):
 
     @property
     def follows_path(self) -> bool:
-        """Always False: the external program has its own path and supervision."""
+        """False, because the external program follows its own path and supervises itself."""
         return False
 
     @property
     def outside(self) -> str:
-        """Command that runs this guidance."""
+        """Name of the command that runs this guidance."""
         return "ros2"
 
     def init(self) -> VelocityRequest:
@@ -58,10 +58,8 @@ class CmdVel(GuidanceLaw):
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """Return the command for the velocity stored in the state by the link; standstill if the velocity has expired.
-
-        At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards.
-        """
+        """Return the command for the velocity that the link has stored in the state. Stop if this velocity has expired.
+        At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards."""
         if not state.age < self.timeout_s or state.speed == 0.0:
             return state, Command(situation.steer, 0.0, pedal=0.0)
         if abs(state.speed) < self.least_speed_m_s:

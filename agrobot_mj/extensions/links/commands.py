@@ -133,7 +133,7 @@ def _tell(quiet: bool) -> Callable[[str], None]:
 
 
 def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] | None], quiet: bool) -> Answer:
-    """Return the `Answer` of a check of the connection."""
+    """Check the connection and return the `Answer` of the command."""
     from agrobot_mj.extensions.links.agopengps.link import check
     from agrobot_mj.extensions.links.running import NotBegunError
 
@@ -148,7 +148,7 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
 
 
 def _loaded(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":
-    """Return the scenario of a source with keys and overrides."""
+    """Return the scenario of `given`: its source, keys and overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     source, keys, sets = given
@@ -163,7 +163,7 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """Run a scenario with an external program; return the result. `given`: scenario, keys, overrides."""
+    """Run a scenario with an external program and return its result. `given`: source, keys and overrides."""
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.simulation.results import remove, results
     from agrobot_mj.simulation.storage import RECORDING, files_of_run

@@ -4,20 +4,18 @@ import time
 
 
 class Pace:
-    """Schedule of turns on the wall clock with equal durations, starting at the first turn, with timing statistics."""
+    """Schedule of turns of equal duration on the wall clock, starting at the first turn, with timing statistics."""
 
     LATE_S = 0.005
-    """Delay above which a turn is counted as late [s]."""
+    """Delay above which a turn is late [s]."""
 
     def __init__(self, period: float) -> None:
         self.period, self.turns, self.late, self.worst, self.slipped = period, 0, 0, 0.0, 0.0
         self.next = time.perf_counter()
 
     def begin(self) -> float:
-        """Begin a turn now and return its delay [s].
-
-        A delay of more than one turn shifts the schedule, because hosts cannot process positions in quick succession.
-        """
+        """Begin a turn now. Return its delay relative to the schedule [s]. A delay above the duration of a turn shifts
+        the schedule, because hosts cannot process positions in quick succession."""
         now = time.perf_counter()
         behind = now - self.next if self.turns else 0.0
         self.next = self.next if self.turns else now  # compilation and loading before the first turn are no delay

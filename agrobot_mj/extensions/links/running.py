@@ -1,7 +1,7 @@
-"""Run over any link: compilation before the start, observers, and one outcome.
+"""Common parts of runs with external programs: compilation before the start, observers, outcome.
 
-In real time, observers receive the run at its end unless one of them is live, because recording a turn takes longer
-than the turn.
+Observers usually receive the run at its end, because recording a turn in real time takes longer than the turn. A live
+observer receives the run while it lasts.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """Raised if the external program does not start in time, so that the run does not begin."""
+    """Exception for an external program that does not start in time, so that the run does not begin."""
 
 
 class LinkSession(Protocol):
@@ -25,7 +25,7 @@ class LinkSession(Protocol):
 
     sim: Simulation
     ended: str | None
-    """Outcome set by the link; None if the outcome of the simulation applies."""
+    """Outcome set by the link; None if the outcome is determined by the simulation."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Simulate to the end and call `tell` after each tick. Raises `NotBegunError` if the program does not start."""
@@ -39,10 +39,8 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """Run a session and return its log with the `metrics` of the link. Raises `NotBegunError`.
-
-    With `told` the observers are called during the run, otherwise at its end.
-    """
+    """Run a session and return its log with the `metrics` of the link. Raises `NotBegunError`. If `told`, the observers
+    are called during the run, otherwise at its end."""
 
     def finish(log: Log) -> Log:
         own = log.outcome in ("completed", "aborted")
@@ -57,16 +55,14 @@ def run_session(
 
 def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
     """Return the heading of an inertial unit: the gyro integrated over `dt` [s] from the true initial heading [rad].
-
-    `before` is the previous heading, NaN at the start. Without a gyro, `rate` [rad/s] and the heading are NaN.
-    """
+    `before` is the previous heading, NaN at the start. Without a gyro, `rate` [rad/s] and the heading are NaN."""
     if isnan(rate):
         return nan
     return true if isnan(before) else wrap(before + rate * dt)
 
 
 def _warm_up(sim: Simulation) -> None:
-    """Simulate one tick of a copy, so that compilation does not delay the first exchange of messages."""
+    """Simulate one tick of a copy of the simulation, so that compilation does not delay the exchange of messages."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

@@ -1,6 +1,7 @@
-"""AgOpenGPS link: an unmodified guidance program controls the tractor over UDP.
+"""AgOpenGPS link: an unmodified guidance program (the host) controls the tractor over UDP.
 
 The tractor acts as steer module, GNSS board and IMU board with the messages of AgIO + AgOpenGPS, QtAgIO + QtAgOpenGPS
-and AgOpenWeb (`core.agopengps`). Modules: `board` simulates the steer module, `udp` provides sockets, `channels` paces
-the exchange, `session` executes one run with its position sentences, `link` implements the command.
+and AgOpenWeb (`core.agopengps`). Modules: `board` simulates the steer module; `udp` contains the sockets; `channels`
+determines the pace of the exchange; `session` executes one run and its position sentences; `link` implements the
+command.
 """

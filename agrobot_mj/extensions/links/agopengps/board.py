@@ -1,9 +1,10 @@
-"""Steer module: converts received datagrams to replies and a steering output, independent of sockets and clocks.
+"""Steer module (board): converts datagrams of the host to replies and a steering output, without sockets and clocks.
 
 The board steers while messages of the host arrive with the "engaged" bit of its dialect. After the watchdog time
 without messages, the board releases the steering. At power-up and after the latch time without messages, the board is
-latched: it does not steer until a message without the engaged bit has arrived. A host that reconnects is often still
-engaged and would command full lock. The setpoint in a message is valid even if the bit is not set.
+latched: it does not steer until a message without the engaged bit has arrived. The reason is that a host that
+reconnects is often still engaged and would command full lock. The setpoint in a message is valid even if the bit is not
+set.
 
 A datagram identical to the previous one and received within 1 ms is a duplicate from another network interface.
 
@@ -40,7 +41,7 @@ FULL_PWM = 255
 SOFT_ZONE_DEG = 3.0
 """Steering error below which the PWM limit is proportional to the error [deg], as in AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2
-"""PWM limit at zero error divided by the minimum PWM [-], as in AgOpenGPS boards."""
+"""PWM limit at zero steering error divided by the minimum PWM [-], as in AgOpenGPS boards."""
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
 """Sign with which a board applies the offset to the sensor counts, by dialect."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04
@@ -54,7 +55,7 @@ def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
 
 
 def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
-    """Return the steering angle that a board with this dialect computes from sensor counts [rad]."""
+    """Return the steering angle that a board of the dialect `host` computes from sensor counts [rad]."""
     angle = (counts + OFFSET_SIGN[host] * settings.offset) / max(settings.counts_per_degree, 1)
     if angle < 0:
         angle *= settings.ackermann / 100
@@ -62,7 +63,7 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the true steering angle for the angle `believed` by the board [rad]; inverse of `angle_of`."""
+    """Return the true steering angle if the board computes the angle `believed` [rad]; inverse of `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -72,7 +73,7 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for a steering error: setpoint minus the angle computed by the board [rad]."""
+    """Return the PWM for a steering error, which is the setpoint minus the angle computed by the board [rad]."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:
@@ -93,14 +94,14 @@ def voltage_of(pwm: int, config: SteerConfig) -> float:
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
 """Bit of `SteerData.status` that is set while the host steers, by dialect."""
 REPEAT_S = 0.001
-"""Maximum time between identical datagrams that count as duplicates [s]."""
+"""Maximum time between identical datagrams that are treated as duplicates [s]."""
 FALLBACK_S = 0.1
-"""Interval of the board's reports while the host sends no messages [s]."""
+"""Interval of the reports of the board while the host sends no messages [s]."""
 LOOPBACK = (127, 0, 0, 1)
 
 
 class Tally(NamedTuple):
-    """Numbers of messages and events at the board."""
+    """Numbers of messages and events that the board has counted."""
 
     steer_data: int = 0
     hellos: int = 0
@@ -110,38 +111,38 @@ class Tally(NamedTuple):
     repeats: int = 0
     rejected: tuple[tuple[str, int], ...] = ()
     engagements: int = 0
-    """Number of changes from released to steering board."""
+    """Number of times at which the board started steering."""
     lost: int = 0
-    """Number of times that messages of the host stopped arriving."""
+    """Number of times at which messages of the host stopped arriving."""
 
 
 class BoardState(NamedTuple):
-    """State of the emulated steer module between two ticks."""
+    """State of the simulated steer module between two ticks."""
 
     settings: SteerSettings
     config: SteerConfig = SteerConfig(0)
     asked: SteerData | None = None
-    """Last steering message; None before the first one."""
+    """Last steering message of the host; None before the first one."""
     heard_at: float = -inf
     """Arrival time of the last steering message in board time [s]."""
     latched: bool = True
-    """Whether the board is latched, and waits for a message without the engaged bit."""
+    """Whether the board is latched: it does not steer until a message without the engaged bit has arrived."""
     silent: bool = True
-    """Whether the watchdog time has passed since the last message."""
+    """Whether the watchdog time has passed since the last message of the host."""
     engaged: bool = False
     steer: float = 0.0
-    """Steering angle measured by the board, left positive [rad]."""
+    """Steering angle measured in the last tick, left positive [rad]."""
     pwm: int = 0
-    """Motor output of the board's proportional law, left positive [PWM counts]."""
+    """Motor output computed by the proportional law of the board, left positive [PWM counts]."""
     reported_at: float = -inf
     """Time of the last report [s]."""
     last: tuple[bytes, float] = (b"", -inf)
-    """Last datagram, and the wall-clock time of its arrival [s]."""
+    """Last datagram, and wall-clock time of its arrival [s]."""
     tally: Tally = Tally()
 
 
 class Board(NamedTuple):
-    """Emulated steer module with the settings of a scenario."""
+    """Simulated steer module with the settings of a scenario."""
 
     spec: AgOpenGps
     limit: float
@@ -149,7 +150,7 @@ class Board(NamedTuple):
     inertial_unit: bool = False
     """Whether an inertial unit also replies to hello messages of the host."""
     address: tuple[int, int, int, int] = LOOPBACK
-    """IPv4 address reported to a host that scans the network."""
+    """IPv4 address that a host receives when it scans the network."""
 
     def init(self) -> BoardState:
         """Return the state at power-up."""
@@ -160,10 +161,8 @@ class Board(NamedTuple):
     def receive(
         self, state: BoardState, datagram: bytes, t: float, wall: float, quiet: bool = False
     ) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]. Return the state and the replies.
-
-        With `quiet` the steering state is not sent, because hosts would lose the position that follows shortly.
-        """
+        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]. Return the state and the replies. If
+        `quiet`, the steering state is not sent, because hosts would lose the position that follows shortly."""
         if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
             return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
         state = self._watch(state._replace(last=(datagram, wall)), t)
@@ -203,11 +202,11 @@ class Board(NamedTuple):
         return state, Actuation(True, clip(wanted, -self.limit, self.limit), None, wish, off)
 
     def refuses(self, state: BoardState) -> bool:
-        """Return whether the host is engaged while the board is latched."""
+        """Return whether the board is latched while the host is engaged."""
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the new state, and the steering state as an encoded message, at board time `t` [s]."""
+        """Return the new state, and an encoded message with the steering state, at board time `t` [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
@@ -249,6 +248,6 @@ class Board(NamedTuple):
         return angle_of(counts, state.settings, self.spec.host)
 
     def _switches(self, t: float) -> int:
-        """Return the byte of switches: work switch off, steer switch on from `engage_at_s` (inverted for AgOpenWeb)."""
+        """Return the switch byte: work switch off, steer switch on from `engage_at_s` (inverted for AgOpenWeb)."""
         on = self.spec.engage_at_s is None or t >= self.spec.engage_at_s
         return 0x01 | (0x02 if on == (self.spec.host == "agopenweb") else 0x00)

@@ -1,8 +1,8 @@
-"""Datagram channels: sockets in real time, sockets paced by replies of the host, or a recorded session.
+"""Datagram channels: sockets in real time, sockets whose pace is given by replies of the host, or a recorded session.
 
 A link performs one turn per tick: it processes the datagrams received since the last turn (`begin`), sends a position,
-and processes the replies (`rest`) before the board steers. The control loop of a board runs at 40 Hz. Therefore `rest`
-lasts 25 ms of the 50 ms tick.
+and processes the replies (`rest`) before the board steers. The control loop of a board has a frequency of 40 Hz.
+Therefore `rest` lasts 25 ms of the 50 ms tick.
 """
 
 import time
@@ -18,9 +18,9 @@ from agrobot_mj.extensions.links.pacing import Pace
 BOARD_LOOP_S = 0.025
 """Period of the control loop of a steer module [s], as in AgOpenGPS boards."""
 QUIET_S = 0.010
-"""Time before a position in which no report is sent [s], because some hosts would lose the position."""
+"""Time before each position in which no report is sent [s], because some hosts would lose the position."""
 ANSWER_S = 0.5
-"""Time limit for the reply of a host that paces the run [s]. Assumed value."""
+"""Time limit for the reply of a host that determines the pace of the run [s]. Assumed value."""
 
 
 class Channel(Protocol):
@@ -28,7 +28,7 @@ class Channel(Protocol):
 
     @property
     def pace(self) -> Pace | None:
-        """Timing statistics of turns on the wall clock; None for a channel without a clock."""
+        """Timing statistics of the turns; None for a channel without a clock."""
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
@@ -36,7 +36,7 @@ class Channel(Protocol):
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received before the board steers. `answered()` is True when the host has replied."""
+        """Return the datagrams received until the board steers. `answered()` states whether the host has replied."""
         ...
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
@@ -61,7 +61,7 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets paced by the wall clock: one simulated second takes `slower` seconds."""
+    """Sockets in real time: one simulated second takes `slower` seconds."""
 
     def __init__(self, sockets: UdpSockets, slower: float = 1.0) -> None:
         super().__init__(sockets)
@@ -74,22 +74,20 @@ class RealTime(_Sockets):
         self.pace.begin()
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Receive datagrams for one period of the board's control loop."""
+        """Receive datagrams for one period of the control loop of the board."""
         return self._received(time.perf_counter() + self.loop)
 
 
 class Answered(_Sockets):
-    """Sockets paced by the host: a run continues as soon as the host has replied to a position.
-
-    Suitable for hosts that accept positions at any rate. Without replies, the wall clock paces the run.
-    """
+    """Sockets whose pace is given by the host: the run continues as soon as the host has replied to a position.
+    Suitable for hosts that accept positions at any rate. Without replies, the run is in real time."""
 
     def __init__(self, sockets: UdpSockets) -> None:
         super().__init__(sockets)
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received so far. If the host does not reply, wait first for the time of a turn."""
+        """Return the datagrams received so far. If the host does not reply, first wait for the duration of a turn."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 
@@ -105,7 +103,7 @@ class Answered(_Sockets):
 
 
 class Replayed:
-    """Replay of a recorded session, as fast as the simulation runs."""
+    """Replay of a recorded session at the speed of the simulation."""
 
     pace = None
 

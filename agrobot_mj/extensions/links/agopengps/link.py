@@ -29,18 +29,18 @@ from agrobot_mj.simulation.storage import write_log
 FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
 """Scenario keys whose values may differ between a replay and the recorded run."""
 LEAST_PACE = 0.05
-"""Minimum pace: simulated time per wall-clock time [-]."""
+"""Minimum pace, which is simulated time divided by wall-clock time [-]."""
 
 
 class LinkRun(NamedTuple):
-    """Finished run over a link."""
+    """Finished run with a guidance program."""
 
     log: Log
     session: Session
 
 
 class LinkCheck(NamedTuple):
-    """Results of a check."""
+    """Results of a check of the connection."""
 
     block: dict[str, Any]
     """Metrics of the link."""
@@ -55,7 +55,7 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario steered by a host and write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
+    """Run a scenario in which a host steers; write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
     done = _connected(scenario, options, watchers, should_stop)
     table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
@@ -64,7 +64,7 @@ def link(
 
 
 def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
-    """Run a scenario with a host for `CHECK_S` and return the results. Raises as `link` does."""
+    """Run a scenario with a host for `CHECK_S` and return the results. Raises the errors of `link`."""
     log = _connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
     block = log.metrics["link"]
     return LinkCheck(block, list(check_lines(scenario, log, block)))
@@ -99,8 +99,8 @@ def run_link(
 ) -> LinkRun:
     """Run a scenario with the guidance `agopengps` over a channel, without writing files.
 
-    `address` is the address of the boards that a scanning host receives. Raises `ScenarioError` for other guidance, and
-    `NoHostError` if no host replies.
+    `address` is the address of the boards, which a host receives when it scans the network. Raises `ScenarioError` for
+    other guidance, and `NoHostError` if no host replies.
     """
     unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
     board = Board(_keys(scenario), scenario.tractor.steer_limit, unit, address)

@@ -1,4 +1,4 @@
-"""Check of a connection: rates and latency, effective wheelbase, settings for the program, and missing signals."""
+"""Check of a connection: message rates, latency, effective wheelbase, settings for the program, and missing signals."""
 
 from collections.abc import Iterator
 from math import tan
@@ -14,7 +14,7 @@ from agrobot_mj.simulation.log import Log
 CHECK_S = 20.0
 """Duration of a check [s]."""
 TURNING = 0.02
-"""Minimum rms of the yaw rate for an effective wheelbase [rad/s]. Assumed value: bends of 75 m radius at 1.5 m/s."""
+"""Minimum RMS yaw rate for an effective wheelbase [rad/s]. Assumed value: bends of 75 m radius at 1.5 m/s."""
 
 
 def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator[str]:
@@ -33,7 +33,7 @@ def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator
 
 
 def _wheelbase(scenario: Scenario, log: Log) -> str:
-    """Return the wheelbase that explains the yaw rate by steering angle and speed."""
+    """Return a text with the wheelbase that explains the yaw rate by steering angle and speed."""
     given, rate = scenario.tractor.wheelbase_m, log.column("yaw_rate")
     if (rms(rate) or 0.0) < TURNING:
         return f"wheelbase: {given:g} m; the tractor did not turn, so the yaw rate does not confirm it"
@@ -42,7 +42,7 @@ def _wheelbase(scenario: Scenario, log: Log) -> str:
 
 
 def _missing(scenario: Scenario, block: dict[str, Any]) -> Iterator[str]:
-    """Yield the signals without which the program steers worse or not at all."""
+    """Yield texts about missing signals, without which the program steers worse or not at all."""
     sensors, spec = scenario.sensors, scenario.guidance
     if not block["hellos"]:
         yield "hello messages; connect the program's network module"

@@ -15,19 +15,19 @@ from agrobot_mj.metrics.crosstrack import cross_track as path_offset
 from agrobot_mj.simulation.log import Log
 
 POSITIONS = (b"$PANDA", b"$PAOGI")
-"""First bytes of a position message to the host."""
+"""First bytes of the position messages to the host."""
 SETTLED_M = 0.1
-"""Distance from the host's line below which the tractor counts as settled [m]."""
+"""Distance from the line of the host below which the tractor has settled [m]."""
 LATE_S = 20.0
-"""Time after the first engagement at which the late part of a run starts [s]."""
+"""Time from the first engagement to the start of the late part of a run [s]."""
 SHIFT_M = 0.1
-"""Mean difference of reported and true cross-track error that is reported [m]. Assumed value: twice its resolution."""
+"""Minimum reported mean difference of reported and true cross-track error [m]. Assumed value: twice the resolution."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
-"""Minimum real-time factor, and minimum fraction of positions with a reply, of a working link [-]."""
+"""Minimum real-time factor, and minimum fraction of answered positions, of a working link [-]."""
 
 
 def latencies(record: list[Datagram]) -> list[float]:
-    """Return the wall-clock times from each position to the next steering message [s]."""
+    """Return the wall-clock times between each position and the following steering message [s]."""
     found: list[float] = []
     sent: float | None = None
     for datagram in record:
@@ -40,7 +40,7 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions sent since the host's first steering message, including the one before it."""
+    """Return the number of positions sent since the first steering message of the host, including the one before."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
@@ -54,8 +54,8 @@ def _steers(datagram: Datagram) -> bool:
 
 
 def cross_track(log: Log) -> dict[str, float | None]:
-    """Return cross-track metrics of the host while it steers: RMS, RMS of the late part [m], settling time [s], and
-    the mean distance of the rear axle from its place reported by the host in the late part, left positive [m].
+    """Return metrics of the cross-track error reported by the host while it steers: RMS, RMS of the late part [m],
+    settling time [s], and mean difference of true and reported error in the late part, left positive [m].
 
     Times count from the first engagement. Values are None without samples, or if the error has not settled.
     """
@@ -77,7 +77,7 @@ def cross_track(log: Log) -> dict[str, float | None]:
 
 
 def health(block: dict[str, Any]) -> list[str]:
-    """Return one line of text for each problem that the metrics of a link show."""
+    """Return one line of text for each problem that appears in the metrics of a link."""
     found = []
     asked = block.get("pace", 1.0)
     if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:

@@ -1,14 +1,15 @@
-"""Run with an external guidance program that steers the simulated tractor through the emulated boards.
+"""Run with an external guidance program that steers the tractor through simulated boards.
 
 The exchange is divided into turns. A turn is a tick of 50 ms: measure, send the position, process the messages of the
 host, steer, step. Before the start, the tractor is at rest, and positions are sent until the host replies (or engages),
-because hosts need time to detect a module. A message acts in the tick of its arrival, at most 25 ms after the position.
+because hosts need time to detect a module. A message is effective in the tick of its arrival, at most 25 ms after the
+position.
 
 The GNSS and IMU board converts measurements of the simulated sensors to position sentences. The position is the
 receiver solution at the antenna, with noise, latency and losses. Like a real board, it sends no sentence without a
-solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is the gyro, if enabled,
-integrated from the true initial heading. With two antennas (`paogi`), the heading comes from the receiver, and the last
-heading is repeated during a loss. Before the first heading, the single-antenna sentence is sent.
+solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is the integral of the
+gyro, if enabled, from the true initial heading. With two antennas (`paogi`), the heading comes from the receiver, and
+the last heading is repeated during a loss. Before the first heading, the single-antenna sentence is sent.
 """
 
 from collections.abc import Callable
@@ -33,10 +34,10 @@ QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FL
 
 
 class ReceiverState(NamedTuple):
-    """State of the emulated GNSS and IMU board between two ticks."""
+    """State of the simulated GNSS and IMU board between two ticks."""
 
     yaw: float = nan
-    """Heading from the gyro [rad]; NaN before the first measurement."""
+    """Heading integrated from the gyro [rad]; NaN before the first measurement."""
     heading: float = nan
     """Last heading from two antennas [rad]; NaN before the first heading."""
     solution: Solution | None = None
@@ -47,12 +48,12 @@ class ReceiverState(NamedTuple):
 
 
 class Receiver(NamedTuple):
-    """Emulated GNSS and IMU board with the settings of a scenario."""
+    """Simulated GNSS and IMU board with the settings of a scenario."""
 
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Update the state with the measurements of a tick `dt` [s]. `truth` gives the initial heading of the gyro."""
+        """Update the state with the measurements of a tick `dt` [s]. The gyro heading starts at that of `truth`."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -85,11 +86,11 @@ class Receiver(NamedTuple):
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
 """Names of the programs that send hello messages and steering messages, by dialect."""
 PATIENCE_S = 5.0
-"""Waiting time after which a message names the missing program [s]."""
+"""Waiting time after which a message with the name of the missing program is printed [s]."""
 
 
 class NoHostError(NotBegunError):
-    """Raised when no guidance program replies in time."""
+    """Exception for a guidance program that does not reply in time."""
 
 
 class LinkOptions(NamedTuple):
@@ -101,21 +102,21 @@ class LinkOptions(NamedTuple):
     replay: Path | None = None
     """Recorded session to replay instead of a host; None for a host."""
     start: Literal["heard", "engaged", "now"] = "heard"
-    """Event that starts the clock of the run: first message or engagement of the host, or opening of the link."""
+    """Event at which the clock of the run starts: first message or engagement of the host, or opening of the link."""
     wait_s: float = 60.0
     """Maximum time to wait for the start event [s]."""
     nmea: tuple[str, int] | None = None
-    """Address and port for additional NMEA sentences GGA, RMC and VTG; None to send none."""
+    """Address and port to which the additional NMEA sentences GGA, RMC and VTG are sent; None to send none."""
     pace: Literal["answered"] | float = 1.0
-    """Simulated time per wall-clock time, at most 1 [-], or `answered` if replies of the host pace the run."""
+    """Simulated time per wall-clock time, at most 1 [-]; or `answered` to continue after each reply of the host."""
     live: bool = False
-    """Whether observers receive rows during the run instead of at its end."""
+    """Whether observers receive rows during the run, and not only at its end."""
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None
 
 
 class Session:
-    """Run with a guidance program over a channel. `run` may be called only once."""
+    """Run with a guidance program over a channel. The method `run` may be called only once."""
 
     def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
         self.sim, self.board, self.channel, self.options = sim, board, channel, options
@@ -125,7 +126,7 @@ class Session:
         self.received = ReceiverState()
         self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
-        """Outcome set by the link; None if the outcome of the simulation applies."""
+        """Outcome set by the link; None if the outcome is determined by the simulation."""
 
     @property
     def now(self) -> float:

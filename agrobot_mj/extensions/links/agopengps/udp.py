@@ -1,8 +1,8 @@
-"""UDP sockets of a link.
+"""UDP sockets of a link to a guidance program.
 
 On the loopback network, a host may send to 127.0.0.1 or to a broadcast address. On Linux, a socket that is bound to one
-address receives only datagrams to that address. Therefore the link opens three sockets. Any other address must be
-requested, and opens the port on all interfaces. Size and number of datagrams per turn are limited, so that excess
+address receives only datagrams to that address. Therefore the link opens three sockets. For any other address, given
+explicitly, the port is opened on all interfaces. Size and number of datagrams per turn are limited, so that excess
 traffic cannot block the simulation.
 """
 
@@ -20,7 +20,7 @@ from agrobot_mj.core.errors import ScenarioError
 BOARD_PORT, HOST_PORT = 8888, 9999
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
 LONGEST = 2048
-"""Maximum length of a datagram [bytes]. Longer datagrams are truncated and rejected."""
+"""Maximum length of a datagram [bytes]. Longer datagrams are rejected."""
 MOST_A_TURN = 500
 """Maximum number of datagrams processed per turn. Further datagrams are processed in the next turn."""
 
@@ -29,7 +29,7 @@ class Incoming(NamedTuple):
     """Datagram received from the network."""
 
     wall: float
-    """Arrival time, from `time.perf_counter` or counted from the opening of the link [s]."""
+    """Arrival time [s]: value of `time.perf_counter`, or time since the opening of the link."""
     address: str
     data: bytes
     quiet: bool = False
@@ -37,7 +37,7 @@ class Incoming(NamedTuple):
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
-    """Convert an IPv4 address on the command line. Raises `ScenarioError` if the address is invalid."""
+    """Return the IPv4 address given by a text of the command line. Raises `ScenarioError` for an invalid address."""
     try:
         return IPv4Address(text)
     except AddressValueError:
@@ -63,7 +63,7 @@ class UdpSockets:
 
     @property
     def address(self) -> tuple[int, int, int, int]:
-        """IPv4 address of this computer on the route to the host; the loopback address without a route."""
+        """IPv4 address of this computer as seen by the host. Without a route to the host, the loopback address."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
             way.connect(self.target)  # a UDP connection sends nothing
             a, b, c, d = IPv4Address(way.getsockname()[0]).packed
@@ -82,14 +82,14 @@ class UdpSockets:
             each.close()
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> None:
-        """Send one datagram to the host or to `target`. Network errors are counted in `lost`."""
+        """Send one datagram to the host or to `target`. Network errors increase the counter `lost`."""
         try:
             self.sockets[0].sendto(data, target or self.target)
         except OSError:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """Yield received datagrams, and those that arrive before the `time.perf_counter` value `until` [s]."""
+        """Yield received datagrams, including those that arrive until the `time.perf_counter` value `until` [s]."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

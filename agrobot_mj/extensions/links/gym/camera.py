@@ -26,11 +26,11 @@ DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
 
 
 class NoDisplayError(RuntimeError):
-    """Raised if MuJoCo cannot render on this computer."""
+    """Exception for a computer on which MuJoCo cannot render."""
 
 
 class Camera:
-    """Renderer for one tractor on its ground."""
+    """Renderer of images of one tractor on its ground."""
 
     def __init__(
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
@@ -56,7 +56,7 @@ class Camera:
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """Return an image of tractor and path (n, 3) [m], shape (height, width, 3); `configuration` is MuJoCo qpos."""
+        """Return an image (height, width, 3) of tractor and path (n, 3) [m]. `configuration` is MuJoCo's qpos."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)
@@ -65,7 +65,7 @@ class Camera:
         return np.asarray(self.renderer.render(), dtype=np.uint8)
 
     def _strip(self, start: Array, end: Array) -> None:
-        """Add a segment of the path between two points (3,) [m] to the scene, unless the scene is full."""
+        """Add the path segment between two points (3,) [m] to the scene, unless the scene is full."""
         scene = self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return

@@ -1,12 +1,12 @@
 """`FollowPath`: environment in which one tractor follows the path of its scenario. A step is one tick of 50 ms.
 
 Action, in [-1, 1]: steering angle divided by the steering limit, left positive. With `speed=True` the second component
-is the speed, as the relative difference from the reference speed. Otherwise the tractor drives at the reference speed
-plus a proportional correction of its along-track error.
+is the speed, as the relative difference from the reference speed. Otherwise the speed is the reference speed plus a
+proportional correction of the along-track error.
 
 Reward, from the truth: progress / (1 + (cross-track / SHARP_M)^2) - EFFORT |change of the steering action|. The
-progress of a tick is the newly covered path length divided by the path length covered by the reference, at most 1. The
-reward per tick is 1 on the path at the reference speed, and 0 at standstill.
+progress of a tick is the path length covered for the first time divided by the path length covered by the reference, at
+most 1. The reward per tick is 1 on the path at the reference speed, and 0 at standstill.
 
 The episode terminates if the run fails (`rolled_over`, `stuck`, `diverged`, `left_terrain`), if the tractor is farther
 than `max_offset_m` from the path (`off_path`), or if the reference is more than `max_lag_m` ahead along the path
@@ -39,9 +39,9 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
 
 Range = tuple[float, float] | list[Any]
-"""Pair (low, high) of a uniform distribution (of integers if both are integers), or list of equally probable values."""
+"""Pair (low, high) of a uniform distribution, for integers if both are integers; or list of equally probable values."""
 SEEDS = 2**31
-"""Number of seeds from which episodes sample their seed."""
+"""Number of possible seeds of an episode."""
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
@@ -57,7 +57,7 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
 
 
 def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
-    """Return sampled overrides of one episode, including the seed. Values are sampled in the order of the ranges."""
+    """Return the overrides for one episode, sampled in the order of `ranges`, and its seed."""
     drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
     for key, values in ranges.items():
         if isinstance(values, list):
@@ -70,13 +70,13 @@ def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
 
 
 SHARP_M = 0.2
-"""Cross-track error that halves the reward [m]. An error of 2 cm, the receiver noise, costs 1 %."""
+"""Cross-track error at which the reward is halved [m]. An error of 2 cm, the receiver noise, costs 1 %."""
 SLOWEST_M_S = 0.1
-"""Minimum reference speed for the progress [m/s], because the reference stops at cusps."""
+"""Minimum reference speed in the progress [m/s], because the reference stops at cusps."""
 EFFORT = 0.1
-"""Reward lost if the steering action changes by 1 between two ticks [-]."""
+"""Decrease of the reward if the steering action changes by 1 between two ticks [-]."""
 CATCH_UP_PER_S = 0.5
-"""Gain of the speed correction: additional speed per along-track error, without `speed` [1/s]. Assumed value."""
+"""Gain from along-track error to speed correction without the action `speed` [1/s]. Assumed value."""
 MOST_CATCH_UP_M_S = 0.5
 """Maximum speed correction [m/s]. Assumed value."""
 PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
@@ -84,11 +84,11 @@ PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
 
 
 DRAWN_M = np.arange(-5.0, 20.0, 0.25)
-"""Arc lengths relative to the tractor of the path points in images [m]."""
+"""Arc lengths of the drawn path points relative to the tractor [m]."""
 
 
 class FollowPath(gymnasium.Env[Any, Any]):
-    """Environment with one tractor that follows the path of a scenario."""
+    """Environment in which one tractor follows the path of a scenario."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as in gymnasium
 
@@ -111,7 +111,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         """Create the environment for a scenario, given by name or path.
 
         `plant` and `terrain` are names of kinds. `overrides` are scenario values by dotted key. `randomise` are ranges
-        by dotted key that are sampled for each episode: (low, high) or a list of values. `preview_m` are the distances
+        by dotted key, from which each episode samples: (low, high) or a list of values. `preview_m` are the distances
         ahead at which the path curvature is observed [m]. `image_size` is the width and height of images [pixels].
         Raises `ScenarioError` for invalid keys and values.
         """
@@ -135,9 +135,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Vector, dict[str, Any]]:
         """Start a new episode. Without a seed, random values continue the sequence of previous episodes.
-
-        `options={"overrides": {...}}` sets scenario keys, including `seed`, for this episode only.
-        """
+        `options={"overrides": {...}}` sets scenario keys, including `seed`, for this episode only."""
         with held_back():
             super().reset(seed=seed)
             drawn = draw(self.randomise, self.np_random)
@@ -174,7 +172,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state of the episode without the renderer, for copies and pickles."""
+        """Return the state of the episode for copies and pickles. It does not include the renderer."""
         return vars(self) | {"components": (), "_camera": None, "_drawn": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -243,7 +241,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
 
 class FollowPathVector(SyncVectorEnv):
-    """Vector environment with `num_envs` tractors. Further arguments are those of `FollowPath`."""
+    """Vector environment with `num_envs` tractors. The other arguments are those of `FollowPath`."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
@@ -254,7 +252,7 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed` is an integer (first tractor) or a list; `options` as in `FollowPath.reset`."""
+        """Start new episodes. `seed` is that of the first tractor, or a list; `options` as in `FollowPath.reset`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 

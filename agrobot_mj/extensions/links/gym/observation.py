@@ -18,7 +18,7 @@ Vector = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class Moment(NamedTuple):
-    """State of an episode at one tick, from which the observation is computed."""
+    """State of an episode at one tick, for computing the observation."""
 
     sim: Simulation
     beside: PathPoint
@@ -41,7 +41,7 @@ class Observed(NamedTuple):
 
 
 def along_track(m: Moment) -> float:
-    """Return the distance by which the reference leads the estimated position, along the reference heading [m]."""
+    """Return the distance of the reference ahead of the estimated position, along the reference heading [m]."""
     r, e = m.sim.reference, m.sim.estimate
     return to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
 
@@ -119,6 +119,6 @@ def bounds(components: tuple[Observed, ...]) -> Vector:
 
 
 def observation(components: tuple[Observed, ...], highest: Vector, moment: Moment) -> Vector:
-    """Return the observation clipped to its bounds, shape (n,). Values that are not finite (diverged run) become 0."""
+    """Return the observation clipped to its bounds, shape (n,). NaN and infinite values (diverged run) become 0."""
     values = np.array([part.value(moment) for part in components], dtype=np.float32)
     return np.clip(np.nan_to_num(values, posinf=0.0, neginf=0.0), -highest, highest)

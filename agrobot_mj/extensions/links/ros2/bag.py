@@ -40,7 +40,7 @@ from agrobot_mj.simulation.results import atomic, results
 
 FILE = "run.mcap"
 LARGEST = 1e9
-"""Upper bound of the absolute value of all signals [SI units]."""
+"""Upper limit of the absolute value of any signal [SI units]."""
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
@@ -54,7 +54,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Return the time for which a run's node waited for a program, from its metrics [s]; 0 for runs without a node."""
+    """Return the time for which the node waited for a program at the start of a run [s]; 0 for runs without a node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -79,7 +79,7 @@ def _signals(file: Path) -> pa.Table:
 
 
 def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: float = 0.0) -> int:
-    """Write a run to an MCAP file; return the number of messages. Raises `ScenarioError` without the extra `mcap`."""
+    """Write a run to an MCAP file. Return the number of messages. Raises `ScenarioError` without the extra `mcap`."""
     library: Any = required("mcap_ros2.writer", "mcap", "export --mcap")
     with atomic(file) as temporary:
         writer = library.Writer(str(temporary))

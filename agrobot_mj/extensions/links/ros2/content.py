@@ -1,8 +1,8 @@
-"""Messages of one tick as plain data: dictionaries with the fields listed in `definitions`.
+"""Messages of one tick as plain data: dictionaries with the fields that are defined in `definitions`.
 
-Frames follow REP 103 and REP 105. `map` is ENU with the origin of the scenario. `base_link` is R, the point on the
-ground below the rear axle, with x forward and y left. Time stamps count from a fixed UTC time, so that runs are
-repeatable. Quantities without a measurement are marked as usual in ROS, by a covariance that starts with -1.
+Frames follow REP 103 and REP 105. `map` has axes east, north and up, and the origin of the scenario. `base_link` is R,
+the point on the ground below the rear axle, with x forward and y left. Time stamps count from a fixed UTC time, so that
+runs are repeatable. A covariance that starts with -1 marks a quantity that is not measured, as usual in ROS.
 
 Messages from a running simulation and from the table of a finished run are equal: a recording contains the messages
 that a live subscriber receives.
@@ -36,7 +36,7 @@ TickSample = namedtuple(
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """Return the signals of the present tick of a simulation. Reads the sensors if necessary."""
+    """Return the signals of the current tick of a simulation. Sensors that have not been read are read."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance
@@ -63,26 +63,26 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
 
 Content = dict[str, Any]
 EPOCH_NS = round(START.timestamp() * 1e9)
-"""UTC time at the start of every run, in nanoseconds since 1970."""
+"""Time at the start of every run, in nanoseconds since 1970 (UTC)."""
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
-"""Status in NavSatStatus for each solution quality: RTK float is a plain fix, RTK fix a ground-based augmentation."""
+"""NavSatStatus for each quality of the solution: RTK float is a plain fix, RTK fix a ground-based augmentation."""
 SERVICES = 1 + 2 + 4 + 8
 """Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
-"""Standard deviation of the height divided by that of a horizontal coordinate [-]. Assumed value (1.5-3)."""
+"""Standard deviation of the height divided by the one of a horizontal coordinate [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100
-"""Number of ticks between repetitions of /path and /tf_static, which late subscribers need."""
+"""Number of ticks between repetitions of /path and /tf_static, for subscribers that connect later."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
 """Distance between points of /path [m], and maximum number of points [-]."""
 UNKNOWN_VARIANCE = 1e6
-"""Variance of a component that is not measured."""
+"""Variance that marks a component without measurement."""
 NOT_MEASURED = [-1.0, *[0.0] * 8]
 """Covariance that marks an unmeasured quantity."""
 
 
 class Site(NamedTuple):
-    """Values from the scenario that the messages need."""
+    """Values of the scenario that are needed for messages."""
 
     origin: Origin
     antenna: tuple[float, float, float]
@@ -104,7 +104,7 @@ class Site(NamedTuple):
 
 
 def site_of(scenario: Scenario) -> Site:
-    """Return the values for a scenario, with the geographic origin of its guidance or the default origin."""
+    """Return the values of a scenario. The geographic origin is that of its guidance or the default origin."""
     tractor, sensors = scenario.tractor, scenario.sensors
     keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
@@ -148,7 +148,7 @@ def header(at: Content, frame: str) -> Content:
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude is the true one on level ground."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. On level ground, the altitude is the true one."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
@@ -187,7 +187,7 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/JointState`: front wheel of the bicycle model, and rear wheels if they have a sensor."""
+    """Return `sensor_msgs/JointState` of the front wheel of the bicycle model and, if measured, of the rear wheels."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {
         "header": header(at, ""),
@@ -199,7 +199,7 @@ def joint_states(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def estimated(s: TickSample, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the estimated motion of R in the plane of the map."""
+    """Return `nav_msgs/Odometry` of the estimated motion of the rear-axle point R in the map plane."""
     covariance = [0.0] * 36
     covariance[0], covariance[1], covariance[6], covariance[7] = s.p_xx, s.p_xy, s.p_xy, s.p_yy
     covariance[35] = s.p_yaw
@@ -208,7 +208,7 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the true motion of R in the map, with velocities along the heading and left."""
+    """Return `nav_msgs/Odometry` of the true motion of R in the map. Velocities are along the heading and left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate

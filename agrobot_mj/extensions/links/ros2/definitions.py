@@ -58,7 +58,7 @@ TOPICS = {
 }
 """Message types of a live tractor, by topic."""
 RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", **dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/TFMessage")}
-"""Message types in an MCAP file, by topic. ROS packages on PyPI lack tf2_msgs, which writing a file does not need."""
+"""Message types in an MCAP file, by topic. tf2_msgs is not on PyPI, and is not needed for writing a file."""
 
 
 def full_name(kind: str) -> str:

@@ -12,17 +12,17 @@ from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
 DEPTH = 10
-"""Queue length for slow subscribers [messages]."""
+"""Queue length of topics, for slow subscribers [messages]."""
 MOST_DOMAIN = 232
 """Maximum ROS domain ID for DDS over UDP."""
 LATCHED = "/path"
-"""Topic with the durability TRANSIENT_LOCAL: late subscribers receive the last message."""
+"""Topic with durability TRANSIENT_LOCAL, which sends the last message to late subscribers."""
 
 
 NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
 """Pattern of a ROS namespace without its leading slash; the namespace may be empty."""
 TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
-"""Message types of /cmd_vel: without and with a time stamp."""
+"""Message types of /cmd_vel, without and with a time stamp."""
 
 
 class VelocityMessage(NamedTuple):
@@ -39,11 +39,12 @@ class VelocityMessage(NamedTuple):
 class RosNode:
     """ROS node `tractor`, used as a context manager.
 
-    `heard` counts valid commands, `refused` counts commands that are not finite, `last` is the newest command.
+    `heard` is the number of valid commands, `refused` the number of commands with values that are not finite, and
+    `last` the newest command.
     """
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
-        """Create the node. With `stamped`, /cmd_vel is a TwistStamped. `namespace` applies to node and topics."""
+        """Create the node. If `stamped`, /cmd_vel is a TwistStamped. `namespace` applies to node and topics."""
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
@@ -82,7 +83,7 @@ class RosNode:
         return self.node.create_publisher(message_class(kind), full_topic(self.namespace, topic), profile)
 
     def publish(self, topic: str, content: Content) -> None:
-        """Publish a message on a topic. If the content is unchanged, the previous message is sent again."""
+        """Publish a message on a topic. Unchanged content is sent again without conversion."""
         known, message = self.built.get(topic, (None, None))
         if known is not content:
             message = message_class(TOPICS[topic])() if message is None else message
@@ -91,7 +92,7 @@ class RosNode:
         self.publishers[topic].publish(message)
 
     def spin(self, until: float, enough: Callable[[], bool] = lambda: False) -> None:
-        """Process queued and further messages until the `time.perf_counter` value `until` [s], or until `enough()`."""
+        """Process messages until the `time.perf_counter` value `until` [s], or until `enough()` is true."""
         while not enough():
             rest = until - time.perf_counter()
             heard = self.heard
@@ -100,7 +101,7 @@ class RosNode:
                 return
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive (`problem_of`)."""
+        """Return the reason why no commands arrive, see `problem_of`."""
         found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 

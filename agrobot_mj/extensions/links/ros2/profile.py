@@ -17,7 +17,7 @@ from agrobot_mj.core.errors import ScenarioError
 MIDDLEWARE = "rmw_fastrtps_cpp"
 """ROS middleware to which the profile applies."""
 PEERS = 32
-"""Maximum number of participants that are discovered on this computer [-]."""
+"""Maximum number of participants that can be discovered on this computer."""
 PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com">
   <profiles>
@@ -50,10 +50,8 @@ PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 
 @contextmanager
 def loopback_only() -> Iterator[None]:
-    """Restrict nodes created in the block to the loopback interface. Raises `ScenarioError` for another middleware.
-
-    The block must begin before rclpy is initialised, because Fast DDS reads its profile once per process.
-    """
+    """Restrict nodes created in the block to the loopback interface. Raises `ScenarioError` for another middleware. The
+    block must begin before rclpy is initialised, because Fast DDS reads its profile once per process."""
     other = os.environ.get("RMW_IMPLEMENTATION", MIDDLEWARE)
     if other != MIDDLEWARE:
         raise ScenarioError(

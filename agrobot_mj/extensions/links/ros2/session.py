@@ -1,9 +1,10 @@
 """Run controlled by a program that publishes on /cmd_vel.
 
 The exchange is divided into turns. A turn is a tick of 50 ms: publish the sensors and the clock, receive a command,
-steer, step. In real time, a command acts in the tick of its arrival, at most 25 ms after the sensors. In lock-step, the
-clock waits for one command every `every` ticks, so that a run is repeatable on any computer; the run ends if no command
-arrives. Before the start, the tractor is at rest. Clock and sensors are published in real time until the first command.
+steer, step. In real time, a command is effective in the tick of its arrival, at most 25 ms after the sensors. In
+lock-step, the clock waits for one command every `every` ticks, so that a run is repeatable on any computer. The run
+ends if no command arrives. Before the start, the tractor is at rest. Clock and sensors are published in real time until
+the first command.
 """
 
 import time
@@ -39,28 +40,28 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025
-"""Time in a turn within which an arriving command still acts in this turn [s]."""
+"""Time from the start of a turn within which an arriving command is effective in this turn [s]."""
 SETTLE_S = 0.3
-"""Time without commands after which no reply to an earlier clock message is pending (lock-step) [s]. Assumed value."""
+"""Time without commands until all replies to earlier clock messages have arrived (lock-step) [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of turns without a command after which publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
+"""Number of turns without a command after which the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensors that a run with ROS enables unless the scenario sets them."""
+"""Sensors that are enabled in a run with ROS, unless the scenario sets their keys."""
 
 
 class NoProgramError(NotBegunError):
-    """Raised if no command arrives on /cmd_vel in time."""
+    """Exception for a program from which no command arrives on /cmd_vel in time."""
 
 
 class Port(Protocol):
-    """Source of commands and destination of messages: a ROS node, or a test double."""
+    """Interface to a ROS node or test double: source of commands, destination of messages."""
 
     heard: int
     """Number of commands received."""
     refused: int
-    """Number of ignored commands whose values are not finite."""
+    """Number of ignored commands with values that are not finite."""
     last: VelocityMessage | None
     """Newest command; None before the first one."""
 
@@ -81,13 +82,13 @@ class RosOptions(NamedTuple):
     """Options of a run as a ROS node, in addition to the scenario."""
 
     pace: Literal["real_time", "lock_step"] = "real_time"
-    """Time base of the run: the wall clock, or the commands of the program."""
+    """Time base of the run: the wall clock (`real_time`), or the commands of the program (`lock_step`)."""
     every: int = 1
-    """Number of ticks for each command in lock-step."""
+    """Number of ticks per command in lock-step."""
     start: Literal["heard", "now"] = "heard"
-    """Event that starts the clock of the run."""
+    """Event at which the clock of the run starts: the first command, or the opening of the link."""
     wait_s: float = 60.0
-    """Maximum time to wait for the start, and in lock-step for each command [s]."""
+    """Maximum time to wait for the start event and, in lock-step, for each command [s]."""
     network: bool = False
     """Whether other computers can reach the topics."""
     domain: int | None = None
@@ -95,13 +96,13 @@ class RosOptions(NamedTuple):
     stamped: bool = False
     namespace: str = ""
     live: bool = False
-    """Whether observers receive rows during the run instead of at its end."""
+    """Whether observers receive rows during the run, and not only at its end."""
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None
 
 
 class RosSession:
-    """Run over a port. `run` may be called only once."""
+    """Run over a port. The method `run` may be called only once."""
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
         spec: GuidanceLaw = sim.scenario.guidance
@@ -111,17 +112,17 @@ class RosSession:
         self.place = full_topic(options.namespace, "/cmd_vel")
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
         self.yaw, self.request = nan, VelocityRequest()
-        """Heading of the inertial unit [rad], and the current command."""
+        """Heading of the simulated inertial unit [rad], and the current command."""
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
         self.refused = 0
         """Number of ignored commands that have been reported."""
         self.answered = 0
-        """Last turn with a command; in lock-step the next command is due `every` turns later."""
+        """Last turn with a command. In lock-step, the next command is expected `every` turns later."""
         self.latencies: list[float] = []
-        """Wall-clock times from publishing the sensors to the first command of a turn [s]."""
+        """Wall-clock times between publishing the sensors and the first command of each turn [s]."""
         self.ended: str | None = None
-        """Outcome set by the link; None if the outcome of the simulation applies."""
+        """Outcome set by the link; None if the outcome is determined by the simulation."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Simulate to the end and call `tell` after each tick. Raises `NoProgramError` if no command arrives in
@@ -200,7 +201,7 @@ class RosSession:
             self.options.notify(f"no message on {self.place} yet: {problem}")
 
     def _settle(self) -> None:
-        """Wait until replies to earlier clock messages have arrived, so that each later reply belongs to one tick."""
+        """Wait until replies to earlier clock messages have arrived, so that later replies belong to a known tick."""
         heard = -1
         while heard != self.port.heard:
             heard = self.port.heard
@@ -248,7 +249,7 @@ def run_over(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario over a port. The log gets the metrics block `ros2`. Raises the same errors as `ros2`."""
+    """Run a scenario over a port. The log gets the metrics block `ros2`. Raises the errors of `ros2`."""
     session = RosSession(Simulation(scenario), port, options)
     told = options.live or options.pace == "lock_step"
     return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)
