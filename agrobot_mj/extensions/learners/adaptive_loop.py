@@ -1,16 +1,16 @@
 """Steering-angle loop that identifies the dead band and gain of its valve on each side by recursive least squares.
 
-Static valve map for steering to side i, outside the dead band d_i: rate = g_i (v - d_i). The spool voltage v is
-computed from the commanded voltage with the delay and lag given by the keys.
+Static valve map for steering to side i (left, right) outside the dead band d_i: rate = g_i (v - d_i) with the gain g_i.
+The spool voltage v is computed from the commanded voltage with the delay and lag given by the keys.
 
 Each time segment in which v stays outside the dead band of one side gives one equation for g_i and g_i d_i. Both are
 updated with forgetting and projected onto bounds. The equation does not hold if the wheels hardly turned in the
-segment, or turned with v inside the dead band. In these cases only d_i is changed, by a small amount.
+segment, or turned with v inside the dead band. In these cases only d_i is changed slightly.
 
 The command is the inverse of the map for the rate that corrects the error within `answer_s`. The error is computed from
-the angle predicted for the end of the delay, so that voltages in the delay are not commanded twice.
+the angle predicted for the end of the valve delay, because voltages already commanded are still effective then.
 
-Guard: the loop returns to the initial map if the learned map predicts the steering rates less accurately.
+The loop returns to the initial map if the learned map predicts steering rates less accurately than the initial map.
 """
 
 from collections.abc import Sequence
@@ -27,20 +27,21 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Bounds of the gain relative to its initial value [-], maximum dead band [V]. Assumed values: worn to fast valves."""
+"""Limits of the gain relative to its initial value [-], and maximum dead band [V]. Assumed: worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Range of the duration of time segments [s]. Assumed values: angle noise of 0.07 deg gives 0.4 deg/s of rate noise."""
+"""Minimum and maximum duration of a time segment [s]. Assumed values: 0.07 deg of angle noise is 0.4 deg/s of rate
+noise."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Range of voltages used for learning [V]. Assumed values: the dead band and the pump limit are outside."""
+"""Minimum and maximum voltage used for learning [V]. Assumed values: dead band and pump limit are outside it."""
 UNSURE = (0.5, 0.5)
-"""Initial standard deviations of gain [fraction of the gain] and dead band [V]. Assumed values."""
+"""Initial standard deviations of gain [fraction of the initial gain] and dead band [V]. Assumed values."""
 NOISE = radians(0.1)
 """Standard deviation of the mean angle at each end of a segment [rad]. Assumed value: 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate above which the wheels turned in the complete segment [rad/s], and fraction of the prediction error by
-which the dead band is shifted otherwise [-]. Assumed values: twice the noise of the rate."""
+"""Mean rate above which the wheels turned during the complete segment [rad/s]. Otherwise the dead band is shifted by
+this fraction of the prediction error [-]. Assumed values: twice the noise of the rate."""
 MOST = radians(6.0)
-"""Maximum prediction error of the rate in an update, which limits the effect of outliers [rad/s]. Assumed value."""
+"""Maximum rate error used in an update, which limits the effect of outliers [rad/s]. Assumed value."""
 JUDGED, TRUST = 30.0, 1.5
 """Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""
 SIDES = ("left", "right")
@@ -54,7 +55,7 @@ class Side(NamedTuple):
     offset: float
     """Product of gain and dead band, g d [rad/s]."""
     P: tuple[float, float, float]
-    """Covariance of (gain, offset) relative to that of an equation: (gain, gain), (gain, offset), (offset, offset)."""
+    """Covariance of (gain, offset) per variance of an equation: (gain, gain), (gain, offset), (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
@@ -67,7 +68,7 @@ class Side(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """Time segment in which the spool stayed on one side and either inside or outside the dead band."""
+    """Time segment in which the spool stayed on one side, and either inside or outside the dead band."""
 
     side: int = 0
     """Side of the valve: 1 left, -1 right, 0 none."""
@@ -89,7 +90,7 @@ class AdaptiveState(NamedTuple):
     reference: float = 0.0
     """Present setpoint of the steering angle [rad]."""
     under_way: tuple[float, ...] = ()
-    """Commanded voltages that the valve delay still holds back, relative to neutral, oldest first [V]."""
+    """Voltages that were commanded and are still delayed in the valve, relative to neutral, oldest first [V]."""
     spool: float = 0.0
     """Voltage at the spool relative to neutral [V]."""
     mean: float = 0.0
@@ -99,7 +100,7 @@ class AdaptiveState(NamedTuple):
     piece: Stretch = Stretch()
     """Time segment in progress."""
     misses: tuple[float, float] = (0.0, 0.0)
-    """Mean squared error of the rates predicted by the learned and by the initial map [rad2/s2]."""
+    """Mean squared errors of the steering rates predicted by the learned map and by the initial map [rad2/s2]."""
     resets: int = 0
 
 
@@ -114,13 +115,13 @@ class AdaptiveLoop(AngleLoop):
     delay_s: Latency = 0.1
     """Delay of the valve, in whole ticks [s]. Assumed value, as in `Valve`."""
     lag_s: Positive = 0.1
-    """Lag of the spool [s]. Assumed value, as in `Valve`."""
+    """Time constant of the spool [s]. Assumed value, as in `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time in which a steering error is corrected [s]. Assumed value (0.15-0.5): above the lag of the spool."""
+    """Time in which a steering error is corrected [s]. Assumed value (0.15-0.5): longer than the lag of the spool."""
     tolerance_deg: Positive = 0.15
     """Maximum angle error without correction [deg]. Assumed value (0.1-0.4): twice the potentiometer noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Fraction of the information kept per time segment [-]. Assumed value (0.97-0.999): memory of about a minute."""
+    """Fraction of information that remains after a segment [-]. Assumed value (0.97-0.999): about one minute."""
     learn: bool = True
     """Whether the valve map is updated."""
     file: Annotated[str, Field(min_length=1)] | None = None
@@ -143,7 +144,7 @@ class AdaptiveLoop(AngleLoop):
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
-        """Learn from the last tick; return the voltage [V] for the rate that corrects the predicted angle error."""
+        """Learn from the last tick. Return the voltage [V] for the rate that corrects the predicted angle error."""
         state = self._learnt(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
@@ -157,12 +158,12 @@ class AdaptiveLoop(AngleLoop):
         return state, NEUTRAL_V + volts
 
     def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
-        """Return the spool voltage `dt` [s] after the voltage `arriving`, and its mean over this time [V]."""
+        """Return the voltage `dt` [s] after the voltage `arriving` reaches the spool, and its mean until then [V]."""
         keep, rest = exp(-dt / self.lag_s), spool - arriving
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Return the steering-angle change [rad] that voltages in the delay will still cause."""
+        """Return the change of the steering angle [rad] that will result from voltages still delayed in the valve."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
@@ -170,7 +171,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """Add the last tick to the time segment, update the map at the end of a segment, and return the state."""
+        """Add the last tick to the time segment. At the end of a segment, update the map. Return the state."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -184,7 +185,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated by the equation of a time segment, rate = gain v - offset."""
+        """Return the state updated by the equation of one time segment, rate = gain v - offset."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -202,7 +203,7 @@ class AdaptiveLoop(AngleLoop):
         return state
 
     def _within(self, side: Side) -> Side:
-        """Return the parameters of a side, projected onto the bounds of gain and dead band."""
+        """Return the parameters of a side, limited to the bounds of gain and dead band."""
         low, high = (share * radians(self.gain_deg_s_v) for share in GAIN_SHARES)
         gain = clip(side.gain, low, high)
         dead_band = clip(side.dead_band, 0.0, WIDEST_V) if side.gain > 0.0 else 0.0
@@ -253,9 +254,7 @@ def _rate(sides: tuple[Side, Side], v: float) -> float:
 
 def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
     """Return the side updated by the equation rate = gain v - offset; `noise` is the variance of the rate [rad2/s2].
-
-    Forgetting increases the covariance only along the excited direction.
-    """
+    Forgetting increases the covariance only along the excited direction."""
     a, b, c = side.P
     g_1, g_2 = a * v - b, b * v - c  # P phi with phi = (v, -1)
     total = g_1 * v - g_2 + noise

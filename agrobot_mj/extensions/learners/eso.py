@@ -1,13 +1,15 @@
 """Extended-state observer for Stanley's law or LQR: estimates and compensates disturbances of the path errors.
 
 States of the model: cross-track error e_y and heading error e of the CG, crab angle b and disturbance curvature d; b
-and d vary slowly. Input: steering angle delta relative to its feedforward value. a and L are those of the inner law.
+and d vary slowly. Input: steering angle delta relative to its feedforward value. Slip length a and effective wheelbase
+L are those of the inner law; u is the speed, w the yaw rate relative to the path.
 
     e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d)
 
-An observer with two poles at -omega estimates each disturbance: z' = ... + 2 omega (y - z), and the derivative of the
-disturbance is omega^2 (y - z) / u. The inner law acts on the course error e + b instead of the heading error e, so that
-a crab angle causes no offset. -L d is added to the command. Structure: [Han2009].
+An observer with two poles at -omega estimates each disturbance from the difference of a measured error y and its
+observed value z: z' = ... + 2 omega (y - z), and the derivative of the disturbance is omega^2 (y - z) / u. The inner
+law acts on the course error e + b instead of the heading error e, so that a crab angle causes no offset. -L d is added
+to the command. Structure: [Han2009].
 """
 
 from collections.abc import Sequence
@@ -34,7 +36,7 @@ class EsoState(NamedTuple):
 
     inner: Any
     seen: tuple[float, float] | None = None
-    """Cross-track error [m] and heading error [rad] of the observer; None before the first tick."""
+    """Observed cross-track error [m] and heading error [rad]; None before the first tick."""
     crab: float = 0.0
     """Estimated crab angle b [rad]."""
     curvature: float = 0.0
@@ -47,15 +49,15 @@ class Eso(Following):
     kind: Literal["eso"] = "eso"
     label: ClassVar = "observer (ESO)"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
-    """Inner law, selected by its own `kind`. Keys that the inner law shares with `eso` are set in `eso`."""
+    """Inner law, selected by its own `kind`. Keys that the inner law shares with `eso` must be set in `eso`."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
-    """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of the bandwidth of the path loop. Higher
-    values react to the lag of the steering."""
+    """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of the bandwidth of the path loop. At
+    higher values, the observer reacts to the lag of the steering."""
     tunable: ClassVar = {"bandwidth_per_s": (0.1, 2.0)}
-    """Search range of the bandwidth in tuning [1/s]."""
+    """Search range of `bandwidth_per_s` for tuning [1/s]."""
 
     def memory(self) -> EsoState:
-        """Return the initial state, with zero disturbances."""
+        """Return the initial state without disturbances."""
         return EsoState(self.inner.memory())
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
@@ -65,7 +67,7 @@ class Eso(Following):
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
-        """Return the new state, and the steering angle of the inner law plus the curvature compensation [rad]."""
+        """Return the new state and the steering angle [rad]: the inner law plus compensation of the curvature."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.rolling(situation)[1] * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
@@ -74,7 +76,7 @@ class Eso(Following):
         return memory._replace(inner=inner), wanted + against
 
     def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
-        """Return the updated observer. Disturbances stay constant at large heading errors and near standstill."""
+        """Return the updated observer state. Near standstill and at large heading errors, disturbances are constant."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)

@@ -1,7 +1,7 @@
 """Iterative learning control: a map of the steering angle over arc length, learned from lap to lap, added to any law.
 
 Corrections that the feedback law makes at a location in one lap are applied in advance in the next lap (`lap_map`). The
-map thus learns effects that repeat with the location, such as slope and soil, and averages out noise. A lap ends where
+map thus contains effects that repeat with the location, such as slope and soil; noise is averaged out. A lap ends where
 the heading of the path repeats: after one round of a figure eight, or two passes of a field. On a path without
 repetition, the lap is the complete path, and the next run loads the map from `file`.
 """
@@ -38,7 +38,7 @@ class IlcState(NamedTuple):
     steer: float = 0.0
     """Last commanded steering angle [rad]."""
     ahead: float = 0.0
-    """Steering angle from the map in the last tick [rad]."""
+    """Steering angle of the map in the last tick [rad]."""
     feedback: float = 0.0
     """Steering angle added by the feedback law [rad]."""
     learning: bool = False
@@ -57,7 +57,7 @@ class Ilc(AngleLearner, PlaceLearner):
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Maximum steering angle of the map [deg]. Assumed value (5-15): sufficient for a side slope of 20 deg."""
     answer_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Response time of the wheels to the map [s]. Assumed value (0.3-0.6): as `preview_s` of other laws."""
+    """Time until the wheels respond to the map [s]. Assumed value (0.3-0.6): as `preview_s` of other laws."""
     max_offset_m: Positive = 0.5
     """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): excludes path acquisition."""
     max_steer_lag_deg: Positive = 10.0
@@ -69,7 +69,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Return the command of feedback law plus map; store the correction at this location for the next lap."""
+        """Return the command of the feedback law plus the map. Store the correction here for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
@@ -88,7 +88,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(inner, lap, place.s, state.length, command.steer, ahead, feedback, learning, settled), command
 
     def learned(self, state: IlcState) -> Learned:
-        """Return the steering angles of the map for the next lap [rad]."""
+        """Return the map for the next lap: steering angles by location [rad]."""
         return self.map.learned(state.lap, state.length, radians(self.bound_deg), self.quantity)
 
     @property

@@ -1,10 +1,10 @@
-"""Iterative learning control of the implement's path: shifts the tractor's line to bring the implement onto the path.
+"""Iterative learning control of an implement: the line of the tractor is shifted so that the implement is on the path.
 
 Guidance of the tractor alone leaves errors of the implement: a trailer cuts bends, a seeder drifts down a slope. The
 inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the left of the path. The offset is
 learned from lap to lap (`lap_map`) from the implement's error at its own location. A towed implement follows its hitch
-with a lag of its own length. At long wavelengths, a shift therefore appears at the same location, and the correction
-needs no shift in arc length.
+with a lag equal to its length. At long wavelengths, a shift therefore has its effect at the same location, and the
+correction is not shifted in arc length.
 
 The implement's own receiver (`sensors.implement_gnss`) gives its position. Without a receiver, the position is that of
 a tractrix behind the hitch, which models how an implement cuts bends and uses the tractor's sideslip.
@@ -28,11 +28,11 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Distance for computing slope and curvature of the shifted line [m]. Assumed value: half the map's filter width."""
+"""Length over which slope and curvature of the shifted line are computed [m]. Assumed value: half the map's filter."""
 
 
 class Moved(NamedTuple):
-    """Route shifted laterally from another route, by a map of the lateral offset over arc length."""
+    """Route with a lateral offset from another route, given by a map over arc length."""
 
     route: Route
     map_: LapMap
@@ -70,7 +70,7 @@ class Moved(NamedTuple):
         return found
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the leg of the original path at time `t` [s] (`Route.leg`)."""
+        """Return the leg of the original path at time `t` [s], see `Route.leg`."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:
@@ -107,7 +107,7 @@ class ImplementIlcState(NamedTuple):
     offset: float = nan
     """Offset of the implement from the path, left positive [m]."""
     beside: float = 0.0
-    """Offset of the tractor's shifted line from the path, left positive [m]."""
+    """Offset of the shifted line of the tractor from the path, left positive [m]."""
     learning: bool = False
     """Whether the last tick is used for learning."""
 
@@ -135,7 +135,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Locate the implement, then return the command of the inner law on the shifted line."""
+        """Locate the implement, and return the command of the inner law on the shifted line."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -154,7 +154,7 @@ class ImplementIlc(PlaceLearner):
         return ImplementIlcState(inner, lap, place.s, state.length, yaw, place.offset, beside, learning), command
 
     def _implement(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[float, float, float]:
-        """Return position [m] and heading [rad] of the implement, measured or from the tractrix behind the hitch."""
+        """Return x, y [m] and heading [rad] of the implement, measured or from the tractrix behind the hitch."""
         e, m, (x, y) = situation.estimate, situation.machine, situation.implement
         heading = wrap(e.yaw - e.sideslip)
         yaw, behind = heading if state.yaw != state.yaw else state.yaw, m.hitch_behind_m
@@ -168,11 +168,11 @@ class ImplementIlc(PlaceLearner):
         return x, y, yaw
 
     def feedback(self, state: ImplementIlcState, command: Command) -> float:
-        """Return the part of the steering angle that the inner law adds by feedback [rad]."""
+        """Return the steering angle that the inner law adds by feedback [rad]."""
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the offset map for the next lap [m] and the learned values of the inner law."""
+        """Return the map of the offset for the next lap [m], and the learned values of the inner law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),

@@ -8,12 +8,12 @@ with the correction c at each location, and a zero-phase Gaussian filter Z over 
 `smoothing_m` at half maximum. r^2 is the fraction of u = m + Z(c) explained by the previous lap: small in ruts, which
 change in every lap, and nearly 1 on a slope. Locations are GRID_M apart; the map is periodic with the lap.
 
-Guards. A map is worse if the error of its lap exceeds that of the best lap by the factor `WORSE` plus `MARGIN_M`. The
-RMS of the complete lap is compared at its end. During a lap, the error over about WINDOW_M is compared with that of the
-best lap, at the same location and on average. A worse map is replaced by the map of the best lap, blended over FADE_M.
-The gain is halved, and learning is suspended until a complete lap has measured the error of the restored map. If the
-best map itself has become worse, because ground or machine have changed, learning restarts from an empty map. Learning
-ends after GIVE_UP returns to the best map.
+Guards: a map is worse if the RMS error of its lap exceeds `WORSE` times the error of the best lap plus `MARGIN_M`. This
+comparison is made at the end of the lap. During a lap, the error over about WINDOW_M is compared with that of the best
+lap, at the same location and on average. A worse map is replaced by the map of the best lap, blended over FADE_M. The
+gain is halved, and learning is suspended until a complete lap has measured the error of the restored map. If the best
+map itself has become worse, because ground or machine have changed, learning restarts from an empty map. Learning ends
+after GIVE_UP returns to the best map.
 """
 
 from math import exp, inf, log, sqrt
@@ -29,26 +29,26 @@ from agrobot_mj.core.spec import Spec
 GRID_M = 0.25
 """Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter."""
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Distance over which the error is averaged, and distance over which a new map is blended in [m]. Assumed values."""
+"""Distances over which the error is averaged, and over which a new map replaces the last one [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""Relative and absolute increase of the RMS error above which a lap is worse [-, m]. Assumed values: above noise. In
-ruts, which change in every lap, a wider margin would allow learning of effects that do not repeat."""
+"""Factor and margin by which the RMS error of a worse lap exceeds that of the best lap [-, m]. Assumed values: above
+noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Maximum relative and absolute increase of the error over WINDOW_M during a lap [-, m]. Assumed values."""
+"""Maximum factor and margin of the error over `WINDOW_M` during a lap per best lap [-, m]. Assumed values."""
 GIVE_UP = 4
-"""Number of returns to the best map after which learning ends [-]. Assumed value: the gain is then 1/16."""
+"""Number of returns to the best map after which learning ends. Assumed value: the gain is then 1/16 of the first."""
 COMPLETE = 0.9
-"""Minimum fraction of its locations that a lap must pass to be used for learning [-]."""
+"""Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]."""
 UNKNOWN_M = 1e3
-"""Value in a file for an unknown error of the best lap [m]."""
+"""Value that represents an unknown error of the best lap in a file [m]."""
 NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
-    """Sums over the ticks at one location in the present lap."""
+    """Sums over the ticks at one location in the current lap."""
 
     ticks: float = 0.0
-    """Number of ticks at the location."""
+    """Number of ticks."""
     square: float = 0.0
     """Sum of the squared errors [m2]."""
     learnt: float = 0.0
@@ -68,7 +68,7 @@ class LapState(NamedTuple):
     before: Array = NOTHING
     """Previous map, which is faded out [unit of the map]."""
     since: float = inf
-    """Distance since the present map came into use [m]."""
+    """Distance travelled since the current map was first used [m]."""
     best: Array = NOTHING
     """Map of the best lap [unit of the map]."""
     best_square: Array = NOTHING
@@ -84,20 +84,20 @@ class LapState(NamedTuple):
     square: float = 0.0
     """Present squared error, averaged over about WINDOW_M [m2]."""
     wanted: Array = NOTHING
-    """Map plus correction of the last lap used for learning [unit of the map]; zero before such a lap."""
+    """Map plus correction after the last lap used for learning [unit of the map]; zero without such a lap."""
     whole: bool = False
-    """Whether one map has been used since the start of the lap, so that the map can be evaluated."""
+    """Whether a single map has been used since the start of the lap, so that its error is known at the end."""
     returns: int = 0
     """Number of returns to the best map."""
 
     @property
     def share(self) -> float:
-        """Present gain divided by its initial value [-]."""
+        """Current gain divided by its initial value [-]."""
         return 0.5**self.returns if self.returns < GIVE_UP else 0.0
 
     @property
     def learning(self) -> bool:
-        """Whether the present lap is used for learning."""
+        """Whether the current lap is used for learning."""
         return self.whole and self.share > 0.0
 
 
@@ -107,12 +107,12 @@ class LapMap(Spec):
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): 0.7 may diverge."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Full width of the filter at half maximum [m]. Assumed value (1.5-4): a width of 1 may diverge."""
+    """Full width at half maximum of the filter [m]. Assumed value (1.5-4): a width of 1 may diverge."""
     guard: bool = True
     """Whether the best map is restored when a lap becomes worse."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
-        """Return the map value at arc length `s` [m] of a path with laps of length `lap` [m] [unit of the map]."""
+        """Return the value of the map at arc length `s` on a path with laps of length `lap` [m] [unit of the map]."""
         if not len(state.map_):
             return 0.0
         fresh = min(state.since / FADE_M, 1.0)
@@ -120,7 +120,7 @@ class LapMap(Spec):
         return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
 
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
-        """Return the state before the first tick, at arc length `s` [m] of a path with laps of length `lap` [m]."""
+        """Return the state before the first tick, at arc length `s` on a path with laps of length `lap` [m]."""
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
         rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
@@ -132,10 +132,11 @@ class LapMap(Spec):
     def after(
         self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
     ) -> LapState:
-        """Return the state after a tick at arc length `s` [m] with cross-track error `error` [m] and `correction` of
+        """Return the state after a tick at arc length `s` [m], with the cross-track `error` [m] and the `correction` by
         the law [unit of the map].
 
-        A tick whose correction is None is not used for learning. Map values are limited to +-`bound` [unit of the map].
+        Without a correction (None), the tick is not used for learning. Map values are limited to +-`bound` [unit of the
+        map].
         """
         way, k = s - state.s, int(s % lap / lap * len(state.map_)) % len(state.map_)
         if int(s // lap) > state.lap:
@@ -177,7 +178,7 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return to the best map, or from the best map to an empty map. The error of that map is measured again."""
+        """Return to the best map or, from the best map, to an empty map. The error of this map is measured again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -185,7 +186,7 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """Add a tick at location `k` and return the state. Sums of a location are stored when the tractor leaves it."""
+    """Return the state with a tick at location `k` added. Sums are stored when the tractor leaves a location."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()
@@ -199,13 +200,13 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` exceeds the local and the mean error of the best lap by the margins."""
+    """Return whether the error at location `k` exceeds the local and the mean error of the best lap by margins."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
 
 def _at(values: Array, turn: float) -> float:
-    """Interpolate `values` (n,), given at the centres of n equal segments of a lap, linearly at `turn` [laps]."""
+    """Return `values` (n,), given at the centres of n equal segments of a lap, interpolated at `turn` [laps]."""
     n = len(values)
     place = turn % 1.0 * n - 0.5
     k = int(place // 1.0)
@@ -214,14 +215,14 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Filter `values` (n,) of a lap with zero phase and the full width `width` at half maximum [locations]."""
+    """Return `values` (n,) of a lap after a zero-phase filter of full width `width` at half maximum [locations]."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Return the fraction of map plus correction explained by the previous lap [-]; 1 without a previous lap."""
+    """Return the fraction of map plus correction that repeats from the previous lap [-]; 1 without a previous lap."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 

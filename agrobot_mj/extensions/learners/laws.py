@@ -1,7 +1,7 @@
-"""Guidance laws that a learning law may contain."""
+"""Guidance laws that may be the inner law of a learning law."""
 
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.extensions.learners.eso import Eso
 
 LawInside = InnerLaw | Eso
-"""Guidance laws that contain no other law, selected by `kind`."""
+"""Guidance laws without an inner law, selected by `kind`."""

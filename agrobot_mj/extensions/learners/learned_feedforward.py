@@ -1,24 +1,24 @@
-"""Feedforward learned without a model, added to any feedback law: delta = delta_feedback + f . w(path).
+"""Feedforward that is learned without a model and added to a feedback law: delta = delta_feedback + f . w(path).
 
 A network (`PathNetwork`) maps the path ahead (curvature, speed and, with an inertial unit, roll of the ground) to a
-steering angle. It learns from the angle of the feedback law: corrections that repeat at the same curvature move into
-the network. This is feedback-error learning as in the paper, with the path as input instead of the error, so that
-learned angles apply when the same curvature returns. The inner law receives the steering angle minus the learned angle,
-so that a law with a steering state does not counteract it.
+steering angle. It learns from the angle of the feedback law: corrections that repeat at the same curvature are learned
+by the network. This is feedback-error learning as in the paper, but with the path instead of the error as input, so
+that learned angles are used again at the same curvature. The inner law receives the steering angle minus the learned
+angle, so that a law with a steering state does not counteract it.
 
 Learning is suspended while the command is at its limit, the wheels lag behind the command or the position is uncertain
 (dead reckoning, no RTK solution), and also away from the path, near standstill and in reverse. The learned angle
-remains active. The network cannot learn effects that are absent from its inputs: a side slope without an inertial unit,
-a worn valve, wind.
+remains active. The network cannot learn effects that do not depend on its inputs, such as a side slope without an
+inertial unit, a worn valve, or wind.
 
 Network: fixed interval type-2 fuzzy sets with learned consequents. Inputs are the curvature kappa [1/m] and speed u
 [m/s] of the path ahead, and the roll phi of the ground [rad]. Triangular sets are evenly spaced over the range of each
 input. The upper and lower widths of a set are (1 + uncertainty) and (1 - uncertainty) times the distance of the
 centres. The output is linear in the consequents f:  y = f . w,  w = q w_lower + (1 - q) w_upper,  q = 1/2, with the
-normalised firing of the lower and of the upper sets. With uncertainty 0 the network is of type 1.
+normalised firing of the lower and of the upper sets. With an uncertainty of 0 the network is of type 1.
 
-The feedback e(t) is caused by the error of the output one loop delay earlier. Each rule therefore has a trace, its
-firing lagged by about this delay, and the consequents are updated by the traces:
+The feedback e(t) is caused by the error of the output one loop delay earlier. Therefore each rule has a trace, which is
+its weight w after a lag of about this delay. The consequents are updated with the traces:
 
     trace' = (w - trace) / lag,   f' = eta e trace / (trace . trace)
 
@@ -45,7 +45,7 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 Q = 0.5
 """Weight q of the lower firing in the output [-]."""
 LEAST_TRACE = 0.01
-"""Minimum of trace . trace in the update, while the trace builds up [-]; N rules with equal firing give 1/N."""
+"""Minimum of trace . trace in the update, used while the trace builds up [-]. N rules with equal firing give 1/N."""
 
 
 class PathInput(NamedTuple):
@@ -65,26 +65,26 @@ class PathNetworkState(NamedTuple):
     f: Array
     """Consequents, shape (rules,), with curvature as the slowest and roll as the fastest index [rad]."""
     trace: Array
-    """Trace of each rule: its lagged firing, shape (rules,) [-]."""
+    """Trace of each rule, which is its lagged weight w, shape (rules,) [-]."""
 
 
 class PathNetwork(Spec):
     """Network of interval type-2 fuzzy sets over curvature, speed and roll. The consequents learn from feedback."""
 
     eta: NonNegative = 0.2
-    """Fraction of the feedback learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
+    """Fraction of the feedback that is learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
     trace_s: Positive = 0.4
-    """Lag of the traces: delay plus lag of the response to the output [s]. Assumed value (0.2-0.8)."""
+    """Time constant of the traces: delay plus lag of the response to the output [s]. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
-    """Relative difference between set widths and centre distance [-]. Assumed value (0-0.49; 0.5 would leave gaps)."""
+    """Relative difference between set width and centre distance [-]. Assumed value (0-0.49); 0.5 leaves gaps."""
     curvature_sets: int = Field(11, ge=1, le=51)
     """Number of curvature sets [-]. Assumed value (5-21): spacing 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
     """Absolute curvature of the outermost centres [1/m]. Assumed value (0.3-0.7): a radius of 2 m."""
     speed_sets: int = Field(2, ge=1, le=21)
-    """Number of speed sets, from 0 upwards [-]. Assumed value (1-5)."""
+    """Number of speed sets, with centres from 0 upwards [-]. Assumed value (1-5)."""
     speed_range_m_s: Positive = 3.0
-    """Speed of the last centre [m/s]. Assumed value (2-5)."""
+    """Speed of the highest centre [m/s]. Assumed value (2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
     """Number of roll sets [-]. Assumed value (1-7). More than one set needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
@@ -101,7 +101,7 @@ class PathNetwork(Spec):
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
     def firing(self, x: PathInput) -> Array:
-        """Return the weight w of every rule in the output, shape (rules,) [-]."""
+        """Return the weight w of each rule in the output, shape (rules,) [-]."""
         lower, upper = np.ones(1), np.ones(1)
         for value, sets in zip(x, _sets(self), strict=True):
             inside = min(max(value, sets.centres[0]), sets.centres[-1])  # the outermost sets apply outside the range
@@ -115,7 +115,7 @@ class PathNetwork(Spec):
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
-        """Return the state with consequents updated by feedback `e` for `dt` [s] and limited to +-`bound` [rad]."""
+        """Return the state with consequents updated by feedback `e` [rad] during `dt` [s], within +-`bound` [rad]."""
         step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
         return state._replace(f=np.clip(state.f + step, -bound, bound))
 
@@ -139,7 +139,7 @@ def _sets(network: PathNetwork) -> tuple[Sets, ...]:
 
 
 def _evenly(n: int, low: float, high: float, uncertainty: float) -> Sets:
-    """Return n sets with evenly spaced centres from `low` to `high`. A single set is in the middle and always fires."""
+    """Return `n` sets with evenly spaced centres from `low` to `high`. A single set is in the middle, always active."""
     centres = np.linspace(low, high, n) if n > 1 else np.array([(low + high) / 2])
     distance = (high - low) / max(n - 1, 1)
     return Sets(centres, np.full(n, (1 - uncertainty) * distance), np.full(n, (1 + uncertainty) * distance))
@@ -169,18 +169,18 @@ class LearnedFeedforward(AngleLearner):
     inner: Annotated[LawInside, Field(discriminator="kind")] = Kinematic()
     """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
-    """Map from the path to the steering angle and its learning rule."""
+    """Map from the path to the steering angle, with its learning rule."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Preview time of the path ahead of the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
+    """Time by which the path input is ahead of the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Maximum consequent [deg]. Assumed value (5-45): an arc of 2 m radius; less with another feedforward."""
+    """Maximum absolute consequent [deg]. Assumed value (5-45): an arc of 2 m radius; less with another feedforward."""
     max_offset_m: Positive = 2.0
-    """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the supervisor's limit."""
+    """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the limit of the supervisor."""
     max_steer_lag_deg: Positive = 6.0
     """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
-    (3-10): on an arc the difference is about 2. While the valve moves to a new angle, the feedback is meaningless."""
+    (3-10): on an arc the difference is about 2. The feedback is not meaningful while the valve moves to a new angle."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
-    """Search range of the learning rate in tuning, in addition to the gains of the yaw controller."""
+    """Search range of the learning rate for tuning, in addition to the gains of the yaw controller."""
     tuned: ClassVar = {
         "learned_feedforward with pd": {
             "guidance.inner.scheduled_above_m_s": 1.5,
@@ -195,7 +195,7 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Return the command of feedback law plus learned angle, and update the network from the feedback."""
+        """Return the command of the feedback law plus the learned angle, and update the network with the feedback."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference

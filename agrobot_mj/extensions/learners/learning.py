@@ -1,4 +1,5 @@
-"""Base classes of laws that learn in addition to an inner law: selection of ticks for learning, and initial values.
+"""Base classes of laws that consist of an inner law and a learned part: selection of ticks for learning, initial
+values.
 
 A tick is used for learning if the tractor moves near its path and its position is certain. Learning of a steering angle
 is also suspended while the command is at its limit or the wheels lag far behind the command, because the feedback then
@@ -20,25 +21,25 @@ from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
 
 
 class LearningLaw(LawAround):
-    """Base of laws that learn in addition to an inner law."""
+    """Base class of laws that consist of an inner law and a learned part."""
 
     max_offset_m: Positive
     """Offset from the path above which learning is suspended [m]."""
     max_sigma_m: Positive = 0.1
-    """Position standard deviation above which learning is suspended [m]. Assumed value (0.05-0.3): RTK to float."""
+    """Standard deviation of position above which learning is suspended [m]. Assumed value (0.05-0.3): RTK to float."""
     min_speed_m_s: NonNegative = 0.3
     """Forward speed below which learning is suspended [m/s]. Assumed value (0.1-0.5)."""
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether the tractor, at `offset` [m] from its path, moves near the path with a certain position."""
+        """Return whether the tractor, at an `offset` [m] from its path, moves near it with a certain position."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
 
 
 class PlaceLearner(LearningLaw):
-    """Base of laws that learn a quantity as a function of arc length."""
+    """Base class of laws that learn a quantity as a function of arc length."""
 
     map: LapMap = LapMap()
     """Map of the learned quantity over arc length, with its update rule."""
@@ -54,17 +55,17 @@ class PlaceLearner(LearningLaw):
             require_quantity(self.file, self.quantity)
 
     def begun(self, route: Route, s: float) -> tuple[LapState, float]:
-        """Return the initial map state at arc length `s` [m] of a route, and the length of a lap [m]."""
+        """Return the initial state of the map at arc length `s` [m] of a route, and the length of a lap [m]."""
         known = None if self.file is None else read_learned(self.file)
         return self.map.begun(s, length := route.lap(), known, self.quantity), length
 
 
 class Corrected(NamedTuple):
-    """Output of the inner law in one tick, together with a learned angle."""
+    """Output in one tick of an inner law plus a learned angle."""
 
     inner: Any
     command: Command
-    """Command with the sum of the inner law's angle and the learned angle, within the steering limit."""
+    """Command whose steering angle is the angle of the inner law plus the learned angle, within the steering limit."""
     feedback: float
     """Steering angle added by the inner law [rad]."""
     learning: bool
@@ -72,7 +73,7 @@ class Corrected(NamedTuple):
 
 
 class AngleLearner(LearningLaw):
-    """Base of laws that learn a steering angle. Their states have `inner`, `steer` and `feedback`."""
+    """Base class of laws that learn a steering angle. Their states have the fields `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
     """Difference between measured and last commanded angle above which learning is suspended [deg]."""
@@ -80,7 +81,8 @@ class AngleLearner(LearningLaw):
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law's command plus the learned angle `ahead`. The wheels have reached `answered` [rad]."""
+        """Return the inner law's command plus the learned angle `ahead`; the wheels have reached the angle `answered`
+        [rad]."""
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         wanted, limit = command.steer + ahead, situation.machine.steer_limit
         free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None
@@ -90,7 +92,7 @@ class AngleLearner(LearningLaw):
         return Corrected(inner, command._replace(steer=clip(wanted, -limit, limit)), feedback, learning)
 
     def feedback(self, state: Any, command: Command) -> float:
-        """Return the steering angle that the inner law adds by feedback to the learned angle [rad]."""
+        """Return the steering angle that the inner law adds to the learned angle by feedback [rad]."""
         return float(state.feedback)
 
 
