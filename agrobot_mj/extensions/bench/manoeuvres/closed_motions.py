@@ -113,7 +113,7 @@ def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
 
 
 def tool_gains(motions: list[Cycle]) -> Array:
-    """Return, for each motion, the work of the soil on a tool in one period and the absolute work, (motions, 2) [J]."""
+    """Return the work of the soil on a tool and the integral of the absolute power in a period, (motions, 2) [J]."""
     law, found = Tool(suction_share=0.0).law(), []
     for one in motions:
         memory, before, work, moved, n = np.zeros(MEMORIES), np.zeros(3), 0.0, 0.0, 300
