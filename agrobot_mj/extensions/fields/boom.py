@@ -1,8 +1,8 @@
-"""Implement with sections: switching of the sections, and the ground that they work.
+"""Implement with sections: switching of its sections, and the ground that they work.
 
-As in section control of a guidance terminal, a section is switched by the position of the implement on the plan. The
-command is sent when the position expected after the look-ahead time reaches the limit of the pass. The section follows
-after its delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
+As in section control of guidance terminals, sections are switched by the position of the implement on the plan. A
+command is sent when the position expected after a look-ahead time reaches the start or end of a pass, and has its
+effect after a delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 
 THIN_M, THIN_RAD = 0.5, 0.02
-"""Minimum distance [m] or heading change [rad] between points of a worked area's edge."""
+"""Minimum distance [m] or heading change [rad] between edge points of a worked area."""
 Times = tuple[float, float]
 
 
@@ -43,7 +43,7 @@ class Boom(NamedTuple):
 
 
 class ImplementMotion(NamedTuple):
-    """Motion of the implement's working point, as arrays of shape (n,)."""
+    """Motion of the working point of the implement, as arrays of shape (n,)."""
 
     t: Array
     """Time [s]."""
@@ -54,14 +54,14 @@ class ImplementMotion(NamedTuple):
     yaw: Array
     """Heading of the implement, without jumps of full turns [rad]."""
     s: Array
-    """Arc length along the plan of the implement's position, as estimated by the guidance computer [m]."""
+    """Arc length on the plan at the position of the implement, as estimated by the guidance computer [m]."""
 
     def at(self, times: Array) -> "ImplementMotion":
         """Return the motion at the times `times` [s], linearly interpolated."""
         return ImplementMotion(times, *(np.interp(times, self.t, values) for values in self[1:]))
 
     def between(self, start: float, end: float) -> "ImplementMotion":
-        """Return the motion between two times [s], with points that are thinned for polygons and include both ends."""
+        """Return the motion between two times [s], including both. Points are thinned for use as polygon corners."""
         first, last = np.searchsorted(self.t, [start, end], "right")
         near = ImplementMotion(*(values[max(first - 1, 0) : last + 1] for values in self))
         inner = self.t[first:last]
@@ -75,10 +75,8 @@ class ImplementMotion(NamedTuple):
 
 
 def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
-    """Return the times at which a section starts and stops working on a pass; None if it never works.
-
-    `span` are its arc lengths on the plan [m]. `rows` is the part of the motion near the pass.
-    """
+    """Return the times at which a section starts and stops working on a pass; None if it never works. `span` contains
+    the arc lengths of the pass on the plan [m]; `rows` selects the motion near the pass."""
     t, s = motion.t[rows], motion.s[rows]
     if len(t) < 2 or span[1] <= span[0]:
         return None
@@ -90,7 +88,7 @@ def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, bo
 
 
 def _reached(t: Array, s: Array, distance: float) -> float:
-    """Return the time at which the increasing array `s` reaches a distance; infinite if it never does."""
+    """Return the time at which the increasing array `s` reaches a distance; infinite if it does not reach it."""
     k = int(np.searchsorted(s, distance))
     if k == len(s):
         return float("inf")
@@ -100,7 +98,7 @@ def _reached(t: Array, s: Array, distance: float) -> float:
 
 
 def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
-    """Return the ground that the sections work in one pass, from the working times of each section."""
+    """Return the ground worked by the sections in one pass, given the working times of each section."""
     parts = []
     for together, group in groupby(enumerate(times), key=lambda each: each[1]):
         if together is not None:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_OVERLAP = 0.5
-"""Maximum planned overlap divided by the working width [-]."""
+"""Maximum planned overlap of passes divided by the working width [-]."""
 PLAN_FILES = ("field_plan.json", "plan.geojson", "plan.png", "scenario.toml")
 
 
@@ -137,7 +137,7 @@ def field_run(
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
-    """Return the field of a file; print notes about repairs unless `quiet`."""
+    """Return the field in a file. Print notes about repairs unless `quiet`."""
     from agrobot_mj.core.errors import required
 
     required("shapely", "fields", "field work")
@@ -152,7 +152,7 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 def _rig(
     field: "Field", width: float, overlap: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
 ) -> "tuple[Scenario, FieldMachine]":
-    """Return the base scenario, whose path has the turn limits of the machine, and the machine for the planner."""
+    """Return the base scenario, whose path has the turn limits of the machine, and the machine data for the planner."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.drive import planning_scenario
     from agrobot_mj.extensions.fields.planner.rig import rig_of
@@ -183,7 +183,7 @@ def _plan(
 
 
 def _prices(given: list[str] | None) -> "Prices":
-    """Return prices from options NAME=VALUE. Raise `ScenarioError` for an unknown name or invalid value."""
+    """Return prices from options of the form NAME=VALUE. Raise `ScenarioError` for an unknown name or invalid value."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.effort import Prices
 

@@ -1,7 +1,7 @@
-"""Coverage of a field by polygons: areas worked, worked more than once, and missed.
+"""Coverage of a field, computed with polygons: areas that are worked, worked more than once, and missed.
 
-All areas are inside the field. An area worked twice counts twice in `covered_m2` and once in `overlapped_m2`, so that
-covered - overlapped + missed = field. `reached_m2` is the area worked at least once.
+All areas are inside the field. An area that is worked twice counts twice in `covered_m2` and once in `overlapped_m2`,
+so that covered - overlapped + missed = field. `reached_m2` is the area worked at least once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.signals import Array
 
 SLIVER_M2 = 1e-3
-"""Area below which a gap or an overlap is neither drawn nor listed [m2]."""
+"""Area below which a gap or an overlap is omitted in maps and lists [m2]."""
 SIDES = ("east", "north", "west", "south")
 
 
@@ -24,11 +24,11 @@ class FieldCoverage:
     """Coverage of a field by passes, as polygons."""
 
     field: BaseGeometry
-    """Field without obstacles."""
+    """Area of the field without obstacles."""
     body: BaseGeometry
-    """Area inside the headland laps: the body of the field."""
+    """Body of the field: the area inside the headland laps."""
     passes: Sequence[BaseGeometry]
-    """Ground worked in each pass."""
+    """Ground worked in each pass, one polygon per pass."""
     union: BaseGeometry
     """Ground worked at least once, including ground outside the field."""
     missed: BaseGeometry
@@ -38,7 +38,7 @@ class FieldCoverage:
 
     @property
     def regions(self) -> dict[str, BaseGeometry]:
-        """Parts of the field by name."""
+        """Parts of the field by name: whole field, body, headland."""
         return {"field": self.field, "headland": self.field.difference(self.body), "body": self.body}
 
 
@@ -55,7 +55,7 @@ def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeome
 
 
 def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
-    """Return the worked and missed areas in each part of the field [m2], also as percentages of the part [%]."""
+    """Return worked and missed areas in each part of the field, in [m2] and in percent of the part."""
     return {name: _areas(found, region) for name, region in found.regions.items()}
 
 
@@ -70,7 +70,7 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the total missed area for each location (body or side of the headland), largest area first."""
+    """Return the missed area at each location (body, or side of the headland), in order of decreasing area."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
@@ -86,14 +86,14 @@ def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
 
 
 def side_of(east: float, north: float, field: BaseGeometry) -> str:
-    """Return the side of a field on which a point lies, given relative to the middle: east, north, west or south."""
+    """Return the side of a field (east, north, west or south of its middle) on which a point lies."""
     west, south, right, top = field.bounds
     angle = np.arctan2(north / max(top - south, 1e-9), east / max(right - west, 1e-9))
     return SIDES[round(float(angle) / (np.pi / 2)) % 4]
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return maximum distance, area and side of excursions beyond the boundary, for named arrays of outlines (n,)."""
+    """Return maximum distance, area and side of excursions beyond the boundary, for named arrays (n,) of outlines."""
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
 

@@ -15,11 +15,11 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field
 
 SHARP_DEG = 60.0
-"""Change of direction above which a corner counts as sharp [deg]. Assumed value: headland laps cannot follow it."""
+"""Change of direction above which a corner is sharp [deg]. Assumed value: headland laps cannot follow sharper ones."""
 CORNER_M = 1.0
-"""Tolerance of the simplification of a boundary before its corners are counted [m]."""
+"""Tolerance for simplifying a boundary before its corners are counted [m]."""
 SIDE_IN = 5.0
-"""Length of the longer side of a map [in]."""
+"""Length of the longer side of the map of a field [in]."""
 
 
 def described(field: Field) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _rings(polygon: Polygon) -> Iterator[Array]:
 
 
 def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield position x, y [m] and change of direction [deg] (positive left) of each sharp corner of a ring."""
+    """Yield position x, y [m] and change of direction [deg] (left positive) of each sharp corner of a ring."""
     points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
     legs = np.diff(points, axis=0)
     yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()

@@ -1,4 +1,4 @@
-"""Simulation of a plan, with a results folder like that of `run` and the coverage of the field."""
+"""Simulation of a plan. The results folder contains the files of `run` and the coverage of the field."""
 
 import sys
 import tempfile
@@ -38,7 +38,7 @@ FILES = ("coverage.json", "coverage.geojson", "coverage.png", "coverage.tif")
 
 
 class Hectares(Progress):
-    """Progress bar of a drive that shows the worked area [ha], as planned."""
+    """Progress bar of a simulated drive that also shows the worked area [ha], according to the plan."""
 
     def __init__(self, plan: Plan, path: Any) -> None:
         super().__init__()
@@ -103,7 +103,7 @@ def drive(
 
 
 def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
-    """Write the coverage of a drive as numbers, GeoJSON, raster and map."""
+    """Write the coverage of a drive as numbers, GeoJSON, raster map and figure."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
     with atomic(folder / "coverage.tif") as path:

@@ -1,4 +1,4 @@
-"""Effort and cost of a drive: energy, slip, rut depth, and the cost of overlaps, gaps and time."""
+"""Effort and cost of a drive: energy, slip, rut depth, and costs of overlaps, gaps and time."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ DRIVEN = ("rl", "rr")
 
 
 class Prices(NamedTuple):
-    """Prices in any currency."""
+    """Prices for evaluating a drive, in any currency."""
 
     input_ha: float = 0.0
     """Cost of seed, fertiliser or product [1/ha of worked area]."""
@@ -26,11 +26,11 @@ class Prices(NamedTuple):
 
 
 NO_PRICES = Prices()
-"""Prices of zero: the cost of a drive is not evaluated."""
+"""Prices of zero, with which the cost of a drive is not evaluated."""
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
-    """Return the cost of overlaps, gaps and time, and their sum, from the areas of the field [m2] and the time [s]."""
+    """Return the costs of overlaps, gaps and time, and their sum, for areas of the field [m2] and a duration [s]."""
     parts = {
         "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
         "missed": prices.yield_ha * areas["missed_m2"] / 1e4,
@@ -40,11 +40,11 @@ def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str,
 
 
 def effort(log: Log) -> dict[str, Any]:
-    """Return energy, slip and maximum rut depth; None for values that the plant does not provide.
+    """Return energy, slip and maximum rut depth of a run. Values that the plant does not provide are None.
 
-    The energy at the wheels is the work of the driven wheels while their torque drives. The energy at the ground is the
-    work of all wheel forces along the heading: against draught, slope and inertia. Their difference is lost to slip and
-    motion resistance.
+    The energy at the wheels is the work of the driven wheels during positive drive torque. The energy at the ground is
+    the work of all wheel forces along the heading, against draught, slope and inertia. The difference is lost through
+    slip and motion resistance.
     """
     names = log.rows.columns
     content: dict[str, Any] = {"energy_wheels_mj": None, "energy_ground_mj": None, "slip_median_percent": None}

@@ -22,28 +22,28 @@ from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 AROUND_M = 5.0
-"""Distance along the plan before and after a pass in which sections of the pass may be switched [m]."""
+"""Distance along the plan, before and after a pass, within which sections of this pass may be switched [m]."""
 
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Simulated drive of a plan on a field."""
+    """Simulated work on a field according to a plan."""
 
     log: Log
     plan: Plan
     field: BaseGeometry
     """Area of the field without obstacles."""
     body: BaseGeometry
-    """Area inside the headland laps."""
+    """Body of the field: the area inside the headland laps."""
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
     view: RunView | None = None
-    """View of the log with positions relative to the path, if already computed."""
+    """View of the log with positions relative to the path, if it has been computed."""
 
     @cached_property
     def motion(self) -> ImplementMotion:
-        """Motion of the implement's working point during the drive."""
+        """Motion of the working point of the implement during the drive."""
         column = self.log.column
         t, x, y, yaw = (column(name) for name in ("t", "x", "y", "yaw"))
         if "implement_x" in self.log.rows.columns:
@@ -72,7 +72,7 @@ class FieldDrive:
 
     @cached_property
     def times(self) -> list[list[Times | None]]:
-        """Working times of each section, for each pass."""
+        """Working times of each section, by pass."""
         reached = np.maximum.accumulate(self.motion.s)
 
         def of(one: PlannedPass) -> list[Times | None]:
@@ -92,7 +92,7 @@ class FieldDrive:
 
     @cached_property
     def outlines(self) -> dict[str, Array]:
-        """Outlines of the tractor and of the implement along the drive, as arrays of polygons (n,)."""
+        """Outlines of tractor and implement during the drive, by name, as arrays of polygons (n,)."""
         rows = self._thin
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
@@ -112,7 +112,7 @@ class FieldDrive:
         return kept
 
     def spans(self) -> list[Times | None]:
-        """Return the times for each pass between which at least one section works; None for a pass without work."""
+        """Return, for each pass, the times between which at least one section works; None for a pass without work."""
         found: list[Times | None] = []
         for times in self.times:
             some = [each for each in times if each is not None]
@@ -120,7 +120,7 @@ class FieldDrive:
         return found
 
     def turns(self) -> list[dict[str, float]]:
-        """Return an evaluation of each turn between two swaths of the body."""
+        """Return an evaluation of each turn between two swaths."""
         t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
         found = []
         for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
@@ -136,7 +136,7 @@ class FieldDrive:
         return found
 
     def lines(self) -> list[StraightPass]:
-        """Return the straight passes on the body of the field."""
+        """Return the straight passes (swaths) on the body of the field."""
         if self.plan.angle_deg is None:
             return []
         angle = np.radians(self.plan.angle_deg)

@@ -1,4 +1,4 @@
-"""Field and legs of a plan, in a local plane with x east and y north of an origin [m]."""
+"""Fields, and legs of plans, in a local plane with x east and y north of an origin [m]."""
 
 from dataclasses import dataclass
 
@@ -10,12 +10,12 @@ from agrobot_mj.core.signals import Array
 
 @dataclass(frozen=True)
 class Field:
-    """Area to be worked, with its obstacles and its geographic position."""
+    """Area to be worked, with obstacles and geographic position."""
 
     name: str
-    """Name of the field, from its file."""
+    """Name of the field, given by its file."""
     boundary: Polygon
-    """Boundary of the field [m]. Holes of the polygon are not worked."""
+    """Boundary of the field [m]. Holes of this polygon are not worked."""
     obstacles: tuple[Polygon, ...] = ()
     """Obstacles inside the boundary, which neither the tractor nor the implement may touch [m]."""
     plane: Origin | None = None
@@ -27,12 +27,12 @@ class Field:
     crs: str = ""
     """Coordinate system of the file, for example EPSG:32631. Empty for metres in an unknown system."""
     shift: tuple[float, float] = (0.0, 0.0)
-    """East and north coordinate of the origin in the file [m], which are subtracted; 0 for a file in degrees."""
+    """East and north coordinates of the origin in the file, which are subtracted [m]; 0 for a file in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """Part of a plan that is driven in one direction, with the implement either working or not."""
+    """Part of a plan with one driving direction and one working state of the implement."""
 
     points: Array
     """Points in driving order, shape (n, 2) [m]."""

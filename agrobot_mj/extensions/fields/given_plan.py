@@ -1,4 +1,4 @@
-"""Plan from a file of another program: its polylines become courses that this machine can drive, with joins between."""
+"""Plan from a file of another program: its lines become courses that this machine can follow, with connections."""
 
 from dataclasses import replace
 from math import hypot
@@ -21,9 +21,9 @@ from agrobot_mj.paths.fillet import rounded
 from agrobot_mj.paths.track import Piece
 
 SAME_M = 1e-6
-"""Tolerance for equal working widths [m]."""
+"""Maximum difference between equal working widths [m]."""
 APART_M, APART_RAD = 0.05, 0.02
-"""Distance [m] and heading change [rad] above which two successive legs need a connection."""
+"""Distance [m] and heading change [rad] between successive legs above which a connection is needed."""
 
 
 def stored_plan(file: Path) -> Plan | None:
@@ -39,7 +39,7 @@ def stored_plan(file: Path) -> Plan | None:
 
 
 def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the stored plan, or a plan along the polylines of a file. Raise `ScenarioError` if it cannot be driven."""
+    """Return the `stored` plan, or a plan along the lines of a file. Raise `ScenarioError` if not drivable."""
     plan = stored or _of_lines(file, field, rig, sections)
     if stored is not None:
         _check(stored, file.name, rig)
@@ -49,7 +49,7 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
 
 
 def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
-    """Raise `ScenarioError` if a plan has another working width, or a bend too tight for the machine."""
+    """Raise `ScenarioError` for a plan with another working width, or with a bend too tight for the machine."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for {plan.width:g} m; leave out --width")
     place = plan.course.sharpest()
@@ -61,7 +61,7 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
 
 
 def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return a plan along the polylines of a file. Raise `ScenarioError` if the machine cannot drive it."""
+    """Return a plan along the lines of a file. Raise `ScenarioError` if the machine cannot follow it."""
     from agrobot_mj.extensions.fields.reading import read_plan
 
     legs = read_plan(file, field)
@@ -72,7 +72,7 @@ def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Pla
 
 
 def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:
-    """Return a plan along the polylines of legs. Raise ValueError that names a leg that the machine cannot drive."""
+    """Return a plan along the lines of legs. Raise ValueError that names a leg which the machine cannot follow."""
     pieces: list[Piece] = []
     passes: list[PlannedPass] = []
     start: Pose | None = None
@@ -99,12 +99,12 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:
-    """Return whether a leg starts apart from the end of the previous leg."""
+    """Return whether there is a gap between the end of a leg and the start of the next one."""
     return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
 
 
 def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece, ...]]:
-    """Return the start pose of a leg and its path segments."""
+    """Return the start pose of a leg and the path segments along it."""
     try:
         course = rounded(np.asarray(leg.points, dtype=float), False, rounding(rig))
     except ValueError as error:

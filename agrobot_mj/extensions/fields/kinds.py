@@ -4,4 +4,4 @@ from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.work_metric import FieldWork
 
 KINDS = (FieldPlan, FieldWork)
-"""Kinds of this extension."""
+"""Classes of the kinds of this extension."""

@@ -1,4 +1,4 @@
-"""Recording of a drive with the boundary of the field, and with the gaps and overlaps at its end."""
+"""Recording of field work with the boundary of the field and, at its end, gaps and overlaps."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -18,18 +18,18 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
 SMALLEST_M2 = 0.01
-"""Area below which a gap or an overlap is not outlined [m2]."""
+"""Area below which a gap or an overlap has no outline in a recording [m2]."""
 
 
 class WorkRecording(Recording):
-    """Recording of a run with outlines of a field and of its coverage."""
+    """Recording of a run that also contains outlines of the field and of its coverage."""
 
     def __init__(self, path: Path, field: BaseGeometry, covered: Callable[[Log], FieldCoverage]) -> None:
         super().__init__(path)
         self.field, self.covered = field, covered
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file and send the boundary in addition to the scene."""
+        """Open the file, and send the boundary of the field and the scene."""
         super().start(scenario, scene, rows)
         self._send("boundary", self.field, REFERENCE)
 
@@ -46,6 +46,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings of an area without slivers, each of shape (n, 2) [m]."""
+    """Return the rings, shape (n, 2) each [m], of the parts of an area that are not too small."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

@@ -1,4 +1,4 @@
-"""Legs of a plan from the lines of a file. Each leg has a constant driving direction and working state."""
+"""Legs of a plan from the lines of a file. A leg has one driving direction and one working state of the implement."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
@@ -14,13 +14,13 @@ from agrobot_mj.paths.imports import Polyline
 from agrobot_mj.paths.imports.cleaning import distinct
 
 BEYOND_M = 1000.0
-"""Length by which a line is extended at both ends before it is cut at the boundary [m]."""
+"""Length by which a line is extended at both ends before it is cut at the field boundary [m]."""
 TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
-"""Values of a line's property `type` for which the implement does not work."""
+"""Values of the property `type` of a line on which the implement does not work."""
 
 
 def legs_of(lines: Sequence[Polyline], boundary: Polygon) -> tuple[Leg, ...]:
-    """Return the legs of all lines in order. Lines that extend beyond their points are cut at the boundary."""
+    """Return the legs of all lines in order. A line marked as extending beyond its points is cut at the boundary."""
     return tuple(leg for line in lines for leg in _of_line(line, boundary) if len(leg.points) >= 2)
 
 
@@ -38,7 +38,7 @@ def _of_line(line: Polyline, boundary: Polygon) -> Iterator[Leg]:
 
 
 def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
-    """Yield a leg for each part with constant direction and working state. A point's values apply after the point."""
+    """Yield a leg for each line part with constant direction and working state. Values of a point apply after it."""
     kept = distinct(line.points)
     columns = {name: values[kept] for name, values in line.columns.items()}
     points, count = line.points[kept], len(kept)
@@ -55,7 +55,7 @@ def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
 
 
 def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
-    """Extend a line straight at both ends, and yield its parts inside the boundary."""
+    """Yield the parts inside the boundary of a line that is extended straight at both ends."""
     first, last = points[0] - points[1], points[-1] - points[-2]
     ends = (first / np.hypot(*first), last / np.hypot(*last)) if np.hypot(*first) and np.hypot(*last) else (0, 0)
     line = LineString([points[0] + BEYOND_M * ends[0], *points, points[-1] + BEYOND_M * ends[1]])
@@ -65,7 +65,7 @@ def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
 
 
 def _speed(said: Mapping[str, Any]) -> float | None:
-    """Return the speed given by the properties of a line [m/s]; None if they give none."""
+    """Return the speed given by the properties of a line [m/s]; None if the speed is not given."""
     for key, factor in (("speed_m_s", 1.0), ("speed", 1.0), ("speed_kmh", 1 / 3.6), ("velocity", 1.0)):
         value = said.get(key)
         if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and value:
@@ -74,7 +74,7 @@ def _speed(said: Mapping[str, Any]) -> float | None:
 
 
 def _works(said: Mapping[str, Any]) -> bool:
-    """Return whether the implement works on a line, according to the line's properties. Default: True."""
+    """Return whether the implement works on a line, according to the properties of the line. Default: True."""
     for key in ("working", "work", "implement"):
         if isinstance(said.get(key), bool | int | float):
             return bool(said[key])
@@ -82,7 +82,7 @@ def _works(said: Mapping[str, Any]) -> bool:
 
 
 def _reverses(said: Mapping[str, Any]) -> bool:
-    """Return whether the properties of a line specify driving in reverse."""
+    """Return whether a line is driven in reverse, according to the properties of the line."""
     direction = said.get("direction")
     if isinstance(direction, int | float):
         return direction < 0

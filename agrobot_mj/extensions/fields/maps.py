@@ -1,4 +1,4 @@
-"""Map of a plan or of a drive, as a figure and as GeoJSON."""
+"""Map of a plan, or of simulated field work, as a figure and as GeoJSON."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -22,7 +22,7 @@ WIDTH_IN, TALLEST_IN = 7.0, 8.0
 
 
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
-    """Draw the map of a plan; for a drive with its coverage and the track of the tractor, shape (n, 2) [m]."""
+    """Draw the map of a plan or, with `found` and `track` (n, 2) [m], the map of field work with coverage and track."""
     west, south, east, north = field.bounds
     height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
     figure = Figure((WIDTH_IN, height), layout="constrained")
@@ -49,7 +49,7 @@ def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, 
 
 
 def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
-    """Yield the areas of a map with their colours and names."""
+    """Yield the areas of a map, each with its colour and name."""
     yield found.union, LIGHT_GREY, "covered"
     yield found.overlapped, ORANGE, "overlapped"
     yield found.missed, VERMILION, "missed"
@@ -65,7 +65,7 @@ def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
 
 
 def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
-    """Yield the parts of a plan's course as type (`pass` or `turn`) and points (n, 2) [m]."""
+    """Yield the parts of the course of a plan: type (`pass` or `turn`) and points (n, 2) [m]."""
     course = plan.course.divided()
     x, y, _ = course.joints()
     points, distances = np.column_stack([x, y]), course.distances()
@@ -81,7 +81,7 @@ def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
 def geojson(
     field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
 ) -> dict[str, Any]:
-    """Return a plan and its coverage as GeoJSON, in degrees if the position of the field is known, else in metres."""
+    """Return a plan and its coverage as GeoJSON, in degrees or, if the position of the field is unknown, in metres."""
     features = [_feature(field, {"kind": "field", "name": plan.name}, plane)]
     for number, (kind, points) in enumerate(_lines(plan)):
         features.append(_feature(shapely.LineString(points), {"kind": kind, "number": number}, plane))

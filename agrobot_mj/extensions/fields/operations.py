@@ -1,7 +1,7 @@
-"""Operational results of a drive: turns, pass-to-pass accuracy, and field capacity.
+"""Operational results of field work: turns, pass-to-pass accuracy, and field capacity.
 
-Definitions of [ASABE2006]: the effective field capacity is the field area divided by the time. The theoretical field
-capacity is the working width times the planned working speed. The field efficiency is their ratio.
+Definitions of [ASABE2006]: the effective field capacity is the field area divided by the time; the theoretical field
+capacity is the working width times the planned working speed; the field efficiency is the ratio of both.
 """
 
 from collections.abc import Sequence
@@ -16,22 +16,22 @@ from agrobot_mj.extensions.fields.boom import ImplementMotion
 STATION_M = 0.1
 """Distance between the points along a pass at which neighbouring passes are compared [m]."""
 LEAST = 20
-"""Minimum number of points for a statistic."""
+"""Minimum number of points for a statistical result."""
 
 
 class StraightPass(NamedTuple):
-    """Planned straight pass of the body, and the motion of the implement along it."""
+    """Planned straight pass on the body of the field, with the motion of the implement along it."""
 
     along: tuple[float, float]
     """Unit vector in the direction of the swaths (east, north)."""
     motion: ImplementMotion
-    """Motion of the implement's working point while the implement works."""
+    """Motion of the working point of the implement while the implement works."""
     planned: float
     """Planned offset of the pass from the origin, to the left of the swath direction [m]."""
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
-    """Return errors between neighbouring passes of the implement; None for fewer than LEAST common points."""
+    """Return errors between neighbouring passes of the implement; None for fewer than `LEAST` common points."""
     ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
     differences = [np.empty(0)]
     for k, (across, stations, errors) in enumerate(ranked):
@@ -48,7 +48,7 @@ def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
 
 
 def _errors(line: StraightPass) -> tuple[Array, Array]:
-    """Return the points of a pass, by number, and the lateral errors there, left of the swath direction [m]."""
+    """Return the numbers of the points of a pass, and the lateral errors at these points, left positive [m]."""
     (c, s), motion = line.along, line.motion
     along, error = c * motion.x + s * motion.y, -s * motion.x + c * motion.y - line.planned
     order = np.argsort(along)
@@ -62,10 +62,10 @@ def _p95(values: Array) -> float | None:
 
 
 def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array) -> dict[str, float]:
-    """Return duration, swept width and peak steering angle of a turn.
+    """Return duration [s], swept width [m] and peak steering angle of a turn.
 
-    `boxes` are the outlines in the turn, `at` is the pose of the implement at the end of its pass. The swept width is
-    the maximum distance that tractor or implement extend beyond this pose, in the direction of the pass.
+    `boxes` are outlines of tractor and implement in the turn; `at` is the pose of the implement at the end of the pass.
+    The swept width is the maximum distance of the outlines beyond this pose, in the direction of the pass.
     """
     x, y, yaw = at
     corners = shapely.get_coordinates(boxes)
@@ -80,7 +80,7 @@ def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array
 
 
 def summary(turns: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Return number, total and median duration, maximum swept width and peak steering angle of all turns."""
+    """Return number, total and median duration, maximum swept width, and peak steering angle of all turns."""
     if not turns:
         return {"count": 0}
     values = {key: [turn[key] for turn in turns] for key in ("time_s", "swept_width_m", "peak_steer_deg")}

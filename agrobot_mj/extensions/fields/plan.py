@@ -1,7 +1,7 @@
 """Plan of field work: a course of arcs and clothoids, and the passes in which the implement works.
 
-Distances are distances travelled by the CG along the course [m]. The implement is behind the CG: the limits of a pass
-are the travelled distances at which the implement, not the CG, is at the ends of the pass. Plan files are JSON.
+Distances are travelled distances of the CG along the course [m]. Because the implement is behind the CG, a pass starts
+and ends at the travelled distances at which the implement, not the CG, is at its ends. Plan files are in JSON format.
 """
 
 import json
@@ -27,31 +27,31 @@ class PlannedPass(NamedTuple):
     """Part of a plan in which the implement works."""
 
     part: Part
-    """Part of the field: a headland lap, or a swath of the body."""
+    """Part of the field in which the pass is: a headland lap, or a swath of the body."""
     start: float
     """Travelled distance at which the implement reaches the pass [m]."""
     end: float
     """Travelled distance at which the implement leaves the pass [m]."""
     sections: tuple[tuple[float, float], ...]
-    """Travelled distances at which each section is switched on and off, sections from left to right [m]."""
+    """Travelled distances at which each section is switched on and off [m], for sections from left to right."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Planned field work, with the machine data used for planning."""
+    """Plan of field work, with the machine data on which it is based."""
 
     name: str
     """Name of the field."""
     width: float
     """Working width [m]."""
     behind: float
-    """Distance of the implement's working point behind the CG [m]."""
+    """Distance of the working point of the implement behind the CG [m]."""
     start: Pose
     """Initial pose of the CG."""
     pieces: tuple[Piece, ...]
     """Path segments of the course."""
     passes: tuple[PlannedPass, ...]
-    """Passes in driving order."""
+    """Passes in the order of driving."""
     pause_s: float = 2.0
     """Duration of the standstill at each cusp [s]."""
     angle_deg: float | None = None
@@ -65,7 +65,7 @@ class Plan:
     ground: str = ""
     """Area of the field without obstacles, as well-known text [m]."""
     warnings: tuple[str, ...] = ()
-    """Warnings with the places where the plan leaves the field or crosses worked ground."""
+    """Warnings about places at which the plan leaves the field or crosses worked ground."""
 
     @cached_property
     def course(self) -> Course:

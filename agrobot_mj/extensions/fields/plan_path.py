@@ -1,4 +1,4 @@
-"""Path along a field work plan that is read from a file, with its passes, turns and cusps."""
+"""Path along a field work plan from a file, with passes, turns and cusps."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -24,5 +24,5 @@ class FieldPlan(FromFile):
         return self.content(plan_of)
 
     def course(self) -> Course:
-        """Return the geometry of the plan's course."""
+        """Return the geometry of the course of the plan."""
         return self.plan.course

@@ -1,4 +1,4 @@
-"""Raster map of the number of passes as a GeoTIFF, for display only (areas come from polygons).
+"""Raster map of the number of passes as a GeoTIFF, for display only. (Areas are computed from polygons.)
 
 The band has one byte per cell: the number of passes that worked the centre of the cell, 0 for missed ground, and 255
 outside the field. For a field with a known position, the map is in degrees of WGS 84; cells are then displaced by at
@@ -18,7 +18,7 @@ from agrobot_mj.extensions.fields.coverage import FieldCoverage
 from agrobot_mj.terrain.geotiff import write_tiff
 
 CELL_M, MOST_CELLS = 0.25, 2000
-"""Minimum size of a cell [m], and maximum number of cells along a side."""
+"""Minimum size of a cell [m], and maximum number of cells along each side of the map."""
 OUTSIDE = 255
 """Value of cells outside the field."""
 
@@ -44,7 +44,7 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
 
 
 def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", area: BaseGeometry, x: Array, y: Array) -> None:
-    """Add 1 to each cell whose centre is in an area; `x` are ascending, `y` descending coordinates of the centres."""
+    """Add 1 to each cell whose centre is in an area. `x` are ascending, `y` descending coordinates."""
     west, south, east, north = area.bounds
     wide = slice(*np.searchsorted(x, [west, east]).tolist())
     high = slice(*np.searchsorted(-y, [-north, -south]).tolist())

@@ -1,4 +1,4 @@
-"""Reading of fields and plans from files of other programs, into one local plane in metres.
+"""Reading of fields and plans from files of other programs. Coordinates are converted to a local plane in metres.
 
 Formats: GeoJSON (also fiboa), KML, GPX, shapefiles, GML, WKT, ISO 11783 task data, AgOpenGPS folders and CSV; for plans
 also Fields2Cover paths.
@@ -22,9 +22,9 @@ from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_sha
 from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")
-"""Roles of rings that belong to the boundary before them."""
+"""Roles of rings that belong to the preceding boundary."""
 SAME, APART = 1e-9, 0.05
-"""Distances between the ends of a closed ring and of an open line, divided by the extent [-]."""
+"""Distance between the ends of a line, divided by its extent [-]: maximum of a closed ring, minimum of an open line."""
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
@@ -64,14 +64,14 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether a ring comes from a line whose ends are apart, and not from a table of points."""
+    """Return whether a ring is a line with distant ends, and not a table of points."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
 def _split(line: Polyline) -> list[Polyline]:
-    """Split a line into successive closed rings; a line that never closes is one ring."""
+    """Split a line into successive closed rings. A line that is never closed is a single ring."""
     points, found, start = line.points, list[Polyline](), 0
     near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     while start < len(points):
@@ -85,7 +85,7 @@ def _split(line: Polyline) -> list[Polyline]:
 
 
 def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
-    """Return the largest field, or the largest one with the given name, and notes about the others."""
+    """Return the largest field, or the largest field with the given name, and notes about the other fields."""
     if not groups:
         raise ValueError("the file contains no boundary; export one")
     known = list(dict.fromkeys(group[0].name for group in groups if group[0].name))
@@ -102,7 +102,7 @@ def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], li
 
 
 def _area(points: Array) -> float:
-    """Return the area enclosed by a ring, in squared units of its coordinates, for comparison."""
+    """Return the area of a ring in squared units of its coordinates, for comparisons."""
     x, y = (points - points[0]).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
@@ -157,7 +157,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the field's coordinate system for a plan in metres without one, whose points are far from the origin."""
+    """Return the coordinate system of the field for a plan in metres whose points are far from the origin; else ""."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

@@ -1,4 +1,4 @@
-"""Polygons from the rings of a file. They are repaired where necessary, with a note about each repair."""
+"""Polygons from the rings of a file. Invalid rings are repaired, with a note about each repair."""
 
 from collections.abc import Sequence
 
@@ -12,15 +12,15 @@ from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers, thinned
 LEAST_M2 = 10.0
 """Minimum area of a field [m2]. Assumed value: smaller than a machine."""
 MOST_POINTS, WITHIN_M = 20_000, 0.02
-"""Maximum number of points of a ring that is not simplified, and tolerance of the simplification [m]."""
+"""Number of points above which a ring is simplified, and tolerance of the simplification [m]."""
 SLIVER_M2 = 0.01
-"""Area below which a removed part of a polygon is not mentioned [m2]."""
+"""Area of removed parts of a polygon below which there is no note [m2]."""
 
 
 def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:
     """Return a valid polygon for a ring of points, shape (n, 2) [m], and notes about repairs.
 
-    `what` names the ring in notes and messages. Raise ValueError if the ring encloses no area.
+    `what` is the name of the ring in notes and messages. Raise ValueError if the ring encloses no area.
     """
     notes = list[str]()
     points = _without_repeats(points, what, notes)
@@ -37,7 +37,7 @@ def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:
 
 
 def _simplified(points: Array, what: str, notes: list[str]) -> Array:
-    """Return a ring with at most about MOST_POINTS points; append a note to `notes`."""
+    """Return a ring with at most about `MOST_POINTS` points. Append a note to `notes` if it is simplified."""
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
     near = points[thinned(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
@@ -46,7 +46,7 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_repeats(points: Array, what: str, notes: list[str]) -> Array:
-    """Return a ring without repeated points, including the closing point; append a note if other points repeat."""
+    """Return a ring without repeated points, including the closing point. Append a note if others are repeated."""
     if len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M:
         points = points[:-1]
     if len(points) < 2:
@@ -86,7 +86,7 @@ def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
 
 
 def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Polygon, list[Polygon], list[str]]:
-    """Subtract inner areas from a boundary. Return the boundary, the inner areas cut at the boundary, and notes."""
+    """Subtract inner areas from a boundary. Return the boundary, the inner areas within it, and notes."""
     notes, kept, outside, crossing = list[str](), list[Polygon](), 0, 0
     for each in inner:
         if not boundary.intersects(each) or boundary.intersection(each).area < SLIVER_M2:

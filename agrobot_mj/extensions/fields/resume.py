@@ -1,7 +1,7 @@
-"""Continuation of an interrupted drive. Its state is stored in the user's cache folder under the identity of the run.
+"""Continuation of interrupted field work. The state is stored in the user's cache folder under the identity of the run.
 
-The state is stored at an interruption and every few minutes. The states of the last KEPT drives are kept. Files from
-other sources are never read: the folder belongs to the user, like the folder of compiled kernels.
+The state is stored at an interruption and every few minutes, for the last `KEPT` runs. The folder must belong to the
+user, like the folder of compiled kernels, so that files of others are never read.
 """
 
 import pickle
@@ -19,13 +19,13 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
 EVERY_S = 300.0
-"""Wall time between two stored states [s]."""
+"""Wall-clock time between two stored states [s]."""
 KEPT = 2
-"""Number of drives whose states are kept in the folder."""
+"""Number of runs whose states are kept in the folder."""
 
 
 class Interrupted:
-    """Stored state of a drive, from which an interrupted simulation continues."""
+    """Stored state from which an interrupted simulation is continued."""
 
     def __init__(self, scenario: Scenario, stopped: Callable[[], bool]) -> None:
         self.scenario, self.stopped = scenario, stopped
@@ -44,7 +44,7 @@ class Interrupted:
         self.state = state._replace(scenario=self.scenario)
 
     def store(self, sim: Simulation) -> None:
-        """Store the state of a simulation with all rows. If there is no disk space, the drive continues without."""
+        """Store the state of a simulation with all rows. Without disk space, the simulation only continues."""
         rows = sim.rows
         saved = SavedRows(rows.filled, (), (rows.values[: rows.filled], rows.poses[: rows.filled]))
         state = sim.save(saved)
@@ -57,7 +57,8 @@ class Interrupted:
         rows.release()
 
     def ticks(self, sim: Simulation) -> Iterator[None]:
-        """Simulate to the end, from the loaded state if any. Store the state periodically and at an interruption."""
+        """Simulate to the end, from the loaded state if there is one. Store the state periodically and if
+        interrupted."""
         if self.state is None:
             sim.reset()
         else:

@@ -1,4 +1,4 @@
-"""Sources of a field or plan: a single file, a folder of AgOpenGPS or ISO 11783, or a zip archive of these."""
+"""Sources of a field or plan: a file, a folder of AgOpenGPS or ISO 11783, or a zip archive of these."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -21,18 +21,18 @@ TASKDATA = "TASKDATA.XML"
 MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
 """Maximum size of all files in a zip archive after unpacking [bytes], and maximum number of files."""
 PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
-"""File name endings that are read from other folders and archives, in order of preference."""
+"""File name endings that are read from other folders and archives, most preferred first."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
-"""AgOpenGPS files of a field (all are read) and of a plan (the first file with lines is read)."""
+"""AgOpenGPS files of a field (all files are read) and of a plan (only the first file that contains lines is read)."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
-    """Return the shapes of the files that describe a field. Raises `ScenarioError`."""
+    """Return the shapes of the files that describe a field. Raises `ScenarioError` for an unusable source."""
     return _shapes(path, _boundaries)
 
 
 def plan_shapes(path: Path) -> ShapeFile:
-    """Return the shapes of the file that describes a plan. Raises `ScenarioError`."""
+    """Return the shapes of the file that describes a plan. Raises `ScenarioError` for an unusable source."""
     return _shapes(path, _tracks)
 
 
@@ -76,7 +76,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
-    """Return the shapes of the first known file in a folder or in its subfolders."""
+    """Return the shapes of the first known file in a folder or in one of its subfolders."""
     for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
         if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
             return _task_data(tasks[0])

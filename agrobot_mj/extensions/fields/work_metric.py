@@ -1,4 +1,4 @@
-"""Metric of runs along a field work plan, for comparisons and sweeps: coverage of the field and excursions."""
+"""Metric of runs along a field work plan, for comparisons and sweeps: coverage of the field, and excursions."""
 
 from typing import Any, ClassVar, Literal
 
@@ -21,7 +21,7 @@ class FieldWork(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return coverage and excursions; empty for other paths and for runs without motion."""
+        """Return coverage and excursions. Return an empty result for other paths and for runs without motion."""
         if not isinstance(view.path, FieldPlan) or not view.path.plan.ground:
             return {}
         import shapely

@@ -8,11 +8,11 @@ import numpy as np
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 
 WIDTH, TURN = 8, 2
-"""Number of values in a row, and value of the type for a turn."""
+"""Number of values in a row, and value of the type that marks a turn."""
 
 
 def _row(line: str) -> list[float]:
-    """Return the numbers in a row; empty if the row does not consist of WIDTH finite numbers."""
+    """Return the numbers in a row of text. Return an empty list unless they are `WIDTH` finite numbers."""
     try:
         found = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:
@@ -21,7 +21,7 @@ def _row(line: str) -> list[float]:
 
 
 def is_fields2cover(head: str) -> bool:
-    """Return whether the first row of a text is a row of a path."""
+    """Return whether the first row of a text is a row of a path file."""
     row = _row(next((line for line in head.splitlines() if line.strip()), ""))
     return bool(row) and row[6] in (-1, 1) and row[7] in (1, 2, 3)
 

@@ -1,7 +1,7 @@
 """Polygons and lines of GML 2 and 3.
 
-If the coordinate system has a short name (EPSG:4326), coordinates are read east first, as most programs write them.
-With a long name (urn:ogc:def:crs:EPSG::4326 or a web address), the authority's order applies, often north first.
+If the coordinate system has a short name (EPSG:4326), the first coordinate is east, as in the files of most programs.
+With a long name (urn:ogc:def:crs:EPSG::4326 or a web address), the order is that of the authority, often north first.
 """
 
 import re
@@ -16,9 +16,9 @@ from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 CODE = re.compile(r"(?:EPSG|epsg)[:/#]+(?:[\d.]+[:/])?(\d+)$|CRS84$")
-"""Pattern of the EPSG number in the name of a coordinate system."""
+"""Pattern of the EPSG number at the end of the name of a coordinate system."""
 OUTER, INNER = ("exterior", "outerBoundaryIs"), ("interior", "innerBoundaryIs")
-"""Elements that contain the rings of a polygon, in GML 3 and GML 2."""
+"""Elements that contain the outer and the inner rings of a polygon, in GML 3 and in GML 2."""
 
 
 def read_gml(text: str) -> ShapeFile:

@@ -17,15 +17,15 @@ from agrobot_mj.paths.imports.shapes import DEGREES
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 BOUNDARY, MAIN_FIELD, HEADLAND = "1", "9", "10"
-"""Types of polygons: partfield boundary, main field, headland."""
+"""Type numbers of polygons: partfield boundary, main field, headland."""
 OBSTACLES = ("3", "4", "6")
-"""Types of polygons that the tractor must not enter: water, building, obstacle."""
+"""Type numbers of polygons that the tractor must not enter: water, building, obstacle."""
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
-"""Types of line strings: exterior ring, interior ring, guidance line."""
+"""Type numbers of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
-"""Types of guidance patterns (two points; point and heading), and value for an extension at both ends."""
+"""Type numbers of guidance patterns (two points; point and heading), and value for an extension at both ends."""
 LINE_M = 1000.0
-"""Length of a guidance line on each side of its point, for a pattern of point and heading [m]."""
+"""Length of a guidance line on each side of its point, for a pattern given by a point and a heading [m]."""
 
 
 def read_task_data(text: str) -> ShapeFile:
@@ -53,7 +53,7 @@ def _of_field(field: Element) -> Iterator[Polyline]:
 
 
 def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
-    """Yield the rings of a polygon, exterior ring first; for a headland only its interior ring, if present."""
+    """Yield the rings of a polygon, exterior ring first. For a headland with an interior ring, yield only this ring."""
     lines = sorted(polygon.findall("LSG"), key=lambda line: line.get("A") == INTERIOR)
     if role == "headland":
         lines = [line for line in lines if line.get("A") == INTERIOR] or lines
@@ -63,7 +63,7 @@ def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
 
 
 def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:
-    """Yield the lines of a guidance pattern. A line through two points A and B may extend beyond them."""
+    """Yield the lines of a guidance pattern. A line given by two points may extend beyond them."""
     kind, designator = pattern.get("C"), pattern.get("B") or name
     for line in pattern.findall("LSG"):
         points = _points(line)

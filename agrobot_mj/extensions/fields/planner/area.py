@@ -1,4 +1,4 @@
-"""Areas of a field for the planner: the drivable area and the body inside the headland laps, with checks of both."""
+"""Areas of a field for the planner, with checks: the drivable area, and the body inside the headland laps."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,9 +16,9 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
 TOLERANCE_M = 0.05
-"""Tolerated distance beyond the boundary, for rounded corners and coordinates [m]."""
+"""Permitted distance beyond the boundary, for rounded corners and coordinates [m]."""
 SWING_M = 0.3
-"""Distance by which the ends of the implement may swing out beyond the boundary [m]. Assumed value (0-0.5)."""
+"""Distance by which the ends of the implement may extend beyond the boundary in bends [m]. Assumed value (0-0.5)."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class Area:
     """Areas and headland laps of a field, for one machine."""
 
     whole: BaseGeometry
-    """Drivable area: the field without obstacles, for tractor and implement."""
+    """Drivable area for tractor and implement: the field without obstacles."""
     body: BaseGeometry
-    """Body of the field: area of the swaths, inside the headland laps."""
+    """Body of the field: the area inside the headland laps, in which the swaths are."""
     laps: tuple[Ring, ...]
     """Headland laps in driving order."""
     rig: FieldMachine
     beyond: float = 0.0
-    """Distance beyond the boundary in which there are no obstacles [m]."""
+    """Distance beyond the boundary that is free of obstacles [m]."""
 
     @cached_property
     def _allowed(self) -> BaseGeometry:
@@ -46,7 +46,7 @@ class Area:
         return offset(self.body, self.rig.width / 2)
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of tractor and implement beyond the boundary, for poses of the CG, shape (2, n) [m]."""
+        """Return the distances of tractor and implement beyond the boundary for n poses of the CG, shape (2, n) [m]."""
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -57,7 +57,7 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return excess distance beyond the boundary [m], and path length across the body [m], of a connection."""
+        """Return, for a connection, the excess distance beyond the boundary [m] and the path length on the body [m]."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()
@@ -65,10 +65,9 @@ class Area:
         return float(self.excess(self.outside(x, y, yaw)).max()), float(across)
 
     def excess(self, outside: Array) -> Array:
-        """Return the distance beyond the boundary that exceeds the tolerated distance, shape (n,) [m].
-
-        The ends of the implement may reach SWING_M further than the tractor: they swing out at the start of a bend.
-        """
+        """Return by how much the distances `outside` beyond the boundary exceed the permitted distance, shape (n,) [m].
+        At the start of a bend, the ends of the implement swing out. They may extend SWING_M further than the
+        tractor."""
         found = (outside - self.beyond - np.array([[0.0], [SWING_M]])).max(axis=0)
         return np.where(found > TOLERANCE_M, found, 0.0)
 
@@ -84,12 +83,12 @@ def body_of(field: Field, plan: Plan) -> BaseGeometry:
 
 
 def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
-    """Return the area inside the headland laps of a plan, for a field area without obstacles (`whole`)."""
+    """Return the area inside the headland laps of a plan, given the field area `whole` without obstacles."""
     return offset(whole, plan.margin + plan.overlap / 2 + plan.headlands * (plan.width - plan.overlap))
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
-    """Divide a field into a margin without work, headland laps and body, and return the areas."""
+    """Return the areas of a field: a margin without work is removed, then headland laps, and the rest is the body."""
     whole, first = whole_of(field), margin + rig.overlap / 2
     laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

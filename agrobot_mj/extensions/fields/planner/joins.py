@@ -1,8 +1,9 @@
 """Connections between passes: turns at their ends, and routes along headland laps to distant passes.
 
-Candidates are evaluated in groups: the chosen turn, then other forward connections and turns with a part in reverse,
-then routes along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the
-cheapest candidate of the first group with free ones; without any, the cheapest of all, with a warning in the plan.
+Candidates are evaluated in groups: the chosen turn; other forward connections, and turns with a part in reverse; routes
+along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the cheapest
+free candidate of the first group that contains one. If no candidate is free, the result is the cheapest of all, and the
+plan contains a warning.
 """
 
 from collections.abc import Iterator
@@ -39,17 +40,17 @@ Pieces = tuple[Piece, ...]
 NEAR = 6.0
 """Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value."""
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Costs per metre outside the field, and per metre across the body, as additional path length [-]. Assumed values."""
+"""Cost per metre outside the field, and across the field body, as additional path length [-]. Assumed values."""
 CUSP_M = 5.0
-"""Cost of a cusp, as additional path length [m]. Assumed value."""
+"""Cost of a cusp (change of driving direction), as additional path length [m]. Assumed value."""
 GENTLE = (2.0, 3.0)
-"""Radii of gentle bends [turn radii]."""
+"""Radii of gentle bends, as multiples of the turn radius [-]."""
 FORWARD_TRIED = 3
-"""Maximum number of forward connections of two swaths that are evaluated."""
+"""Maximum number of evaluated forward connections between two swaths."""
 STEPS, STEP = 13, 0.5
-"""Number of points of a lap at which a route may join or leave it [-], and their spacing [turn radii]."""
+"""Number of points at which a route may enter or leave a lap, and their spacing [turn radii]."""
 ROUTES_TRIED = 8
-"""Number of routes along laps that are evaluated, shortest first."""
+"""Maximum number of evaluated routes along laps, shortest first."""
 
 
 class Join(NamedTuple):
@@ -57,9 +58,9 @@ class Join(NamedTuple):
 
     pieces: Pieces
     outside: float = 0.0
-    """Distance beyond the boundary that exceeds the tolerance [m]."""
+    """Distance beyond the boundary in excess of the permitted distance [m]."""
     across: float = 0.0
-    """Path length across the body [m]."""
+    """Path length across the body of the field [m]."""
 
     @property
     def free(self) -> bool:
@@ -98,8 +99,7 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, also with gentle bends, which reduce the swing of a wide implement, and turns with a
-    part in reverse."""
+    """Yield forward connections, some with gentle bends for wide implements, and turns with a part in reverse."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
         yield from connections(start, goal, bends._replace(radius=factor * bends.radius))[:1]
@@ -109,7 +109,7 @@ def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[P
 
 
 def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:
-    """Yield the turn to the opposite pass at `goal`. The turn begins beyond the ends of both passes."""
+    """Yield the turn to the opposite pass at `goal`. The turn starts beyond the ends of both passes."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     if abs(left) < 1e-6:
         return
@@ -123,10 +123,8 @@ def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Piec
 
 
 def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
-    """Return the distance by which a turn between neighbouring passes extends beyond their ends [m].
-
-    The line through the ends of both passes is perpendicular to the passes.
-    """
+    """Return the distance by which a turn between neighbouring passes extends beyond their ends [m]. The passes end on
+    a line perpendicular to them."""
     start, goal = Pose(rig.behind, 0.0, 0.0), Pose(rig.behind, rig.spacing, pi)
     turn = next(_turns(start, goal, shape, rig.bends))
     x, y, yaw = linked(start, turn).divided().joints()
@@ -141,9 +139,10 @@ def _mirrored(piece: Piece) -> Piece:
 
 @lru_cache(maxsize=256)
 def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
-    """Return the turn to a pass `away` [m] to the left with one flare, and its end ahead of its start [m].
+    """Return a turn to a pass `away` [m] to the left, and the distance of its end ahead of its start [m].
 
-    A bend to the right by an angle f is followed by one to the left by pi + f. For arcs, cos f = away / (2 radius).
+    The turn is a bend to the right by an angle f, then a bend to the left by pi + f; with arcs, cos f = away / (2
+    radius).
     """
 
     def turn(flare: float) -> Pieces:
@@ -155,7 +154,7 @@ def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
 
 
 def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
-    """Yield connections along headland laps, in the order of their estimated length."""
+    """Yield connections along headland laps, in order of estimated length."""
     radius, ranked = area.rig.bends.reach, []
     for ring in area.laps:
         for way in (ring, ring._replace(points=ring.points[::-1])):
@@ -170,11 +169,11 @@ def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
 
 
 Place = tuple[float, Pose, float]
-"""Distance along a ring [m], pose at this distance, and distance from the point of the ring nearest to a pose [m]."""
+"""Distance along a ring [m], pose at this distance, and distance from the ring point nearest to another pose [m]."""
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
-    """Return points along a ring for joining or leaving it, starting at the point nearest to a pose."""
+    """Return points at which a route may enter or leave a ring, starting at the point nearest to a pose."""
     line = ring.line
     nearest = line.project(shapely.Point(pose.x, pose.y))
     found = []
@@ -190,7 +189,7 @@ def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
 def _route(
     area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
 ) -> Iterator[Pieces]:
-    """Yield the connection along part of a ring, if the machine can drive it."""
+    """Yield the connection along a part of a ring, if the machine can follow it."""
     bends = area.rig.bends
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:

@@ -1,4 +1,4 @@
-"""Headland laps: closed courses parallel to the boundary and around obstacles, with corners that can be driven."""
+"""Headland laps: closed courses parallel to the boundary and around obstacles, with corners that can be followed."""
 
 from typing import NamedTuple
 
@@ -19,20 +19,20 @@ MITRE = 5.0
 SIMPLE_M = 0.05
 """Tolerance of the simplification of rings [m]."""
 CORNER_M = 0.1
-"""Maximum distance of a rounded corner from the original corner, for gentle corners [m]."""
+"""Maximum distance of a rounded corner from the original one if the change of direction is small [m]."""
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
-"""Smoothing radii that are tried in order until the machine can drive the ring [turn radii]."""
+"""Smoothing radii that are tried in order until the machine can follow a ring, as multiples of the turn radius [-]."""
 
 
 class Ring(NamedTuple):
     """Closed polyline of a headland lap."""
 
     points: Array
-    """Corners in driving order, shape (n, 2) [m]. The first corner is not repeated."""
+    """Corners in the order of driving, shape (n, 2) [m]. The first corner is not repeated."""
     number: int
     """Number of the lap, counted from 0 at the boundary."""
     hole: int = -1
-    """Number of the obstacle that the lap surrounds; -1 for the boundary."""
+    """Number of the obstacle around which the lap leads; -1 for a lap along the boundary."""
 
     @property
     def line(self) -> LinearRing:
@@ -46,7 +46,7 @@ def offset(area: BaseGeometry, inwards: float) -> BaseGeometry:
 
 
 def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
-    """Return the laps: along the boundary from the outside inwards, then around each hole from the hole outwards."""
+    """Return all laps: along the boundary from the outside inwards, then around each obstacle, from inside outwards."""
     holes = [Polygon(hole) for part in shapely.get_parts(area) for hole in part.interiors]
     found = []
     for number in range(count):
@@ -62,7 +62,7 @@ def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
 
 
 def _corners(ring: LinearRing, left: bool) -> Array:
-    """Return the corners of a ring, counter-clockwise if `left`, starting with the longest side."""
+    """Return the corners of a ring, counter-clockwise if `left`, otherwise clockwise. The longest side is first."""
     simple = LinearRing(ring).simplify(SIMPLE_M)
     points = np.array(simple.coords)[:-1, :2]
     if LinearRing(points).is_ccw != left:
@@ -72,7 +72,7 @@ def _corners(ring: LinearRing, left: bool) -> Array:
 
 
 def from_point(ring: Ring, distance: float) -> Array:
-    """Return a ring as a closed polyline that starts at the arc length `distance` [m], shape (n, 2) [m]."""
+    """Return a closed polyline, shape (n, 2) [m], that starts at the arc length `distance` [m] of a ring."""
     closed = np.vstack([ring.points, ring.points[:1]])
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))
     distance %= along[-1]
@@ -89,7 +89,7 @@ def rounding(rig: FieldMachine) -> Rounding:
 
 
 def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the course of a lap that starts at the arc length `distance` [m]; None if the machine cannot drive it."""
+    """Return the course of a lap that starts at the arc length `distance` [m]; None if the machine cannot follow it."""
     return drivable(from_point(ring, distance), True, rig)
 
 
@@ -103,7 +103,7 @@ def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
 
 
 def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
-    """Return a smoothed ring that the machine can drive; the unchanged ring if smoothing is not sufficient."""
+    """Return a smoothed ring that the machine can follow. If smoothing is insufficient, return the original ring."""
     for factor in SMOOTHER:
         radius, found = factor * rig.path.turn_radius_m, ring
         if factor:

@@ -1,4 +1,4 @@
-"""Places where a plan leaves its field: on laps (remedy: a margin), and in turns (remedy: more headland laps)."""
+"""Places at which a plan leaves its field: on laps (fix: a margin) and in turns (fix: more headland laps)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
 WARNED_M = 0.1
-"""Distance beyond the boundary above which a warning is given [m]."""
+"""Distance beyond the boundary above which there is a warning [m]."""
 LEAVES = "the machine leaves the field", "the ends of the implement swing beyond the boundary"
-"""First words of the warnings about tractor and implement."""
+"""First words of the warnings about the tractor and about the implement."""
 PLACES_TOLD = 5
 """Maximum number of places listed in a warning."""
 
 
 @dataclass(frozen=True)
 class Leaving:
-    """Distances by which machine and implement leave the field along a course, as arrays of shape (n,)."""
+    """Distances by which tractor and implement leave the field along a course, as arrays of shape (n,)."""
 
     x: Array
     """East coordinate of the CG [m]."""
@@ -30,9 +30,9 @@ class Leaving:
     outside: Array
     """Distance of tractor and implement beyond the boundary, shape (2, n) [m]."""
     excess: Array
-    """Distance beyond the boundary that exceeds the tolerated distance [m]."""
+    """Distance beyond the boundary in excess of the permitted distance [m]."""
     in_lap: Array
-    """Whether the tractor is on a headland lap, for each point."""
+    """Whether each point is on a headland lap."""
 
     @property
     def laps(self) -> float:
@@ -46,20 +46,20 @@ class Leaving:
 
     @property
     def largest(self) -> str:
-        """Maximum excess and its position, as text. Headland laps count only if there is no excess elsewhere."""
+        """Text of the maximum excess and its position. Excess on headland laps counts only if there is no other."""
         values = np.where(self.in_lap, 0.0, self.excess) if self.turns else self.excess
         k = int(np.argmax(values))
         return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
 
     def warnings(self) -> list[str]:
-        """Return warnings with the places where the plan leaves the field; empty if the plan stays inside."""
+        """Return warnings with the places at which the plan leaves the field; empty if it stays inside."""
         swings = self.outside[1] * (self.excess <= 0.0) * (self.outside[0] <= WARNED_M)
         leaves = np.where(swings > 0.0, 0.0, self.outside.max(axis=0))
         said = zip(LEAVES, (leaves, swings), strict=True)
         return [f"{what} by {self._places(values)}" for what, values in said if values.max() > WARNED_M]
 
     def _places(self, outside: Array) -> str:
-        """Return the maximum distance and the positions of all peaks as text."""
+        """Return a text with the maximum distance and the positions of all peaks."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
         told = ", ".join(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places[:PLACES_TOLD])
         more = f" and at {len(places) - PLACES_TOLD} other locations" if len(places) > PLACES_TOLD else ""
@@ -67,7 +67,7 @@ class Leaving:
 
 
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
-    """Return where a course leaves its field, and which points are on headland laps."""
+    """Return the distances by which a course leaves its field; `passes` determine the points on headland laps."""
     course = chain(start, pieces).divided()
     x, y, yaw = course.joints()
     outside, s = area.outside(x, y, yaw), course.distances()

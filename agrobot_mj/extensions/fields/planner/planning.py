@@ -1,6 +1,7 @@
-"""Planner: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
+"""Planner of field work: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
 
-The nearest cell is worked next. Plans are drivable and complete, but not optimal.
+A cell is a group of adjacent swaths. The next cell is always the nearest one. Plans can be followed by the machine and
+are complete, but not optimal.
 """
 
 from collections.abc import Sequence
@@ -26,26 +27,26 @@ from agrobot_mj.paths.headland import half_turn_width
 from agrobot_mj.paths.track import Piece
 
 LAP_STARTS = 24
-"""Number of points along a ring at which its lap may start."""
+"""Number of points of a ring at which its lap may start."""
 DEFAULT_HEADLANDS = 2
-"""Default number of headland laps, which increases if turns need more depth."""
+"""Default number of headland laps. It is increased if the turns need more space."""
 TRIES = 6
-"""Maximum number of attempts with more laps or a wider margin."""
+"""Maximum number of attempts with additional laps or a wider margin."""
 MARGIN_STEP_M = 0.02
-"""Additional width of a margin, beyond the excess distance that the margin prevents [m]."""
+"""Increase of the margin in addition to the excess distance that it must prevent [m]."""
 CLOSE_M = 1e-3
-"""Distance below which a pose counts as reached [m]."""
+"""Distance below which a pose is reached [m]."""
 GOALS_TRIED = 6
-"""Number of possible starts of the next pass to which connections are planned, nearest first."""
+"""Number of possible starts of the next pass, nearest first, to which connections are evaluated."""
 LEAST_AREA = 0.1
-"""Minimum area of a body that gets swaths, divided by the square of the working width [-]."""
+"""Minimum area of a field body with swaths, divided by the square of the working width [-]."""
 
 
 class Options(NamedTuple):
     """Options of a plan."""
 
     headlands: int | None = None
-    """Number of headland laps. None: two laps, or more if the turns need more depth."""
+    """Number of headland laps. None: two, or more if the turns need more space."""
     turn: Shape = "clothoid"
     """Preferred turn shape between neighbouring swaths."""
     order: str = "boustrophedon"
@@ -55,7 +56,7 @@ class Options(NamedTuple):
     sections: int = 1
     """Number of sections of the implement."""
     beyond: float = 0.0
-    """Distance by which the machine may leave the field [m]."""
+    """Distance by which the machine may extend beyond the field [m]."""
 
 
 class _Work:
@@ -78,8 +79,8 @@ class _Work:
         self.distance += length_of(pieces)
 
     def to(self, goals: Sequence[Pose]) -> int:
-        """Append the cheapest connection to one of the poses and return the number of this pose. An empty plan starts
-        at the first pose."""
+        """Append the cheapest connection to one of the poses `goals`. Return the number of this pose. An empty plan
+        starts at the first pose."""
         if self.start is None:
             self.start = self.pose = goals[0]
             return 0
@@ -93,7 +94,7 @@ class _Work:
         return chosen
 
     def lap(self, ring: Ring) -> None:
-        """Append a headland lap. Raise `ScenarioError` if the machine cannot drive it."""
+        """Append a headland lap. Raise `ScenarioError` if the machine cannot follow it."""
         courses = [course for distance in self._starts(ring) if (course := lap(ring, distance, self.rig)) is not None]
         if not courses:
             x, y = ring.points[0]
@@ -108,7 +109,7 @@ class _Work:
         self.passes.append(PlannedPass("headland", *span, (span,) * self.options.sections))
 
     def _starts(self, ring: Ring) -> list[float]:
-        """Return arc lengths of a ring at which its lap may start [m]."""
+        """Return the arc lengths of a ring at which its lap may start [m]."""
         length, reach = ring.line.length, self.rig.bends.reach
         if self.start is None:
             return [k * length / LAP_STARTS for k in range(1, LAP_STARTS)]
@@ -131,7 +132,7 @@ class _Work:
         self.passes.append(PlannedPass("body", zero, zero + swath.length, tuple(spans)))
 
     def cells(self, layout: Pattern) -> None:
-        """Append the swaths of all cells. The nearest cell is always next."""
+        """Append the swaths of all cells. The next cell is always the nearest one."""
         self.layout = layout
         across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.spacing - 1e-9))
         left = list(layout.cells)
@@ -145,11 +146,11 @@ class _Work:
 
     @cached_property
     def leaving(self) -> Leaving:
-        """Places where the course leaves the field."""
+        """Distances by which the course leaves the field."""
         return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
 
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
-        """Return the completed plan, whose first warnings are the notes of the planner."""
+        """Return the completed plan. Its warnings begin with the notes of the planner."""
         crossing = [
             f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
@@ -172,8 +173,8 @@ def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     """Return the plan of a field. Raise `ScenarioError` if no plan stays inside the field.
 
-    If the number of laps is not given, laps are added until the turns stay inside. If the implement swings out beyond
-    the boundary by more than the tolerance, the outermost lap moves inwards.
+    If the number of laps is not given, laps are added until the turns stay inside. If the implement extends too far
+    beyond the boundary, the outermost lap is moved inwards.
     """
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
     work = _work(field, rig, options, first)
@@ -206,7 +207,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
 
 
 def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
-    """Plan the work with given numbers of headland laps and margin [m]. Raise `ScenarioError` if it is infeasible."""
+    """Plan the work for a number of headland laps and a `margin` [m]. Raise `ScenarioError` if this is impossible."""
     area = area_of(field, headlands, rig, options.beyond, margin)
     work = _Work(area, options._replace(headlands=headlands))
     for ring in area.laps:

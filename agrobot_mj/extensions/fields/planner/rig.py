@@ -1,4 +1,4 @@
-"""Machine data for the planner: outlines of tractor and implement, and the bends that the steering can follow."""
+"""Machine data for the planner: outlines of tractor and implement, and bends that the steering can follow."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -13,29 +13,29 @@ from agrobot_mj.paths import Swaths
 from agrobot_mj.scenario.schema import Scenario
 
 MIN_SHARE = 0.95
-"""Maximum fraction of the machine's curvature limit that plans use [-]. Assumed value: 5 % remain for feedback."""
+"""Maximum fraction of the curvature limit of the machine that plans use [-]. Assumed value: 5 % remain for feedback."""
 BAR_M = 0.1
-"""Half of the length of the implement's outline [m]."""
+"""Half of the length of the outline of the implement [m]."""
 
 
 @dataclass(frozen=True)
 class FieldMachine:
-    """Tractor with its implement. Distances are relative to the CG, which is the reference point of paths."""
+    """Tractor with its implement. Distances are relative to the CG of the tractor, the reference point of paths."""
 
     width: float
     """Working width of the implement [m]."""
     behind: float
-    """Distance of the implement's working point behind the CG on a straight line [m]."""
+    """Distance of the working point of the implement behind the CG on a straight line [m]."""
     front: float
     """Distance of the front end of the tractor ahead of the CG [m]."""
     rear: float
     """Distance of the rear end of the tractor behind the CG [m]."""
     half_width: float
-    """Half of the tractor's width, including the tyres [m]."""
+    """Half of the width of the tractor, including the tyres [m]."""
     tightest: float
     """Minimum turn radius of the CG [m]."""
     path: Swaths
-    """Path key values for the bends of this machine: radius, speed and steering rate."""
+    """Path whose keys define the bends of the machine: radius, speed and steering rate."""
     overlap: float = 0.0
     """Planned overlap between neighbouring passes [m]."""
 
@@ -89,7 +89,7 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
 
 
 def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the planner's machine for a scenario with any path."""
+    """Return the machine data for the planner, for a scenario with any kind of path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m

@@ -1,8 +1,8 @@
-"""Swaths: parallel strips of one width across an area, in cells between obstacles, in the direction with fewest swaths.
+"""Swaths: parallel strips of equal width that cover an area, in the direction with the fewest swaths, grouped in cells.
 
 Rows of strips lie side by side, starting at the lowest edge of the area. A row has one swath for each connected part of
-the area in its strip. A swath is as long as that part, so that oblique edges are worked over the full width. A cell is
-a series of swaths in adjacent rows, each with exactly one neighbour in the next row: the decomposition of [Choset2000].
+the area in its strip. A swath is as long as this part, so that the full width is worked at oblique edges. A cell is a
+series of swaths in adjacent rows, each with exactly one neighbour in the next row: the decomposition of [Choset2000].
 """
 
 from collections.abc import Iterator
@@ -17,25 +17,25 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.paths.parallel import skipping
 
 THINNEST = 0.02
-"""Minimum width of a strip's part that gets a swath, divided by the width of the strip [-]."""
+"""Minimum width of a part of a strip that gets a swath, divided by the width of the strip [-]."""
 ANGLE_STEP = pi / 18
-"""Step of the evaluated directions, in addition to the directions of the edges [rad]."""
+"""Step between evaluated swath directions [rad]. The directions of edges are also evaluated."""
 ROUNDING = 1e-6
-"""Rounding error of the number of swaths across an area that is ignored [-]."""
+"""Rounding error that is ignored in the number of swaths across an area [-]."""
 Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
-    """Strip of one pass, in a frame whose first axis is the swath direction (stations along it, offset to the left)."""
+    """Strip worked in one pass. Stations are distances along the swath direction; offsets are to its left."""
 
     start: float
     """Station at the first end [m]."""
     end: float
     """Station at the second end [m]."""
     across: float
-    """Offset of the middle line to the left of the swath direction [m]."""
+    """Offset of the centre line, to the left of the swath direction [m]."""
     sections: tuple[Span, ...]
-    """Stations between which each section works, sections from right to left [m]."""
+    """Stations between which each section works [m], for sections from right to left."""
 
     @property
     def length(self) -> float:
@@ -49,7 +49,7 @@ class Pattern(NamedTuple):
     angle: float
     """Direction of the swaths, counter-clockwise from east [rad]."""
     cells: tuple[tuple[Swath, ...], ...]
-    """Cells; each is a tuple of its swaths from right to left."""
+    """Cells; a cell is a tuple of adjacent swaths from right to left."""
 
     @property
     def number(self) -> int:
@@ -68,14 +68,14 @@ class Pattern(NamedTuple):
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths of all evaluated directions; among equals, with the shortest swaths."""
+    """Return the pattern with the fewest swaths in the evaluated directions and, of these, the smallest length."""
     found = (pattern(area, angle, width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.angle, width, sections)
 
 
 def _angles(area: BaseGeometry, width: float) -> list[float]:
-    """Return the directions of long edges, and directions in steps of ANGLE_STEP, from 0 to pi [rad]."""
+    """Return the directions of long edges, and directions in steps of `ANGLE_STEP`, from 0 to pi [rad]."""
     angles = {round(k * ANGLE_STEP, 6) for k in range(round(pi / ANGLE_STEP))}
     for part in shapely.get_parts(area):
         corners = np.array(part.simplify(0.1 * width).exterior.coords)
@@ -86,7 +86,7 @@ def _angles(area: BaseGeometry, width: float) -> list[float]:
 
 
 def pattern(area: BaseGeometry, angle: float, width: float, sections: int) -> Pattern:
-    """Return the swaths of an area in the direction `angle` [rad], with a width [m] and a number of sections."""
+    """Return the swaths of an area in the direction `angle` [rad], for a working width [m] and a number of sections."""
     turned = rotate(area, -degrees(angle), origin=(0.0, 0.0))
     west, south, east, north = turned.bounds
     count = max(1, ceil((north - south) / width - ROUNDING))
@@ -95,7 +95,7 @@ def pattern(area: BaseGeometry, angle: float, width: float, sections: int) -> Pa
 
 
 def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int) -> list[Swath]:
-    """Return the swaths of the strip whose lower edge is at the offset `low` [m]."""
+    """Return the swaths of the strip whose lower edge has the offset `low` [m]."""
     strip = shapely.box(ends[0], low, ends[1], low + width).intersection(area)
     found = []
     for part in shapely.get_parts(strip):
@@ -107,7 +107,7 @@ def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int
 
 
 def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span) -> Iterator[Span]:
-    """Yield the stations between which each section works in a part of a strip; equal stations if it never works."""
+    """Yield the stations between which each section works in a part of a strip; equal stations for no work."""
     if count == 1:
         yield whole
         return
@@ -135,7 +135,7 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
 
 
 def ordered(count: int, order: str, across: int) -> list[int]:
-    """Return the driving order of the swaths in a cell: neighbouring swaths, or skipping `across` - 1 swaths."""
+    """Return the order of driving of the swaths in a cell: neighbouring swaths, or every `across`-th swath."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:
         return list(skipping(count, across))
     return list(range(count))

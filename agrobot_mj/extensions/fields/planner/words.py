@@ -1,8 +1,8 @@
 """Connections between two poses: three segments of limited curvature, with arcs or clothoids.
 
-The types of connections (words) are those of [Dubins1957], bend-straight-bend and three bends, and three bends with the
-middle one in reverse [ReedsShepp1990]. With arcs, the three parameters have a closed form. With clothoids, they are
-solved numerically. The initial guess is the closed form for a radius equal to the distance of the bend's centre.
+The types of connections (words) are those of [Dubins1957], bend-straight-bend and three bends, and three bends of which
+the middle one is in reverse [ReedsShepp1990]. With arcs, the three parameters have a closed form. With clothoids, they
+are computed numerically; the initial guess is the closed form for a radius equal to the distance of the bend centre.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ LEAST_ANGLE = 1e-7
 CLOSE = 1e-6
 """Maximum error at the end of a connection [m, rad]."""
 GRID = 1e-6
-"""Grid to which relative poses are rounded for the cache of connections [m, rad]."""
+"""Resolution to which relative poses are rounded, so that connections can be cached [m, rad]."""
 
 
 class Bends(NamedTuple):
@@ -31,13 +31,13 @@ class Bends(NamedTuple):
     radius: float
     """Radius of arcs [m]."""
     sharpness: float = inf
-    """Maximum change of curvature per metre [1/m2]; infinite for arcs without clothoids."""
+    """Maximum change of curvature per metre [1/m2]. Infinite if bends are arcs without clothoids."""
     speed: float = inf
     """Maximum speed [m/s]."""
 
     @property
     def reach(self) -> float:
-        """Distance from the start of a bend to its centre, perpendicular to the start direction [m]."""
+        """Distance of the centre of a bend from its start, perpendicular to the initial direction [m]."""
         return bend(pi, self.radius, self.sharpness).centre[1]
 
 
@@ -47,7 +47,7 @@ class Word(NamedTuple):
     first: int
     """Side of the first bend: 1 left, -1 right."""
     middle: int
-    """Side of the middle bend; 0 for a straight."""
+    """Side of the middle bend; 0 for a straight segment."""
     last: int
     """Side of the last bend."""
     reverse: bool = False
@@ -66,19 +66,19 @@ REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))
 
 
 def length_of(pieces: tuple[Piece, ...]) -> float:
-    """Return the travelled length of path segments [m]."""
+    """Return the travelled length of a sequence of path segments [m]."""
     return sum(piece.length for piece in pieces)
 
 
 def end_of(start: Pose, pieces: tuple[Piece, ...] | list[Piece]) -> Pose:
-    """Return the pose at the end of path segments that start at the pose `start`."""
+    """Return the pose at the end of a sequence of path segments that starts at the pose `start`."""
     for piece in pieces:
         start = advance(start, piece.curvature, piece.direction * piece.length, piece.direction * piece.sharpness)
     return start
 
 
 def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
-    """Return a straight segment of a length [m]; empty for zero length."""
+    """Return a straight segment with a given length [m]; no segment for a length of zero."""
     return (Piece(length, 0.0, speed),) if length > 1e-9 else ()
 
 
@@ -99,7 +99,7 @@ def _connections(
 
 
 def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
-    """Return the length of the shortest forward connection of arcs and straights [m]."""
+    """Return the length of the shortest forward connection that consists of arcs and straight segments [m]."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     relative = Pose(ahead, left, wrap(goal.yaw - start.yaw))
     lengths = [
@@ -138,7 +138,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the three values of a word with clothoids; None if the solver fails."""
+    """Return the three values of a word with clothoids, starting from `guess`; None if the solver fails."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
@@ -157,10 +157,8 @@ def _refined(
 
 
 def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
-    """Return the end of a bend in the frame of its start: ahead [m], left [m], and heading change [rad].
-
-    The end is symmetric to the start about a line through the centre of the bend.
-    """
+    """Return the end of a bend in the frame of its start: ahead [m], left [m], and heading change [rad]. Start and end
+    are symmetric about a line through the centre of the bend."""
     turned = abs(angle)
     if turned < LEAST_ANGLE:
         return 0.0, 0.0, 0.0
@@ -173,12 +171,12 @@ def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tup
 
 @lru_cache(maxsize=64)
 def _centre(bends: Bends) -> tuple[float, float]:
-    """Return the centre of a bend that is long enough to reach its radius, in the frame of its start [m]."""
+    """Return the centre of a bend that is long enough to reach its minimum radius, in the frame of its start [m]."""
     return bend(TURN, *bends[:2]).centre
 
 
 def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float, float]]:
-    """Yield the values of a word with arcs: angles [rad], or the length of the straight [m]."""
+    """Yield the values of a word with arcs: angles of bends [rad], or length of the straight segment [m]."""
     if word.first < 0:
         word, goal = word.mirrored, Pose(goal.x, -goal.y, -goal.yaw)
     side = word.last
@@ -201,6 +199,6 @@ def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float,
 
 
 def _turn(angle: float) -> float:
-    """Return an angle in [0, 2 pi) [rad]. A value that is a full turn by rounding becomes 0."""
+    """Return an angle in [0, 2 pi) [rad]. An angle that differs from 2 pi only by rounding becomes 0."""
     turned = angle % TURN
     return 0.0 if TURN - turned < LEAST_ANGLE else turned
