@@ -1,4 +1,4 @@
-"""Adjustments during a drive: faults that begin and end while driving, and keys that require a restart."""
+"""Adjustments during a drive: faults that start and end during the drive, and keys that require a restart."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,25 +10,25 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class Adjustment(NamedTuple):
-    """Quantity that the driver adjusts during a drive. A new value acts as a fault from the next tick."""
+    """Quantity that the driver can adjust during a drive. A new value acts from the next tick, as a recorded fault."""
 
     label: str
     """Text of the slider, with the unit."""
     low: float
     high: float
     neutral: float
-    """Value without a fault."""
+    """Value at which there is no fault."""
     kind: str
-    """Kind of the faults that implement the adjustment."""
+    """Kind of the faults that apply the adjustment."""
     key: str
-    """Key in the table of the fault whose value is adjusted."""
+    """Key of the adjusted value in the table of the fault."""
     others: tuple[Mapping[str, Any], ...] = ({},)
-    """Further keys of each fault; one fault per item."""
+    """Additional keys for the faults of this adjustment. There is one fault for each item."""
     step: float = 0.001
-    """Resolution of the value."""
+    """Resolution of the slider."""
 
     def faults(self, value: float) -> list[dict[str, Any]]:
-        """Return the faults for a value, limited to the range, without times; empty for the neutral value."""
+        """Return the faults, without times, that apply a value limited to the range; none for the neutral value."""
         value = round(round(min(max(value, self.low), self.high) / self.step) * self.step, 6)
         if abs(value - self.neutral) < 1e-9:
             return []
@@ -63,13 +63,13 @@ class NextStart(NamedTuple):
 
 
 def fault_kinds() -> list[str]:
-    """Return the kinds of faults that a driver can inject. Kinds used by adjustments are excluded."""
+    """Return the kinds of faults that a driver can inject, without the kinds used by adjustments."""
     used = {each.kind for each in ADJUSTMENTS.values()}
     return [kind for kind in families()["fault"] if kind not in used]
 
 
 def tyre_kinds() -> list[str]:
-    """Return the kinds of tyre models, with and without soil."""
+    """Return the kinds of tyre models for firm ground and for soil."""
     return list(families()["plant.tyre"])
 
 

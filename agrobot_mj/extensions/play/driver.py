@@ -1,4 +1,4 @@
-"""Conversion of keys, sliders and buttons of a driver to the inputs of a session."""
+"""Conversion of keys, sliders and buttons used by a driver to inputs of a session."""
 
 from math import isnan, nan, radians
 from typing import NamedTuple
@@ -7,17 +7,17 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.session import PlaySession
 
 STEER_RATE = radians(30.0)
-"""Rate at which the wheels turn with a key pressed, and return without one [rad/s]. Assumed value (20-60 deg/s)."""
+"""Rate at which the wheels turn with a key pressed and return without one [rad/s]. Assumed value (20-60 deg/s)."""
 ACCELERATION_M_S2 = 1.0
 """Acceleration while a key is pressed [m/s2]. Assumed value (0.5-2)."""
 FASTEST_M_S, REVERSE_M_S = 6.0, -2.0
 """Maximum speeds forward and in reverse [m/s]."""
 STALE_S = 0.4
-"""Time without a message after which all keys count as released, because the page is closed or hidden [s]."""
+"""Time without a message after which all keys are treated as released, because the page is closed or hidden [s]."""
 
 
 class Keys(NamedTuple):
-    """Pressed keys, and the time `seen` of their message [s]."""
+    """Pressed keys, and the time `seen` at which their message was received [s]."""
 
     left: bool = False
     right: bool = False
@@ -26,7 +26,7 @@ class Keys(NamedTuple):
     seen: float = -1e9
 
     def at(self, now: float) -> "Keys":
-        """Return the keys pressed at a time [s]; none if the last message is older than STALE_S."""
+        """Return the keys pressed at time `now` [s]. There are none if the last message is older than `STALE_S`."""
         return self if now - self.seen < STALE_S else Keys()
 
     @property
@@ -41,30 +41,30 @@ class Keys(NamedTuple):
 
 
 class PlayDriver:
-    """Driver with a steering angle and a speed, who can hand over to a guidance law."""
+    """Driver who controls steering angle and speed, and can hand over to a guidance law."""
 
     def __init__(self, session: PlaySession) -> None:
         self.session = session
         self.angle, self.speed, self.law = 0.0, 0.0, 0
         self.law_speed = nan
-        """Speed set for guidance laws [m/s]; NaN for the speed of the path."""
+        """Speed for guidance laws [m/s]; NaN for the speed of the path."""
         self.chosen = 1
-        """Number of the law selected for a takeover."""
+        """Number of the law to which the driver hands over next."""
         self.centring = True
         """Whether the wheels return to straight ahead while no key is pressed."""
 
     def take_over(self) -> None:
-        """Return control to the driver, starting from the present angle and speed."""
+        """Return control to the driver, starting from the current angle and speed."""
         if self.law:
             truth = self.session.sim.truth
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
 
     def hand_over(self, law: int) -> None:
-        """Give control to a law, by its number."""
+        """Hand over to the law with the number `law`."""
         self.law = self.chosen = law
 
     def stop(self) -> None:
-        """Brake to standstill, with the driver steering."""
+        """Brake to standstill. The driver steers."""
         self.take_over()
         self.speed = 0.0
 
@@ -74,7 +74,7 @@ class PlayDriver:
         self.angle, self.centring = angle, False
 
     def set_speed(self, speed: float) -> None:
-        """Set the speed of the driver, or of the law if a law steers [m/s]."""
+        """Set the speed of the driver, or the speed of the law if a law steers [m/s]."""
         if self.law:
             self.law_speed = abs(_within(speed))
         else:
@@ -110,7 +110,7 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Continue with the inputs of a restored session state."""
+        """Continue with the inputs of a session state that has been restored."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

@@ -1,8 +1,8 @@
 """Inputs of a drive, stored in a CSV file with one row for each change.
 
-Columns: the tick from which the row applies, the number of the law that steers (0 for the driver), the steering angle
-[rad] and the speed [m/s]. An empty speed means the speed of the path. Numbers are written with all digits, so that the
-table repeats a drive exactly.
+Columns: first tick to which the row applies, number of the law that steers (0 for the driver), steering angle [rad],
+and speed [m/s]. An empty speed means the speed of the path. Numbers have all digits, so that a drive can be repeated
+exactly.
 """
 
 import csv
@@ -19,11 +19,11 @@ INPUTS = "inputs.csv"
 """Name of the CSV file in the results folder of a drive."""
 HEADER = ("tick", "law", "steer_rad", "speed_m_s")
 MOST_BYTES = 20_000_000
-"""Maximum size of a CSV file [bytes]: several hours with a change in each tick."""
+"""Maximum size of a CSV file [bytes], sufficient for several hours with a change in each tick."""
 
 
 class PlayInput(NamedTuple):
-    """Input of one tick. Default: the driver is in control at standstill."""
+    """Input of one tick. By default, the driver is in control and the tractor stops."""
 
     law: int = 0
     """Number of the law that steers, from 1; 0 for the driver."""
@@ -34,13 +34,13 @@ class PlayInput(NamedTuple):
 
 
 class PlayTable(NamedTuple):
-    """Changes of the input, in the order of their ticks."""
+    """Changes of the input, ordered by tick."""
 
     ticks: Sequence[int]
     given: Sequence[PlayInput]
 
     def at(self, tick: int) -> PlayInput:
-        """Return the input of a tick. Before the first row, the driver is in control at standstill."""
+        """Return the input of a tick. Before the first row, it is the default input."""
         k = bisect_right(self.ticks, tick) - 1
         return self.given[k] if k >= 0 else PlayInput()
 
@@ -55,7 +55,7 @@ def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
 
 
 def read_inputs(name: str) -> PlayTable:
-    """Read a CSV file of inputs again whenever it has changed. Raises ValueError that names the line and the fix."""
+    """Return the inputs in a CSV file, read again if changed. Raises ValueError that names the line and the fix."""
     return _read(name, stamp(name))
 
 

@@ -1,4 +1,4 @@
-"""Panel, keys and curves in the viewer. They send messages to the simulation and show its status.
+"""Panel, keys and curves in the viewer, which send messages to the simulation and show its status.
 
 MuJoCo Studio runs this module in a separate thread.
 """
@@ -24,7 +24,7 @@ HELD = {
     "faster": (KEY.UpArrow, KEY.W),
     "slower": (KEY.DownArrow, KEY.S),
 }
-"""Keys that act as long as they are pressed."""
+"""Keys by name of an action that lasts while a key is pressed."""
 PRESSED = {
     "stop": KEY.Space,
     "law": KEY.L,
@@ -35,7 +35,7 @@ PRESSED = {
     "pause": KEY.P,
     "restart": KEY.Backspace,
 }
-"""Keys that act once per press."""
+"""Keys by name of an action that is executed once per key press."""
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
@@ -45,20 +45,20 @@ HELP = (
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
 """Width and maximum height of the panel, and its distance from the border of the page [pixels]."""
 CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
-"""Height of the curves divided by the height of the page [-], and minimum height of the curves [pixels]."""
+"""Height of the curves divided by the height of the page [-], and their minimum height [pixels]."""
 LABEL = 125.0
 """Width of the sliders in the panel [pixels]."""
 SHOWN_S = 20.0
-"""Duration shown by the curves [s]."""
+"""Duration of the signals shown by the curves [s]."""
 FLAG = imgui.WindowFlags
 FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
-"""Flags of windows that cannot be closed or moved, and whose widgets do not respond to keys."""
+"""Flags of windows that cannot be closed or moved, and whose widgets ignore keys."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
 
 
 @dataclass(frozen=True)
 class Press(messages.Event):  # type: ignore[misc, unused-ignore]
-    """Message about a pressed key or button, or a moved slider."""
+    """Message that a key or button has been pressed, or a slider moved."""
 
     name: str
     value: float = 0.0
@@ -74,14 +74,14 @@ class Restart(messages.Event):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True)
 class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Message with the keys that are pressed now."""
+    """Message with the keys that are currently pressed."""
 
     keys: Keys
 
 
 @dataclass(frozen=True, eq=False)
 class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Message with the quantities that the panel shows."""
+    """Message with the quantities shown in the panel."""
 
     title: str = ""
     laws: Sequence[str] = ()
@@ -97,7 +97,7 @@ class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     chosen: int = 1
     paused: bool = False
     rate: float = 1.0
-    """Simulated time divided by wall time [-]."""
+    """Simulated time divided by wall-clock time [-]."""
     message: str = ""
     values: dict[str, float] = field(default_factory=dict)
     grade: float = 0.0
@@ -116,17 +116,17 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
         """Create the panel. `aim` turns a camera towards the tractor."""
         self.aim, self.status, self.fault = aim, PlayStatus(), 0
         self.edited: dict[str, float] = {}
-        """Values of sliders during a drag, and of sliders that take effect at a restart."""
+        """Values of sliders that are being dragged, and of sliders that take effect at a restart."""
         self.tyre: int | None = None
 
     @messages.handler
     def on_status(self, status: PlayStatus) -> None:
-        """Store the status, which is drawn in the next frame."""
+        """Store the status, which is shown in the next frame."""
         self.status = status
 
     @messages.handler
     def on_model(self, _: messages.PostModelEvent) -> None:
-        """Aim the camera at the tractor of a new model."""
+        """Turn the camera towards the tractor of a new model."""
         self.aim(self.viewer.camera)
         self.edited.clear()
         self.tyre = None
@@ -217,7 +217,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _slider(
         self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
     ) -> None:
-        """Draw a slider that sends its value while moving (`live`), on release, or not at all (`kept`)."""
+        """Draw a slider. It sends its value during motion (`live`), on release, or not at all (`kept`)."""
         imgui.SetNextItemWidth(LABEL)
         changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")
         if changed:

@@ -1,4 +1,4 @@
-"""Drives in a browser: pacing in real time, messages of the panel, and a results folder for each drive."""
+"""Interactive drives in a browser: real-time pace, messages of the panel, and a results folder for each drive."""
 
 import tempfile
 import time
@@ -33,13 +33,13 @@ from agrobot_mj.simulation.results import results
 from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 
 SHOW_S = 0.04
-"""Maximum time between two exchanges of messages with the viewer [s]."""
+"""Maximum time between two message exchanges with the viewer [s]."""
 BEHIND_S = 0.25
-"""Delay above which a drive continues slower than real time instead of catching up [s]."""
+"""Delay above which a drive no longer catches up with real time, but continues with the delay [s]."""
 CLOSE_S = 1.0
 """Maximum time to wait for the viewer to exit after the files are written [s]."""
 RATE_S = 1.0
-"""Time over which the ratio of simulated to wall time is measured [s]."""
+"""Time over which the ratio of simulated to wall-clock time is measured [s]."""
 
 
 class PlayOptions(NamedTuple):
@@ -49,13 +49,13 @@ class PlayOptions(NamedTuple):
     network: bool = False
     """Whether other computers can reach the page."""
     seconds: float | None = None
-    """Wall time after which the drive ends [s]; None for an unlimited drive."""
+    """Wall-clock time after which the program ends [s]; None for no limit."""
     recorded: bool = True
     """Whether each drive is recorded for Rerun."""
 
 
 class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
-    """Inbox of the simulation for messages of the panel."""
+    """Messages received from the panel."""
 
     def __init__(self) -> None:
         self.presses: list[Press | Restart] = []
@@ -63,7 +63,7 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_press(self, press: Press) -> None:
-        """Store the message of a key, button or slider."""
+        """Store a message about a key, button or slider."""
         self.presses.append(press)
 
     @messages.handler
@@ -78,10 +78,10 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
 
 class Play:
-    """Session with its driver and view. Executes the requests of the panel."""
+    """Session with its driver and view, which executes requests of the panel."""
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
-        """Prepare the first drive. `keep` writes the files of a completed drive."""
+        """Prepare the first drive. `keep` writes the files of a finished drive."""
         self.keep, self.paused = keep, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
@@ -152,13 +152,13 @@ class Play:
             del values[:-most]
 
     def measure(self, now: float, ticks: int) -> None:
-        """Measure the ratio of simulated to wall time; `ticks` is the number of ticks so far."""
+        """Measure the ratio of simulated to wall-clock time. `ticks` is the number of ticks since the start."""
         since, before = self._measured
         if now - since >= RATE_S:
             self.rate, self._measured = (ticks - before) * TICK_S / (now - since), (now, ticks)
 
     def status(self) -> PlayStatus:
-        """Return the quantities that the panel shows."""
+        """Return the quantities shown in the panel."""
         session, driver, truth = self.session, self.driver, self.session.sim.truth
         base = session.base
         return PlayStatus(
@@ -196,8 +196,8 @@ def play(
 ) -> list[tuple[Path, Log]]:
     """Drive in a browser until `should_stop` returns True. Return the folders and logs of all drives.
 
-    Each drive is written to a new folder: `folder`, then the same name with -2, -3 and so on. `ready` is called with
-    the address of the page. Raises `ScenarioError` for a scenario that cannot be driven, and for a port in use.
+    Each drive has its own results folder: `folder`, then `folder`-2, `folder`-3 and so on. `ready` is called with the
+    address of the page. Raises `ScenarioError` for an unsuitable scenario and for a port in use.
     """
     kept: list[tuple[Path, Log]] = []
 
@@ -228,7 +228,7 @@ def _loop(
     options: PlayOptions,
     should_stop: Callable[[], bool],
 ) -> None:
-    """Advance in real time or slower, and exchange messages with the viewer. Wait while no page shows the tractor."""
+    """Advance in real time or slower, and exchange messages with the viewer. Pause while no page shows the tractor."""
     began = due = time.monotonic()
     ticks = 0
     while not should_stop() and handle.is_running():

@@ -1,8 +1,8 @@
-"""Guidance by a driver, and by laws to which the driver hands over.
+"""Guidance by a human driver, and by laws to which the driver hands over.
 
-`agrobot-mj play` sets the input of each tick. With `inputs.file` the inputs come from a table, which repeats a drive. A
-law that takes over starts at the point of the path nearest to the tractor. The time of the law on the path starts at
-this point, and advances in proportion to the commanded speed divided by the speed of the path.
+`agrobot-mj play` sets the input of each tick. With `inputs.file`, the inputs are read from a table, so that a drive is
+repeated. A law that takes over starts at the point of the path nearest to the tractor. Its time on the path starts at
+this point, and advances with the commanded speed divided by the speed of the path.
 """
 
 from collections.abc import Sequence
@@ -22,14 +22,14 @@ from agrobot_mj.extensions.play.inputs import PlayInput, read_inputs
 COARSE_S, FINE_S = 1.0, 0.05
 """Steps of the search for the nearest point of the path [s]."""
 LEAST_SPEED_M_S = 0.05
-"""Speed of the path below which the time on the path advances in real time [m/s]."""
+"""Path speed below which the time on the path advances in real time [m/s]."""
 
 
 class PlayState(NamedTuple):
-    """State of the law `Played`."""
+    """State of the guidance law `Played`."""
 
     given: PlayInput = PlayInput()
-    """Input of the present tick."""
+    """Input of the current tick."""
     law: int = 0
     """Number of the law to which `inner` belongs; 0 for the driver."""
     inner: Any = None
@@ -42,7 +42,7 @@ class PlayRecord(Spec):
     """Recorded inputs of a drive."""
 
     file: str | None = None
-    """CSV file of inputs that repeats a drive (`inputs.csv`). Default: none; `agrobot-mj play` provides the inputs."""
+    """CSV file (`inputs.csv`) with inputs of a drive to repeat. Default: none; `agrobot-mj play` provides inputs."""
 
 
 class Played(GuidanceLaw):
@@ -53,7 +53,7 @@ class Played(GuidanceLaw):
     inputs: PlayRecord = PlayRecord()
     """Recorded inputs of a drive to repeat."""
     laws: tuple[dict[str, Any], ...] = ()
-    """Guidance laws that can take over, as tables with their `kind`; numbered from 1 in the table of inputs."""
+    """Guidance laws that can take over, as tables with a `kind`. In the table of inputs, they have numbers from 1."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
     """Maximum time on the path in the search for the nearest point [s]. Default: one lap of the paper's path;
     `agrobot-mj play` sets the duration of the first lap."""
@@ -73,17 +73,17 @@ class Played(GuidanceLaw):
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the laws need, each with the reason."""
+        """Sensors required by the laws, each with the reason."""
         return {sensor: f"laws: {text}" for law in self.members for sensor, text in law.needs.items()}
 
     @property
     def follows_path(self) -> bool:
-        """Always False: a driver may leave the path."""
+        """False, because a driver may leave the path."""
         return False
 
     @property
     def outside(self) -> str:
-        """Command that must run this guidance if no inputs are recorded; empty otherwise."""
+        """Name of the command that runs this guidance; empty if recorded inputs are given."""
         return "play" if self.inputs.file is None else ""
 
     def check(self) -> None:
@@ -99,7 +99,7 @@ class Played(GuidanceLaw):
                 raise ValueError(f"laws: the inputs use law {highest}, but {len(self.laws)} are listed; add it")
 
     def using(self, controller: YawController) -> "Played":
-        """Return this guidance with a yaw controller that all laws use."""
+        """Return this guidance with the yaw controller `controller` for all laws."""
         found = self.model_copy()
         found._members = tuple(law.using(controller) for law in self.members)
         return found
@@ -109,10 +109,8 @@ class Played(GuidanceLaw):
         return PlayState()
 
     def update(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the command of the driver, or of the law that steers.
-
-        At standstill the pedal is in neutral, because the speed loop would roll the tractor back by its overshoot.
-        """
+        """Return the command of the driver, or of the law that steers. At standstill the pedal is in neutral, because
+        the speed loop would overshoot and move the tractor back."""
         given = state.given
         if self.inputs.file is not None:
             given = read_inputs(self.inputs.file).at(round(situation.t / TICK_S))
@@ -123,7 +121,7 @@ class Played(GuidanceLaw):
         return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
 
     def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the command of the law that steers, computed at its time on the path."""
+        """Return the command of the law that steers, evaluated at its time on the path."""
         given, law, route = state.given, self.members[state.given.law - 1], situation.route
         if given.law != state.law:
             e = situation.estimate
@@ -139,7 +137,7 @@ class Played(GuidanceLaw):
         return state._replace(inner=inner, time=state.time + rate * dt), command
 
     def feedback(self, state: PlayState, command: Command) -> float:
-        """Return the feedback part of the steering angle of a law, or the complete angle of a driver [rad]."""
+        """Return the feedback part of the steering angle of a law, or the complete angle if the driver steers [rad]."""
         return self.members[state.law - 1].feedback(state.inner, command) if state.law else command.steer
 
     @property
@@ -175,7 +173,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
 
 
 def nearest_time(route: Route, x: float, y: float, last: float) -> float:
-    """Return the time, at most `last` [s], at which the reference is nearest to a position [m]."""
+    """Return the time, up to `last` [s], at which the reference is nearest to the position (x, y) [m]."""
     best = _nearest(route, x, y, 0.0, last, COARSE_S)
     return _nearest(route, x, y, max(best - COARSE_S, 0.0), min(best + COARSE_S, last), FINE_S)
 

@@ -1,4 +1,4 @@
-"""Drive without a viewer: a simulation with inputs of a driver, adjustments, faults, and result files.
+"""Interactive drive without a viewer: a simulation with inputs of a driver, adjustments, faults, and result files.
 
 Every change of the machine or the ground becomes a fault in the scenario of the drive, starting at the next tick, so
 that the saved scenario repeats the drive.
@@ -26,7 +26,7 @@ LONGEST_S = 3600.0
 
 
 class Mark(NamedTuple):
-    """Saved state to which a drive can return."""
+    """Saved state of a drive, which can be restored."""
 
     state: Snapshot
     given: PlayInput
@@ -35,7 +35,7 @@ class Mark(NamedTuple):
 
 
 class PlaySession:
-    """Drive of a tractor from the start of a scenario."""
+    """Interactive drive of a tractor from the start of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
         """Place the tractor at the start. Raises `ScenarioError` for a scenario that cannot be driven."""
@@ -53,7 +53,7 @@ class PlaySession:
 
     @property
     def played(self) -> Played:
-        """Guidance of the drive."""
+        """Guidance law of the drive."""
         guidance = self.sim.scenario.guidance
         assert isinstance(guidance, Played)
         return guidance
@@ -69,9 +69,9 @@ class PlaySession:
         return any(given.law or given.speed for _, given in self._changes)
 
     def tick(self) -> None:
-        """Advance one tick with the present input; no effect after the end of the run.
+        """Advance one tick with the current input. After the end of the run, there is no effect.
 
-        A law that raises an exception returns control to the driver at standstill; `message` then states the reason.
+        If a law raises an exception, the tractor stops and the driver takes over; `message` contains the reason.
         """
         if self.sim.done:
             return
@@ -97,7 +97,7 @@ class PlaySession:
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 
     def hand_over(self, law: int, speed: float = nan) -> None:
-        """Give control to a law, by its number from 1, at a speed [m/s]; NaN for the speed of the path."""
+        """Hand over to the law with a number from 1, at a speed [m/s]. NaN means the speed of the path."""
         if not 1 <= law <= len(self.law_names):
             raise CommandError(f"law: must be from 1 to {len(self.law_names)}, got {law}")
         self.given = PlayInput(law, 0.0, speed)
@@ -114,7 +114,7 @@ class PlaySession:
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """End and begin faults at the next tick. If the scenario becomes invalid, set `message` and return False."""
+        """End and start faults at the next tick. If the scenario becomes invalid, set `message` and return False."""
         if self.sim.done:
             return False
         now = (self.ticks + 1) * TICK_S
@@ -138,12 +138,12 @@ class PlaySession:
         return True
 
     def mark(self) -> None:
-        """Save the present state."""
+        """Save the current state of the drive."""
         self._mark = Mark(self.sim.save(), self.given, dict(self._open), dict(self.values))
         self.message = f"state at {self.sim.truth.t:.1f} s kept"
 
     def recall(self) -> None:
-        """Return to the saved state and discard the drive since then."""
+        """Restore the saved state, and discard the part of the drive after it."""
         if self._mark is None:
             self.message = "no state has been kept"
             return
@@ -162,10 +162,8 @@ class PlaySession:
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
     def finished(self, folder: Path) -> Log:
-        """Write the inputs into a folder, and return the log of the drive with a scenario that repeats the drive.
-
-        The last tick is simulated again from the written inputs, so that the drive ends exactly like its repetition.
-        """
+        """Write the inputs to a folder. Return the log of the drive, whose scenario repeats the drive. The last tick is
+        simulated again with the written inputs, so that the drive and its repetition have the same end."""
         write_inputs(folder / INPUTS, self._changes)
         before = self._before if self._before is not None else self.sim.save()
         scenario = _repeating(self.sim.scenario, folder / INPUTS, max(self.ticks, 1))
@@ -176,7 +174,7 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return the scenario with a human driver as guidance, who can hand over to any law. Raises `ScenarioError`."""
+    """Return the scenario with a human driver, who can hand over to any law, as guidance. Raises `ScenarioError`."""
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):
@@ -187,7 +185,7 @@ def drivable(scenario: Scenario) -> Scenario:
 
 
 def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the tables of all guidance laws that can drive a scenario. The scenario's own law is first."""
+    """Return the tables of all guidance laws that can control a scenario, the law of the scenario first."""
     own = scenario.guidance
     if isinstance(own, Played):
         return list(own.laws)
@@ -213,7 +211,7 @@ def _without_empty(
 
 
 def _repeating(scenario: Scenario, inputs: Path, ticks: int) -> Scenario:
-    """Return the scenario that repeats a number of ticks from a file of inputs."""
+    """Return the scenario that repeats `ticks` ticks with the inputs in a file."""
     end = ticks * TICK_S
     faults = [
         fault.model_dump(mode="json", exclude_none=True) for fault in scenario.fault if fault.start_s < end - TICK_S / 2

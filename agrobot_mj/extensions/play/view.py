@@ -1,4 +1,4 @@
-"""View of the tractor and its ground in MuJoCo Studio: a model with all drawn parts, in the simulated pose."""
+"""View of the tractor and its ground in MuJoCo Studio: a model with all drawn geometry, in the simulated pose."""
 
 from itertools import pairwise
 from typing import Any
@@ -13,16 +13,16 @@ from agrobot_mj.plants.mujoco.plant import MujocoPlant
 from agrobot_mj.simulation.stepping import Simulation
 
 PATH_PIECES, PATH_RADIUS_M, ABOVE_M = 150, 0.03, 0.03
-"""Number of segments of the drawn path, radius of the line and its height above the ground [m]."""
+"""Number of segments of the drawn path, radius of its line [m], and height of the line above the ground [m]."""
 PATH_RGBA = (0.95, 0.75, 0.1, 1.0)
 SKY = ((0.60, 0.80, 1.0), (0.75, 0.88, 1.0))
 FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))
 SUN, HEADLIGHT = (0.6, 0.6, 0.6), (0.15, 0.15, 0.15)
-"""Colours of the lights. Studio adds light from the sky."""
+"""Colours of the lights. MuJoCo Studio adds light from the sky."""
 SQUARE_M = 4.0
 """Period of the ground pattern [m]."""
 CAMERA = (9.0, -18.0, 35.0)
-"""Distance [m], elevation [deg] and azimuth relative to the initial heading [deg] of the camera."""
+"""Distance [m], elevation [deg], and azimuth relative to the initial heading [deg] of the camera."""
 
 
 class PlayView:
@@ -41,7 +41,7 @@ class PlayView:
         self.data.time = data.time
 
     def aim(self, camera: Any) -> None:
-        """Make a camera follow the tractor from behind."""
+        """Set a camera so that it follows the tractor from behind."""
         w, x, y, z = self.data.qpos[3:7]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         camera.type = int(mujoco.mjtCamera.mjCAMERA_TRACKING)
@@ -58,7 +58,7 @@ def plant_of(sim: Simulation) -> MujocoPlant:
 
 
 def drawn_model(sim: Simulation) -> mujoco.MjModel:
-    """Return a model without contacts for drawing: the tractor with all parts, its ground and its path."""
+    """Return a model for drawing, without contacts: the complete tractor, its ground and its path."""
     plant, tyre = plant_of(sim), plant_of(sim).spec.tyre
     spec = tractor_spec(plant.machine)
     hitched = plant.machine.implement.hitched(plant.machine.tractor)
@@ -73,7 +73,7 @@ def drawn_model(sim: Simulation) -> mujoco.MjModel:
 
 
 def _dress(spec: mujoco.MjSpec) -> None:
-    """Add sky, light and the ground pattern to a model specification."""
+    """Add sky, lights and a ground pattern to a model specification."""
     builtin, kind = mujoco.mjtBuiltin, mujoco.mjtTexture
     spec.add_texture(
         name="sky",

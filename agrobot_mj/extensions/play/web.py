@@ -1,7 +1,7 @@
-"""Browser viewer of MuJoCo Studio, by default reachable only from this machine.
+"""Web viewer of MuJoCo Studio, by default accessible only from this computer.
 
-MuJoCo Studio listens on every network interface without authentication, and accepts connections from pages of other
-sites. This viewer listens on the loopback interface unless network access is allowed, and rejects pages of other sites.
+MuJoCo Studio opens its port on all network interfaces without authentication, and accepts connections from pages of
+other sites. This viewer uses only the loopback interface unless network access is allowed, and rejects other sites.
 """
 
 import io
@@ -20,19 +20,19 @@ from agrobot_mj.core.errors import ScenarioError
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
 START_S = 20.0
-"""Maximum start-up time of the viewer [s]. Assumed value, for a loaded machine."""
+"""Maximum start-up time of the viewer [s]. Assumed value, sufficient for a busy computer."""
 SERVE = web_server.serve
 """Function of MuJoCo Studio that starts its server. The server accepts pages of any site."""
 STATE = "/state"
-"""URL path of the stream of poses. Each page that shows the tractor is connected to this stream."""
+"""URL path of the stream of poses, to which each page that shows the tractor is connected."""
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Viewer with a selectable network address. In MuJoCo Studio the address is fixed."""
+    """Web viewer with a selectable network address. (MuJoCo Studio has a fixed one.)"""
 
     address = LOOPBACK
     clients = 0
-    """Number of pages that now show the tractor."""
+    """Number of pages that currently show the tractor."""
 
     @property
     def _host(self) -> str:
@@ -66,12 +66,12 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @property
     def origins(self) -> list[str] | None:
-        """Sites whose pages may connect to the server; None for all sites."""
+        """Sites whose pages may connect to the server. None means all sites."""
         return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
 
 
 class NetworkViewer(PlayViewer):
-    """Viewer that accepts connections from other computers."""
+    """Web viewer that accepts connections from other computers."""
 
     address = EVERYWHERE
     origins = None
@@ -80,7 +80,7 @@ class NetworkViewer(PlayViewer):
 def launch(
     port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]
 ) -> tuple[Any, PlayViewer]:
-    """Start the viewer in a thread. Return its handle and the viewer. Raises `ScenarioError` for a port in use."""
+    """Start the viewer in a thread. Return its handle and the viewer. Raises `ScenarioError` if the port is in use."""
     started, found = threading.Event(), list[PlayViewer]()
     kind: Callable[..., PlayViewer] = NetworkViewer if network else PlayViewer
 
@@ -106,7 +106,7 @@ def launch(
 
 
 def closing(handle: Any) -> threading.Thread:
-    """Stop the viewer and its server in a thread, and return the thread. Errors of the viewer are printed."""
+    """Stop the viewer and its server in a thread, which is returned. Errors of the viewer are printed."""
 
     def close() -> None:
         try:
