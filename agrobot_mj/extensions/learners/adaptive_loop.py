@@ -29,8 +29,7 @@ from agrobot_mj.core.spec import Latency, Positive
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
 """Limits of the gain relative to its initial value [-], and maximum dead band [V]. Assumed: worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Minimum and maximum duration of a time segment [s]. Assumed values: 0.07 deg of angle noise is 0.4 deg/s of rate
-noise."""
+"""Minimum and maximum duration of a time segment [s]. Assumed values: 0.07 deg of noise give 0.4 deg/s at the rate."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
 """Minimum and maximum voltage used for learning [V]. Assumed values: dead band and pump limit are outside it."""
 UNSURE = (0.5, 0.5)
