@@ -200,7 +200,6 @@ def _prices(given: list[str] | None) -> "Prices":
 
 
 def _warn(plan: "Plan", quiet: bool) -> None:
-    """Print the warnings of a plan."""
     if not quiet:
         for warning in plan.warnings:
             print(f"{plan.name}: {warning}", file=sys.stderr)

@@ -59,7 +59,6 @@ def lines_of(content: Mapping[str, Any]) -> list[str]:
 
 
 def _rings(polygon: Polygon) -> Iterator[Array]:
-    """Yield the closed rings of a polygon, shape (n, 2) each."""
     for ring in (polygon.exterior, *polygon.interiors):
         yield shapely.get_coordinates(ring)
 

@@ -25,7 +25,6 @@ def legs_of(lines: Sequence[Polyline], boundary: Polygon) -> tuple[Leg, ...]:
 
 
 def _of_line(line: Polyline, boundary: Polygon) -> Iterator[Leg]:
-    """Yield the legs of a line."""
     said, points = line.properties, line.points
     speed, working, reverse = _speed(said), _works(said), _reverses(said)
     if said.get("extends") and len(points) >= 2:

@@ -56,7 +56,6 @@ def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
 
 
 def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
-    """Fill an area with its holes."""
     for part in shapely.get_parts(area):
         if part.geom_type == "Polygon" and part.area > SLIVER_M2:
             rings = [np.array(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]

@@ -106,7 +106,6 @@ def plan_of(content: Stamp) -> Plan:
 
 
 def _plan(found: Mapping[str, Any]) -> Plan:
-    """Return the plan from the JSON values of its file."""
     inf = float("inf")
     pieces = tuple(Piece(*(inf if value is None else float(value) for value in row)) for row in found["pieces"])
     if not any(piece.length > 0 for piece in pieces):

@@ -49,7 +49,6 @@ def _areas(found: Mapping[str, Any]) -> Iterator[tuple[object, ...]]:
 
 
 def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
-    """Yield the rows of the table with numbers."""
     turns, capacity, accuracy = found["turns"], found["capacity"], found["accuracy"]
     for gap in found["gaps"]:
         yield f"missed in the {gap['place']}", round(gap["area_m2"], 2), "m2"
@@ -82,7 +81,6 @@ def _rounded(value: float | None) -> object:
 
 
 def _map(folder: Path, found: Mapping[str, Any]) -> Chart:
-    """Return a map chart of gaps, overlaps and the track."""
     origin = found["origin"] and Origin(*found["origin"])
     shapes = json.loads((folder / "coverage.geojson").read_text("utf-8"))["features"]
     signals = read_signals(folder)
@@ -117,7 +115,6 @@ def _outline(features: list[dict[str, Any]], origin: Origin | None) -> tuple[lis
 
 
 def _rings(geometry: Mapping[str, Any]) -> Iterator[list[list[float]]]:
-    """Yield the rings of a geometry."""
     if geometry["type"] == "Polygon":
         yield from geometry["coordinates"]
     elif geometry["type"] == "MultiPolygon":

@@ -98,7 +98,6 @@ def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
 
 
 def _boundaries(folder: Path) -> ShapeFile:
-    """Return the boundary and the headland of an AgOpenGPS folder."""
     files = [folder / name for name in BOUNDARIES if (folder / name).is_file()]
     if not files or files[0].name != BOUNDARIES[0]:
         refuse(folder, f"the folder has no {BOUNDARIES[0]}; create a boundary in the guidance program")
@@ -107,7 +106,6 @@ def _boundaries(folder: Path) -> ShapeFile:
 
 
 def _tracks(folder: Path) -> ShapeFile:
-    """Return the recorded path or the guidance lines of an AgOpenGPS folder."""
     for file in (folder / name for name in PLANS):
         if file.is_file() and (found := _with_origin(_read(file), file)).shapes:
             return found
@@ -115,7 +113,6 @@ def _tracks(folder: Path) -> ShapeFile:
 
 
 def _task_data(path: Path) -> ShapeFile:
-    """Return the shapes of ISO 11783 task data, including its external files."""
     files = {each.name.upper(): each for each in path.parent.iterdir() if each.is_file()}
     if path.stat().st_size > MAX_BYTES:
         refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split it")

@@ -280,7 +280,6 @@ def _why(rate: dict[str, Any], scaled: bool) -> str:
 
 
 def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
-    """Yield warnings from the positions and track lengths of a replay."""
     if not place or place["windows_rms"] is None or place["windows_rms"] <= SAME_WAY_M:
         return
     off = place["windows_rms"]

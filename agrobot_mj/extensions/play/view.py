@@ -107,7 +107,6 @@ def _dress(spec: mujoco.MjSpec) -> None:
 
 
 def _draw_path(spec: mujoco.MjSpec, sim: Simulation) -> None:
-    """Draw the path of the first lap just above the ground."""
     route, height, ground = sim.path, sim.loop.height, sim.loop.ground
     times = np.linspace(0.0, sim.scenario.path.turns_s[0][1], PATH_PIECES + 1)
     places = [route.at(t) for t in times.tolist()]

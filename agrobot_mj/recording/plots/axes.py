@@ -93,7 +93,7 @@ def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
     """Return the corner in which a legend hides the fewest points, and the number of hidden points. `numbers` (n,
-    series) are the values, `along` (n,) their positions on the time axis and `size` the size  [-] of the legend."""
+    series) are the values, `along` (n,) their positions on the time axis and `size` the size of the legend [-]."""
     up = (numbers - values.low) / (values.high - values.low)
 
     def hidden(corner: Corner2D) -> int:
@@ -107,7 +107,7 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, extended until an axis with at most `most_steps`  steps has 2 labels."""
+    """Return the range from `low` to `high`, extended until an axis with at most `most_steps` steps has two labels."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):

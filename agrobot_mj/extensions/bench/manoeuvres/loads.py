@@ -52,7 +52,6 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _compare(tractor: Tractor, facing: str, carried: Array) -> list[tuple[str, float, float]]:
-    """Return name, measured load and static load [N] of each wheel."""
     if facing == "across":
         wanted = tractor.side_slope(GRADE_DEG, rolling=False).loads.wheels
         return [

@@ -173,7 +173,6 @@ def _finished(figure: Figure, grid: Sequence[tuple[Axes, object]], label: str) -
 
 
 def _rows(table: pa.Table, **equal: str | float) -> pa.Table:
-    """Return the rows of a table in which columns have the given values."""
     for name, value in equal.items():
         table = table.filter(pc.equal(table[name], value))
     return table

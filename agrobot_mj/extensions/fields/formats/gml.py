@@ -49,7 +49,6 @@ def _system(root: Element) -> tuple[str, bool]:
 
 
 def _polygons(root: Element) -> Iterator[Polyline]:
-    """Yield the rings of all polygons and polygon patches."""
     for polygon in (each for each in root.iter() if each.tag in ("Polygon", "PolygonPatch")):
         for tags, role in ((OUTER, ""), (INNER, "hole")):
             for ring in (each for each in polygon if each.tag in tags):
@@ -57,13 +56,11 @@ def _polygons(root: Element) -> Iterator[Polyline]:
 
 
 def _lines(root: Element) -> Iterator[Polyline]:
-    """Yield all lines."""
     for line in root.iter("LineString"):
         yield Polyline(_points(line))
 
 
 def _points(element: Element) -> Array:
-    """Return the coordinates of a ring or line, shape (n, 2)."""
     width, numbers = 2, list[str]()
     for each in element.iter():
         text = each.text or ""

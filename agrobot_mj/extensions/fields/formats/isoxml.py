@@ -36,7 +36,6 @@ def read_task_data(text: str) -> ShapeFile:
 
 
 def _of_field(field: Element) -> Iterator[Polyline]:
-    """Yield the shapes of a partfield."""
     name = field.get("C") or field.get("A") or ""
     polygons = field.findall("PLN")
     main = BOUNDARY if any(each.get("A") == BOUNDARY for each in polygons) else MAIN_FIELD

@@ -79,7 +79,6 @@ def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[P
 
 
 def _peaks(values: Array, limit: float) -> list[int]:
-    """Return the index of the maximum in each interval with values above a limit."""
     above = np.concatenate(([False], values > limit, [False]))
     starts, ends = np.flatnonzero(~above[:-1] & above[1:]), np.flatnonzero(above[:-1] & ~above[1:])
     return [int(a + np.argmax(values[a:b])) for a, b in zip(starts, ends, strict=True)]

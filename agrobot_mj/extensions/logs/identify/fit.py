@@ -87,7 +87,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return whitened series (windows, n, ...): minus autoregression, divided by sigma, without the first p."""
+    """Return whitened series (windows, n, ...): minus autoregression, divided by sigma, p samples fewer."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -98,7 +98,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return an autoregression of length `MEMORY_S`, of residuals (windows, n, ...) with a sample spacing [s]."""
+    """Return an autoregression of length `MEMORY_S` for residuals (windows, n, ...) with a sample spacing [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -272,7 +272,6 @@ def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
 def _with_noise(
     piece: FitPiece, data: VehicleData, of_steer: np.random.Generator, of_speed: np.random.Generator
 ) -> FitPiece:
-    """Return a segment with white noise added to its recorded angle and speed."""
     assert piece.recording.steer is not None
     inputs = (
         (piece.recording.steer.t, data.steer_noise, of_steer),

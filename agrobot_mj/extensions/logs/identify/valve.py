@@ -156,7 +156,7 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return a fit with the parameters `extra`from the best of `starts`, or `fit` if the first is not identified."""
+    """Return a fit with the parameters `extra` from the best of `starts`, or `fit` if the first is not identified."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()

@@ -340,7 +340,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 
 
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
-    """Return the east and north position of the antenna by dead reckoning along the recorded heading(n,) [m]."""
+    """Return the east and north position of the antenna by dead reckoning along the recorded heading, (n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)

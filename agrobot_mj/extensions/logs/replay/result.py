@@ -144,7 +144,6 @@ def signals(pieces: Sequence[Replayed]) -> pa.Table:
 
 
 def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table:
-    """Return the rows of one segment in the table."""
     t, n = driven.t, len(driven.t)
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
@@ -223,7 +222,6 @@ def _titles(way: Any, rate: Any, rest: Any, place: Any) -> None:
 
 
 def _legend(axes: Any) -> None:
-    """Add a legend with one entry per name, for any number of segments."""
     found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     if found:
         axes.legend(found.values(), found.keys())

@@ -91,7 +91,6 @@ def _position_residuals(t: Twin) -> Chart:
 
 
 def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Chart:
-    """Return one curve that consists of several parts with gaps between them."""
     x, y = (np.concatenate([np.append(part[k], np.nan) for part in parts] or [np.empty(0)]) for k in (0, 1))
     return line(x, y, name, colour)
 
