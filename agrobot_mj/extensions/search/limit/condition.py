@@ -110,7 +110,7 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return the kind of one side of a comparison ("outcome", "word", "metric", "number") and its value function."""
+        """Return the kind of one side of a comparison ("outcome", "word", "metric", "number") and its function."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
