@@ -46,7 +46,7 @@ TILT = 0.1
 COLUMNS, MOST_PLOTS = 3, 12
 """Number of columns of plots on a tab, and maximum number of plots on a tab. More plots continue on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Heights of a state lane and of the rest of the state view, and maximum height of the view [fraction of the tab]."""
+"""Heights of a state lane and of the rest of the state view, and maximum height of this view [fraction of the tab]."""
 NAMES = "world/names"
 """Entity of the name labels in 3D. The top view hides them, because they would overlap."""
 
@@ -116,8 +116,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots with heights that suit their axes, and of views `below` with given fractions of the
-    height."""
+    """Return a column of plots with suitable heights, and of the views `below` with given fractions of the height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -152,8 +151,7 @@ def scenes(
 ) -> rrb.Vertical:
     """Return two views of the scene: one that follows the entity `followed`, and a top view of all `places` (n, 3) [m].
 
-    `size` is the size of the tractor divided by the default size. Content of the entities `growing` remains visible
-    after its time.
+    `size` is the size of the tractor divided by the default size. Content of `growing` entities remains visible.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(

@@ -74,8 +74,7 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record named runs to `path` on the ground of the first run, if Rerun is enabled. OSError: `path` is not
-    writable."""
+    """Record named runs to `path` on the ground of the first run, if Rerun is enabled. Raises OSError."""
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [

@@ -142,7 +142,7 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """Return the compared laws: named laws with each variantand variants that define laws. Raises `ScenarioError`."""
+    """Return the compared laws: named laws with each variant, and variants that are laws. Raises `ScenarioError`."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]

@@ -16,11 +16,9 @@ APART = 0.01
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """Return the number of the path segment of each scenario, from 1. Scenarios with the same segment have the same
-    number.
+    """Return the number of the path segment of each scenario, from 1. The same segment has the same number.
 
-    Two runs to the end of a path cover the same segment at any speed. Runs of equal duration and different speed do
-    not.
+    Two runs to the end of a path cover the same segment at any speed. Runs of equal duration do not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []

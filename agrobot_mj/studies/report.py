@@ -62,8 +62,7 @@ def write_figures(runs: Runs, folder: Path) -> list[Path]:
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Draw the reference (thin, black) and the tracks (dotted in the first turn, then solid), with one column per
-    plant.
+    """Draw the reference (thin, black) and the tracks (dotted in the first turn, then solid), one column per plant.
 
     The lower row enlarges the region of the maximum errors.
     """

@@ -35,7 +35,7 @@ NAMED: dict[str, SurfaceProperties] = {
     "tilled": SurfaceProperties(900.0, 0.065, 0.9),
     "sand": SurfaceProperties(450.0, 0.090, 0.7),
 }
-"""Properties of the named surfaces. For firm (stubble), tilled and sandy soil cone index and resistance 1 / B_n + 0.04
+"""Properties of the named surfaces. For firm (stubble), tilled and sandy soil, cone index and resistance 1 / B_n + 0.04
 (mobility numbers B_n = 55, 40 and 20) are from [ASAE2003], quoted from memory. Assumed values: concrete (resistance
 0.015-0.025, the maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
 

@@ -202,8 +202,7 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Return the fraction of the bristle deflection that is held [-]. The rest slides, so that a locked wheel does not
-    wind up.
+    """Return the fraction of the bristle deflection that is held [-]. The rest slides: a locked wheel does not wind up.
 
     When the load increases, tread that has slid adheres again without deflection. With a deflection it would return
     more energy than it received.

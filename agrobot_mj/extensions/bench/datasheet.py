@@ -40,7 +40,7 @@ reaches its brake torque first moves at 1-4 mm/s while the tyres of the other ax
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle [wheelbases], and maximum speed on the circle [m/s]. It is at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rate at which the slope increases, rate above a certain slope [deg/s], and this slope [deg]."""
+"""Rates at which the slope increases, below and above the slope `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
 """Fraction of the initial speed below which a machine fails to climb [-], because its wheels slip too much."""
 STEADY_S = 10.0
@@ -148,7 +148,7 @@ def _holding(scenario: Scenario) -> float:
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which the speed of a crawling machine falls below `CLIMBING` at constant pedal [deg]."""
+    """Return the slope at which the speed of a crawling machine falls below `CLIMBING` with a constant pedal [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay

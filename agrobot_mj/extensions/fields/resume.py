@@ -44,7 +44,7 @@ class Interrupted:
         self.state = state._replace(scenario=self.scenario)
 
     def store(self, sim: Simulation) -> None:
-        """Store the state of a simulation with all rows. Without disk space, the simulation only continues."""
+        """Store the state of a simulation with all rows. Without disk space, no state is stored."""
         rows = sim.rows
         saved = SavedRows(rows.filled, (), (rows.values[: rows.filled], rows.poses[: rows.filled]))
         state = sim.save(saved)
@@ -57,8 +57,7 @@ class Interrupted:
         rows.release()
 
     def ticks(self, sim: Simulation) -> Iterator[None]:
-        """Simulate to the end, from the loaded state if there is one. Store the state periodically and if
-        interrupted."""
+        """Simulate to the end, from the loaded state if any. Store the state periodically and if interrupted."""
         if self.state is None:
             sim.reset()
         else:

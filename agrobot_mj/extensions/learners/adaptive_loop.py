@@ -27,11 +27,11 @@ from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Limits of the gain relative to its initial value [-], and maximum dead band [V]. Assumed: worn to fast valves."""
+"""Limits of the gain per initial gain [-], and maximum dead band [V]. Assumed values: worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Minimum and maximum duration of a time segment [s]. Assumed values: 0.07 deg of noise give 0.4 deg/s at the rate."""
+"""Minimum and maximum segment duration [s]. Assumed values: angle noise of 0.07 deg gives rate noise of 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Minimum and maximum voltage used for learning [V]. Assumed values: dead band and pump limit are outside it."""
+"""Minimum and maximum voltage for learning [V]. Assumed values: dead band and pump limit are outside this range."""
 UNSURE = (0.5, 0.5)
 """Initial standard deviations of gain [fraction of the initial gain] and dead band [V]. Assumed values."""
 NOISE = radians(0.1)

@@ -34,7 +34,7 @@ WORSE, MARGIN_M = 1.1, 0.005
 """Factor and margin by which the RMS error of a worse lap exceeds that of the best lap [-, m]. Assumed values: above
 noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Maximum factor and margin of the error over `WINDOW_M` during a lap per best lap [-, m]. Assumed values."""
+"""Maximum factor and margin of the error over `WINDOW_M` relative to the best lap [-, m]. Assumed values."""
 GIVE_UP = 4
 """Number of returns to the best map after which learning ends. Assumed value: the gain is then 1/16 of the first."""
 COMPLETE = 0.9
@@ -112,7 +112,7 @@ class LapMap(Spec):
     """Whether the best map is restored when a lap becomes worse."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
-        """Return the value of the map at arc length `s` on a path with laps of length `lap` [m] [unit of the map]."""
+        """Return the value of the map [unit of the map] at arc length `s` on a path with laps of length `lap` [m]."""
         if not len(state.map_):
             return 0.0
         fresh = min(state.since / FADE_M, 1.0)
@@ -200,7 +200,7 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` exceeds the local and the mean error of the best lap by margins."""
+    """Return whether the error at location `k` exceeds the local and mean error of the best lap by the margins."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 

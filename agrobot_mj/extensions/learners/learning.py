@@ -1,5 +1,4 @@
-"""Base classes of laws that consist of an inner law and a learned part: selection of ticks for learning, initial
-values.
+"""Base classes of laws with an inner law and a learned part: selection of ticks for learning, initial values.
 
 A tick is used for learning if the tractor moves near its path and its position is certain. Learning of a steering angle
 is also suspended while the command is at its limit or the wheels lag far behind the command, because the feedback then
@@ -32,7 +31,7 @@ class LearningLaw(LawAround):
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether the tractor, at an `offset` [m] from its path, moves near it with a certain position."""
+        """Return whether the tractor moves near its path, at `offset` [m], and its position is certain."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s

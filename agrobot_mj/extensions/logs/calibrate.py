@@ -48,8 +48,7 @@ SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale"
 """Maximum half width of the interval of an identified quantity [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
 """Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
-slip, corrections of 0.7 deg on a line give an error of 0.13 m in the antenna position, bends of 3 deg one of 0.016
-m."""
+slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m, bends of 3 deg one of 0.016 m."""
 LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
 """Half widths of the interval of a latency, relative to a gyro and relative to the steering, due to lag of tyres and
 body sway [s]. The first, multiplied by the speed, applies to the distance ahead. Assumed values, from the simulator."""

@@ -19,7 +19,7 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 SIGNED = -0.1
-"""Limit of the minimum recorded speed below which the speed is signed [m/s]. Assumed value: larger than the noise of a
+"""Minimum recorded speed below which the recorded speed is signed [m/s]. Assumed value: larger than the noise of a
 receiver at rest."""
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
 """Minimum length of a section driven in reverse [m], and minimum length per standard deviation of the positions [-]."""
@@ -126,8 +126,7 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the sections that best explain the yaw rate, mostly forwards; None if they explain too
-    little.
+    """Return the signs of the sections that best explain the yaw rate, mostly forwards; None if they explain little.
 
     Centre, scale and sign of the steering sensor are unknown here.
     """

@@ -74,7 +74,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def _at_axle(recording: FieldRecording) -> FieldRecording:
-    """Return the recording with the speed of the rear axle in place of the antenna speed, if it has the latter."""
+    """Return the recording with the speed of the rear axle if its recorded speed is that of the antenna."""
     if not recording.antenna_speed or recording.yaw_rate is None:
         return recording
     (t, v), (ahead, left, _) = recording.speed, recording.arm
@@ -92,7 +92,7 @@ class Bursts(NamedTuple):
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return the bursts of a recording with pauses; None if the pauses are few or the parts sufficiently long."""
+    """Return the bursts of a recording with pauses; None if pauses are few or parts are long enough."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])

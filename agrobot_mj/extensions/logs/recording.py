@@ -100,7 +100,7 @@ class FieldRecording(NamedTuple):
     """Whether the map declares the speed as negative in reverse."""
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Limit the interval from `start` to `end` [s] to the recording. `FieldLogError` if less than 1 s remains."""
+        """Limit the interval from `start` to `end` [s] to the recording. Raises `FieldLogError` below 1 s."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(

@@ -25,8 +25,7 @@ JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 """Distance between two fixes that is always plausible [m]. Factors on speed and on typical error for larger plausible
 distances [-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Always plausible heading change between two values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed
-values."""
+"""Always plausible heading change between values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed values."""
 AWAY_S = 5.0
 """Maximum time after which positions return from a temporary jump [s]; longer jumps are permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9

@@ -38,8 +38,7 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 }
 """Corners for a legend in order of preference, with two flags: on the right, at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
-"""Size of a legend: width without text, width per character, height without entries, height per entry [pixels].
-Measured."""
+"""Size of a legend: width without text, width per character, height without entries, height per entry [pixels]."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Maximum fractions: of points hidden by a legend, and of an axis reserved for a legend [-]. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)

@@ -39,7 +39,7 @@ EVERY_TICKS = 5
 MOST_LABELS = 64
 """Maximum number of cells of a heat map whose values are shown as text."""
 BESIDE, ABOVE = 0.2, 0.2
-"""Distance of fuzzy-set names from the heat map: left [fraction of its width], above [fraction of its height]."""
+"""Distance of the set names from the heat map: left [fraction of its width], above [fraction of its height]."""
 MOST_SHARE = 1e3
 """Normalised firing strength above which the network has diverged and heat maps are omitted [-]."""
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()

@@ -35,7 +35,7 @@ MEAN = "mean"
 WINDOWS = 100
 """Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
 MOST_NOISE = 0.1
-"""Mean noise amplitude (noisier half of the windows) per signal range, above which a mean is drawn [-]. Assumed
+"""Mean noise amplitude in the noisier half of the windows, per signal range, above which a mean is drawn [-]. Assumed
 value."""
 
 

@@ -67,7 +67,7 @@ RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults by subject, such as the affected signal. The faults of a subject share a lane."""
+    """Return the faults by subject, which is the affected part. The faults of a subject share a lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 

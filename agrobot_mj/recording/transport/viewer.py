@@ -99,8 +99,7 @@ def free_port() -> int:
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run, and wait until it accepts connections. Return False after an error
-    message."""
+    """Start a viewer that outlives the run, and wait until it accepts connections. Return whether it does."""
     quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

@@ -90,8 +90,7 @@ def on_ground(ground: Ground, points: Array, lift: float) -> Array:
 
 
 def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Array]:
-    """Return the slopes dh/dx and dh/dy of the ground height h at `x` and `y` [m], by differences over +-`reach`
-    [m]."""
+    """Return the slopes dh/dx and dh/dy of the height h [m] at `x` and `y` [m], by differences over +-`reach` [m]."""
     dx = heights(ground, x + reach, y) - heights(ground, x - reach, y)
     dy = heights(ground, x, y + reach) - heights(ground, x, y - reach)
     return dx / (2 * reach), dy / (2 * reach)

@@ -90,7 +90,7 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Return the ends of the segments of `count` new rows: 5, 10, ..., `count`. The row of the end is excluded."""
+    """Return the ends of the segments of `count` new rows: 5, 10, ..., `count`. Ends are exclusive."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 

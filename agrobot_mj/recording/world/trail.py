@@ -60,8 +60,8 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return the left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n,
-        4, 2)."""
+        """Return left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n, 4,
+        2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
@@ -71,8 +71,7 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Return the triangles of a segment, shape (n, 3). Vertices are numbered by cross-section, then wheel, then
-        edge."""
+        """Return the triangles of a segment, shape (n, 3). Vertices are ordered by cross-section, wheel and edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

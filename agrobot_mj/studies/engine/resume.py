@@ -54,7 +54,7 @@ class InputCopies:
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return the data with paths of copied files. An unreadable file keeps its path, for an error in the run."""
+        """Return the data with paths of copied files. An unreadable file keeps its path; the run reports the error."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:

@@ -88,7 +88,7 @@ class SweepFile(Spec):
     variant: tuple[SweepVariant, ...] = ()
     """Named sets of overrides, tables `[[variant]]`. They can be combined with axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
-    """Files kept for each run besides its row: none, signals, signals with recording, recordings of failed runs."""
+    """Files kept for each run in addition to its row: none, signals, signals with recording, recordings of failures."""
 
     @property
     def common(self) -> bool:

@@ -125,8 +125,7 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def aside(self, loads: Array, forces: Array) -> Pair:
-        """Return the sum of load times lateral displacement of the patches under lateral forces, for each axle [N
-        m]."""
+        """Return load times lateral displacement of the patches under lateral forces, summed for each axle [N m]."""
         if not self.tyres.load_follows:
             return 0.0, 0.0
         moments = loads * forces / self.tyres.springs[:, 1]
@@ -167,7 +166,8 @@ class Tractor:
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels produce a lateral force [N]. ValueError: beyond their grip."""
+        """Return the slip angle at which two wheels produce a lateral force [N]. Raises ValueError beyond their
+        grip."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
@@ -206,7 +206,7 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Return the moment with which the patches resist turning on a path with a `curvature` [1/m] [N m]."""
+        """Return the moment [N m] with which the patches resist turning on a path with a `curvature` [1/m]."""
         t = self.tyres
         rolls = t.twist_relaxation * t.twist_stiffness * abs(curvature)
         return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())

@@ -73,8 +73,7 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Return the velocities of the sled along x and y [m/s], and the wheel spin at the mean contact radius
-        [rad/s]."""
+        """Return sled velocities along x and y [m/s], and the wheel spin at the mean contact radius [rad/s]."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 

@@ -114,7 +114,7 @@ class Rig:
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:
-        """Return the larger of the longitudinal and lateral relaxation length at a load [N] [m]."""
+        """Return the larger relaxation length, longitudinal or lateral [m], at a load [N]."""
         t, i = self.tyres, self.wheel
         law = t.front if i < 2 else t.rear
         K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)

@@ -36,7 +36,7 @@ TickSample = namedtuple(
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """Return the signals of the current tick of a simulation. Sensors that have not been read are read."""
+    """Return the signals of the current tick of a simulation. Sensors are read if necessary."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance
@@ -70,7 +70,7 @@ STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND
 SERVICES = 1 + 2 + 4 + 8
 """Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo."""
 UP_SIGMA = 2.0
-"""Standard deviation of the height divided by the one of a horizontal coordinate [-]. Assumed value (1.5-3)."""
+"""Standard deviation of the height divided by that of a horizontal coordinate [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100
 """Number of ticks between repetitions of /path and /tf_static, for subscribers that connect later."""
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000

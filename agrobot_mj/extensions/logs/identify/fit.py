@@ -87,7 +87,7 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return whitened series (windows, n, ...): minus autoregression, divided by sigma, p samples fewer."""
+    """Return series (windows, n, ...) minus their autoregression, divided by sigma, without the first p samples."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()

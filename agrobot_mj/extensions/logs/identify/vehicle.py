@@ -88,8 +88,7 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit the parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on
-    the rest.
+    """Fit the parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log; evaluate it on the rest.
 
     Mass, yaw inertia, wheelbase and load fraction are those of the scenario. A `bicycle` plant selects small angles.
     Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too little variance.

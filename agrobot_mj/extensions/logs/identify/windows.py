@@ -153,8 +153,7 @@ def channels_of(recording: FieldRecording) -> dict[str, TimeSeries]:
 
 
 def smoothed(values: Array, cut_off: float) -> Array:
-    """Return values at the time steps of the model after a zero-phase low-pass filter at the frequency `cut_off`
-    [Hz]."""
+    """Return values at the time steps of the model after a zero-phase low-pass filter at `cut_off` [Hz]."""
     smooth: Array = sosfiltfilt(_low_pass(cut_off), values)
     return smooth
 

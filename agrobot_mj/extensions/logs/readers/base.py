@@ -102,8 +102,7 @@ class Samples:
     """Collection of the values in a log, with their times."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection. If `ordered`, decreasing times are an error; otherwise values are sorted by
-        time."""
+        """Create an empty collection. If `ordered`, decreasing times are an error; otherwise they are sorted."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
@@ -206,7 +205,7 @@ class DayClock:
         self.days, self.last = 0, -1.0
 
     def at(self, text: str) -> float:
-        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. ValueError for other formats."""
+        """Convert `hh:mm:ss.s` or `hhmmss.s` to seconds since the first midnight. Raises ValueError."""
         digits = text.replace(":", "")
         hours, minutes, seconds = int(digits[:2]), int(digits[2:4]), float(digits[4:])
         if not (digits[:4].isdigit() and hours < 24 and minutes < 60 and 0 <= seconds < 61):

@@ -45,7 +45,8 @@ class TaskData(LogReader):
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether it is task data: a folder or archive with TASKDATA.XML, this file itself, or a time log."""
+        """Return whether the path is task data: a folder or archive with TASKDATA.XML, this file itself, or a time
+        log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
@@ -181,8 +182,7 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Return functions that read the files of task data, by upper-case name. Raises `FieldLogError` for several data
-    sets."""
+    """Return functions that read the files of task data, by upper-case name. Raises `FieldLogError`."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

@@ -1,5 +1,4 @@
-"""Machine file of a twin: some keys are identified from a log, with intervals; others are those of a similar
-machine."""
+"""Machine file of a twin: some keys are identified from a log, with intervals; others are of a similar machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite

@@ -1,5 +1,4 @@
-"""Twin of a machine from its logs: calibrate and identify with one part of the logs, replay the rest, write the
-results.
+"""Twin of a machine from its logs: calibrate and identify with one part, replay the rest, write the results.
 
 One fit estimates sensors and vehicle, so that intervals of stiffnesses include the uncertainty of the steering scale.
 The fit does not use the part on which it is evaluated.
@@ -87,7 +86,7 @@ def waypoint_text(points: Array) -> str:
 SHARE = 0.6
 """Fraction of the time used for the fit; the rest is for evaluation."""
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Smoothing distances between path and recorded track [m]. The first with which the machine can follow is used."""
+"""Smoothing distances between path and recorded track [m]. The first that the machine can follow is used."""
 LEVEL_M = 450.0
 """Extent of a track above which level ground in the scenario must be enlarged [m]."""
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
@@ -176,7 +175,8 @@ def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
 
 
 def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """Return the machine file and, if the machine can follow, a scenario with the longest recorded track, as texts."""
+    """Return the machine file and, if the machine can follow it, a scenario with the longest recorded track, as
+    texts."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."

@@ -1,8 +1,7 @@
-"""Search for the smallest failing combination of changes: differential evolution, then bisection towards the mild
-values.
+"""Search for the smallest failing combination of changes: differential evolution, then bisection to mild values.
 
-Failing combinations rank first, ordered by their distance from the nominal values. The other combinations are ordered
-by their margin to failure. The distance of each key is in units of the width of its range or of its standard deviation.
+Failing combinations rank first, ordered by their distance from the mild values. The other combinations are ordered by
+their margin to failure. The distance of each key is in units of the width of its range or of its standard deviation.
 """
 
 from collections.abc import Callable, Sequence

@@ -115,7 +115,7 @@ Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """Compute variance fractions, by group, for the sweep in `folder`. Write `importance.json` and `importance.png`
+    """Compute variance fractions by group for the sweep in `folder`; write `importance.json` and `importance.png`
     there.
 
     Raises `ScenarioError` if the folder has no finished sweep of one of `DESIGNS`, or if some runs (such as failed

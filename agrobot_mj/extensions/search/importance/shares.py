@@ -61,7 +61,7 @@ class Influence(NamedTuple):
     noise: float | None
     """Fraction of the variance that is caused by seeds, after averaging over the seeds [-]; None with one seed."""
     unexplained: float | None
-    """Upper limit of the variance fraction that is neither regression nor noise [-]; None for Sobol."""
+    """Upper limit of the variance fraction not due to regression or noise [-]; None for Sobol."""
     flaws: tuple[str, ...]
     """Reasons why the intervals are unreliable. In this case there is no ranking."""
     shares: tuple[Share, ...]

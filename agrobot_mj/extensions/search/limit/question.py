@@ -92,7 +92,7 @@ class Counterpart(NamedTuple):
 
     overrides: dict[str, Any]
     verdict: str
-    """Verdict as in `Found`. If the baseline lacks the key or sets it, there is no search: `fixed`."""
+    """Verdict as in `Found`. If the baseline lacks the key or sets it, the verdict is `fixed`."""
     limit: float | None
     statement: str
     """Sentence with the result of the baseline and the shift of the limit."""

@@ -1,4 +1,4 @@
-"""Estimation of a failure probability: split runs by their margin; write `risk.json`, `risk.png` a failed run."""
+"""Estimation of a failure probability: split runs by their margin; write `risk.json`, `risk.png` and a failed run."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
