@@ -44,7 +44,7 @@ LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
 CELLS_PER_LENGTH = 4
 """Default number of cells per correlation length [-]."""
 EDGE_LENGTHS = 6
-"""Margin of the embedding grid in correlation lengths, over which the correlation falls to 0.25 % [-]."""
+"""Width of the margin of the embedding grid, in correlation lengths [-]. The correlation over this width is 0.25 %."""
 
 
 class Variation(Spec):

@@ -26,7 +26,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Minimum of friction and stiffness divided by their values at the reference load [-]. Assumed value."""
+"""Lower limit of friction and stiffness relative to their values at the reference load [-]. Assumed value."""
 LINEAR = 1e-4
 """Normalised slip below which the force is that of the slip stiffness, within 1e-8 [-]."""
 KNOWN_LOADS = (0.5, 2.0)

@@ -39,7 +39,7 @@ def stored_plan(file: Path) -> Plan | None:
 
 
 def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the `stored` plan, or a plan along the lines of a file. Raise `ScenarioError` if not drivable."""
+    """Return the `stored` plan, or a plan along the lines of a file. Raise `ScenarioError` if it cannot be followed."""
     plan = stored or _of_lines(file, field, rig, sections)
     if stored is not None:
         _check(stored, file.name, rig)

@@ -46,6 +46,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings, shape (n, 2) each [m], of the parts of an area that are not too small."""
+    """Return the rings, shape (n, 2) each [m], of the parts of an area that are larger than `SMALLEST_M2`."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

@@ -75,7 +75,7 @@ class _Drive(NamedTuple):
     bends: bool
     """Whether latencies and antenna positions are identifiable."""
     steady: bool
-    """Whether the log has a single speed."""
+    """Whether the machine drives at one speed throughout the log."""
     scrub: float
     """Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]."""
     slip_lead: float

@@ -19,8 +19,7 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries
 
 SIGNED = -0.1
-"""Minimum recorded speed below which the recorded speed is signed [m/s]. Assumed value: larger than the noise of a
-receiver at rest."""
+"""A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest."""
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
 """Minimum length of a section driven in reverse [m], and minimum length per standard deviation of the positions [-]."""
 AROUND_S = 2.0

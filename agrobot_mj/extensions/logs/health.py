@@ -29,7 +29,7 @@ MOVED_DEG = 1.0
 TOLD = 0.5
 """Minimum fraction of the yaw-rate variance that the steering must explain for a steering centre [-]. Assumed value."""
 SIGMAS = 3.0
-"""Minimum difference that is reported, in standard errors [-]."""
+"""Number of standard errors above which a difference is reported [-]."""
 CHORD_S, MOST_ALIKE = 0.5, 20.0
 """Minimum time between fixes used for the antenna position [s], and maximum condition number of its regression [-]."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3

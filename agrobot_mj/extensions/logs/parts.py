@@ -58,7 +58,7 @@ class Job:
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
     def identity(self, *names: str) -> str:
-        """Return the identity of a result that depends on the options `names`."""
+        """Return the identity of a result, which includes the values of the options `names`."""
         sources, log_map, scenario, options = self.given(*names)
         return log_identity(scenario, sources, log_map, **options)
 

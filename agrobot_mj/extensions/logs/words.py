@@ -143,7 +143,7 @@ def _side(angle: float) -> str:
 
 
 def _unit(c: Calibration) -> str:
-    """Return the unit of the readings as text. Scaled readings are counts."""
+    """Return the unit of the readings as text: `counts` for scaled readings, otherwise the unit of the column."""
     return f" {c.steer.unit}" if c.steer.scale == 1.0 and c.found["steer.scale"].value > 0.5 else " counts"
 
 

@@ -28,7 +28,7 @@ STATE = "/state"
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Web viewer with a selectable network address. (MuJoCo Studio has a fixed one.)"""
+    """Web viewer with a selectable network address, unlike MuJoCo Studio, whose address is fixed."""
 
     address = LOOPBACK
     clients = 0

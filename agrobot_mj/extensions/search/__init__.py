@@ -1,1 +1,1 @@
-"""Searches over many runs: limits of laws, rare failures, smallest failing changes, important parameters, gains."""
+"""Search many runs for limits of laws, rare failures, small failing changes, important parameters, and gains."""

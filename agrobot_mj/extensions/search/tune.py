@@ -32,7 +32,7 @@ from agrobot_mj.studies.engine.tasks import ERROR
 XTE_M = 0.05
 """Cross-track RMS error with cost 1 [m]. Assumed value: twice the stated accuracy of RTK guidance."""
 OVERSHOOT_M = 0.1
-"""Overshoot across a line with cost 1 [m]. Assumed value: a pass with missing seed."""
+"""Overshoot across a line with cost 1 [m]. Assumed value: it leaves a strip without seed."""
 ACQUIRED_S = 20.0
 """Acquisition time with cost 1 [s]. Assumed value: a distance of 25 m."""
 LOST_M = 0.2

@@ -90,7 +90,7 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Return the ends of the segments of `count` new rows: 5, 10, ..., `count`. Ends are exclusive."""
+    """Return the exclusive end indices of the track segments in `count` new rows: 5, 10, ..., `count`."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 

@@ -41,7 +41,7 @@ class Held(NamedTuple):
     driven: dict[str, Any]
     """Scenario data with the paths of the copied files, used by the run."""
     said: dict[str, Any]
-    """Scenario data with file names instead of paths, used for the identity."""
+    """Scenario data with file names instead of paths, used for the identity of the run."""
     files: tuple[str, ...]
     """Digests of the input files."""
 

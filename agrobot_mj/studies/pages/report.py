@@ -92,7 +92,7 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and sections by identifying file. A run is last: its folder may contain other results."""
+    """Return all pages and sections by identifying file. A run comes last, as its folder may have other results."""
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed("reports"):

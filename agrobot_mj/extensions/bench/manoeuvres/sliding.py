@@ -44,7 +44,7 @@ def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
 
 
 def traction(soil: Soil, s: float) -> float:
-    """Return the net traction of the rear wheel divided by its load at slip `s`, by the standard [-]."""
+    """Return the net traction of the rear wheel at slip `s`, divided by its load, by the formula of [ASAE2003] [-]."""
     W, b, d = LOAD_N, TRACTOR.rear_wheel_width_m, 2 * TRACTOR.rear_wheel_radius_m
     h, delta = soil.section_height_share * b, W / TRACTOR.rear_wheel.stiffness
     B_n = 1e3 * soil.cone_index_kpa * b * d / W * (1 + 5 * delta / h) / (1 + 3 * b / d)

@@ -35,7 +35,7 @@ TRIES = 6
 MARGIN_STEP_M = 0.02
 """Increase of the margin in addition to the excess distance that it must prevent [m]."""
 CLOSE_M = 1e-3
-"""Distance below which a pose is reached [m]."""
+"""Distance below which two poses are treated as the same [m]."""
 GOALS_TRIED = 6
 """Number of possible starts of the next pass, nearest first, to which connections are evaluated."""
 LEAST_AREA = 0.1

@@ -67,7 +67,7 @@ def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
 
 
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
-    """Return rectangles with given extents in the frame of each pose, as polygons (n,)."""
+    """Return a rectangle for each pose, as polygons (n,), with given distances to its front, rear and sides [m]."""
     ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     corners = np.stack([x[:, None] + c * ahead - s * left, y[:, None] + s * ahead + c * left], axis=2)

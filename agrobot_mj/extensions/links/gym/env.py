@@ -72,7 +72,7 @@ def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
 SHARP_M = 0.2
 """Cross-track error at which the reward is halved [m]. An error of 2 cm, the receiver noise, costs 1 %."""
 SLOWEST_M_S = 0.1
-"""Minimum reference speed in the progress [m/s], because the reference stops at cusps."""
+"""Minimum reference speed for computing the progress [m/s], because the reference stops at cusps."""
 EFFORT = 0.1
 """Decrease of the reward if the steering action changes by 1 between two ticks [-]."""
 CATCH_UP_PER_S = 0.5

@@ -46,7 +46,7 @@ LEAST_MOTION_DEG = 0.5
 NEAR_STOP_DEG = 1.0
 """Distance from the steering stops below which a window is omitted [deg]."""
 UNLIMITED_L_MIN = 1e4
-"""Pump flow without effect on the steering rate [l/min]."""
+"""Pump flow that does not limit the steering rate [l/min]."""
 SURE, PRECISE = 50.0, 0.1
 """Minimum reduction of chi squared and maximum relative error [-], for a rate limit or backlash to be identified."""
 LEAST_EXPLAINED = 0.5

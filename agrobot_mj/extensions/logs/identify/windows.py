@@ -40,7 +40,7 @@ LEAST_SAMPLES = 11
 LONGEST_PAUSE_S = 0.5
 """Time between samples above which a window has a gap [s]. The limit is at least 2.5 times the mean spacing."""
 FULL = 0.95
-"""Minimum fraction of the nominal number of samples in a window [-]."""
+"""Minimum number of samples in a window, divided by the nominal number [-]."""
 EVEN, FULL_UNEVEN = 0.9, 0.85
 """Minimum fraction of time steps near their median in an evenly sampled channel, and value of `FULL` for other channels
 [-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""

@@ -145,7 +145,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the fractions of a group from `draws` (points, d), `values` (points, seeds). Raises `ScenarioError`."""
+    """Return the result of a group for `draws` (points, d) and `values` (points, seeds). Raises `ScenarioError`."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: the metric does not vary in {name}")

@@ -139,7 +139,7 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels of all splittings, and the mean probability of exceeding each level, where it is above 0."""
+    """Return the levels that are exceeded in any splitting, and the mean probability of exceeding each level."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]
