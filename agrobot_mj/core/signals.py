@@ -31,7 +31,7 @@ Outcome = Literal[
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
-"""C-contiguous arrays of compiled stages, of one and two dimensions."""
+"""Types `Vector` and `Matrix`: C-contiguous arrays with one and two dimensions, for compiled stages."""
 Index = np.ndarray[tuple[int], np.dtype[np.int64]]
 
 

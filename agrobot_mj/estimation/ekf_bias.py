@@ -52,7 +52,7 @@ class Levels(NamedTuple):
 
 @jit
 def f(state: Vector, speed: float, steer: float, wheelbase: float, dt: float, phi: float) -> Vector:
-    """Return the state (6,) after `dt` [s] at `speed` [m/s] and `steer` [rad]; `phi` is the decay factor of g."""
+    """Return the state (6,) after `dt` [s] at speed and steering angle; `phi` is the decay factor of the GNSS error."""
     x, y, chi, b, g_x, g_y = state[0], state[1], state[2], state[BIAS], state[4], state[5]
     T_s, u, L = dt, speed, wheelbase
     turned = chi + T_s * u * tan(steer - b) / L

@@ -51,7 +51,7 @@ class FullState(NamedTuple):
     tilt: SmoothedTilt = NO_TILT
     """Smoothed roll and pitch of the last tick; NaN before the first tick."""
     estimate: Estimate | None = None
-    """Estimate of the last tick; None before the first tick."""
+    """Estimate at the last tick; None before the first tick."""
     errors: Errors = (nan,) * 6
     """Logged errors and counts of the last tick; NaN before the first tick."""
 

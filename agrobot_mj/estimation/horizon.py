@@ -54,7 +54,7 @@ class Horizon(NamedTuple):
     seen_t: float = -1.0
     """Time of the newest fix [s]."""
     waiting: Matrix = np.zeros((0, 8))
-    """Measurements after the time of the core, oldest first: rows of `Inputs`, shape (n, 8)."""
+    """Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)."""
     history: tuple[tuple[Held[Core], float, Matrix], ...] = ()
     """Core before each tick, time of its newest fix and measurements used in the tick, oldest first."""
 

@@ -17,7 +17,7 @@ from agrobot_mj.estimation.kalman import Filter
 
 @jit
 def transition(dt: float) -> Matrix:
-    """Return the state transition matrix Phi for `dt` [s], shape (4, 4)."""
+    """Return the state transition matrix for `dt` [s], shape (4, 4)."""
     T_s = dt
     Phi = np.eye(4)
     Phi[0, 1] = Phi[2, 3] = T_s  # [agrobots: kinematicmodelKF]

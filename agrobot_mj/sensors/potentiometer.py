@@ -29,7 +29,7 @@ class PotentiometerLaw(NamedTuple):
     before: Index
     """Index of the physics step before each sample, shape (samples,)."""
     shares: Matrix
-    """Interpolation weights of this physics step and the next one in each sample, shape (samples, 2) [-]."""
+    """Interpolation weights of the physics steps before and after each sample, shape (samples, 2) [-]."""
     weights: Vector
     """Weight of each sample in the measurement, shape (samples,) [-]."""
     counts: float

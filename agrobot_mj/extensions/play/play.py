@@ -106,7 +106,7 @@ class Play:
             self.keep(before)
 
     def obey(self, press: Press | Restart) -> None:
-        """Execute the request of a key, button or slider."""
+        """Execute the request of a pressed key or button, or of a moved slider."""
         if isinstance(press, Restart):
             self.restart(press.settings)
             return
