@@ -129,7 +129,7 @@ class Curve(Spec):
 
 
 class AxleTyre(Spec):
-    """Tyres of one axle, in both directions."""
+    """Coefficients of the tyres of one axle, for lateral and longitudinal forces."""
 
     reference_load_n: Positive | None = None
     """Reference load F_z0 [N]. Default: the static load of a wheel of this axle."""

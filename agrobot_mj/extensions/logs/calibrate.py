@@ -51,7 +51,7 @@ BENDS_RAD = radians(2.5)
 slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m, bends of 3 deg one of 0.016 m."""
 LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
 """Half widths of the interval of a latency, relative to a gyro and relative to the steering, due to lag of tyres and
-body sway [s]. The first, multiplied by the speed, applies to the distance ahead. Assumed values, from the simulator."""
+body sway [s]. For a distance ahead it is the first value times the speed. Assumed values, from the simulator."""
 TWO_SIGMA = 2.0
 """Minimum difference between the scales of both sides, divided by its standard error [-]."""
 RIGHT_SIGMA = 0.3

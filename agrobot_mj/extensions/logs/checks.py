@@ -24,7 +24,7 @@ OTHER_UNIT = 5.0
 LEAST_HZ = 2.5
 """Minimum rate at which positions and headings resolve yaw dynamics [Hz]."""
 COARSE_M_S = 0.12
-"""Resolution of recorded speed above which rounding biases a fitted scale [m/s]. Assumed value (1 km/h: 5 %)."""
+"""Resolution of recorded speed above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:

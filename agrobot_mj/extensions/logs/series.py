@@ -29,8 +29,8 @@ JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
 AWAY_S = 5.0
 """Maximum time after which positions return from a temporary jump [s]; longer jumps are permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum deviation of an outlier per nearby deviation [-], and quantile of all deviations that is the minimum nearby
-deviation [-]. Assumed values."""
+"""Minimum ratio of the deviation of an outlier to the deviations near it [-], and quantile of all deviations [-]. The
+deviations near it count as at least this quantile. Assumed values."""
 LEAST_SPEED = 0.3
 """Speed below which the course is undefined and the dynamics are not excited [m/s]."""
 

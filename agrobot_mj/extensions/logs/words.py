@@ -40,7 +40,8 @@ JUDGED_S = 10.0
 WRONG_GAIN = 3.0
 """Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]."""
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Minimum reported position error in a window [m], and relative length errors above usual and above any slip [-]."""
+"""Minimum reported position error in a window [m], minimum reported relative error of the track length [-], and error
+that only a wrong unit can explain, because no slip is as large [-]."""
 FAST_M_S = 2.5
 """Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent at this speed."""
 TIGHT = 0.15

@@ -21,7 +21,7 @@ from agrobot_mj.studies.statistics import wilson_interval
 
 
 class Leveled(Protocol):
-    """Path of the random process."""
+    """One realisation of the random process (path), for example a simulated run."""
 
     @property
     def level(self) -> float:
