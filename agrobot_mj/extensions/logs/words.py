@@ -55,8 +55,8 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
     found = [*_centre(c, tractor), *_scale(c, tractor), *_ages(c), *_places(c)]
     if (largest := degrees(c.largest_angle)) > tractor.steer_limit_deg:
         found.append(
-            f"The wheels turn by up to {largest:.0f} deg, beyond tractor.steer_limit_deg = "
-            f"{tractor.steer_limit_deg:g}: set that."
+            f"The steering angle reaches {largest:.0f} deg, but tractor.steer_limit_deg is "
+            f"{tractor.steer_limit_deg:g}; increase the limit."
         )
     return [*found, *advice(c.pieces.kept, [key for key, each in c.found.items() if not each.identified])]
 
@@ -70,22 +70,23 @@ def map_lines(c: Calibration) -> str:
 def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     centre, given, off = c.found["steer.offset"], c.steer.offset, c.centre_error
     if "offset" not in c.steer.model_fields_set:
-        yield f"The centre of the steering is about {centre.text}{_unit(c)}."
+        yield f"The steering centre is about {centre.text}{_unit(c)}."
     elif not centre.excludes(given):
-        yield f"The centre of the steering is right: {centre.text}{_unit(c)}."
+        yield f"The steering centre in the map agrees with the log: {centre.text}{_unit(c)}."
     else:
         turned = c.heading_error if c.heading_error is not None else 0.0
         left = tan(off) * LOOKAHEAD_M**2 / (2 * tractor.wheelbase_m) - LOOKAHEAD_M * sin(turned)
         yield (
-            f"Your centre is about {centre.text}{_unit(c)}, not {given:g}: the tractor drives {abs(100 * left):.0f} cm "
-            f"to the {_side(left)} of its line, the wheels {abs(degrees(off)):.1f} deg to the {_side(off)} (pure "
-            f"pursuit, look-ahead {LOOKAHEAD_M:g} m{', the error of the heading included' if turned else ''})."
+            f"The steering centre is about {centre.text}{_unit(c)}, but the map has {given:g}. The wheels point "
+            f"{abs(degrees(off)):.1f} deg further to the {_side(off)} than the map says, so that pure pursuit with a "
+            f"look-ahead distance of {LOOKAHEAD_M:g} m drives {abs(100 * left):.0f} cm to the {_side(left)} of its line"
+            f"{' (with the heading error)' if turned else ''}."
         )
     first, *_, second = c.centres
     if degrees(abs(c.rough.scale * (second - first))) > MOVED_DEG:
         yield (
-            f"But it moves: {first:.3g} in the first half of the drive, {second:.3g} in the second. If the sensor has "
-            "slipped, calibrate what was driven before and after by itself (--from, --to)."
+            f"The steering centre changes from {first:.3g} in the first half of the drive to {second:.3g} in the "
+            "second. If the sensor has slipped, calibrate the time before and the time after separately (--from, --to)."
         )
 
 
@@ -93,50 +94,53 @@ def _scale(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     scale, given = c.found["steer.scale"], c.steer
     told = given.model_fields_set
     if c.positive != given.positive:
-        rather = f", not to the {given.positive}" if "positive" in told else ""
+        rather = f", but the map says to the {given.positive}" if "positive" in told else ""
         mirrored = c.pieces.kept[0].yaw_rate_source == "course"
         unless = []
         if mirrored:
-            unless.append("[position] has east for north: with a gyro or a heading that shows")
+            unless.append("[position] exchanges east and north, which only a gyro or a heading can show")
         if not c.pieces.signed:
-            unless.append("most of the drive was in reverse: [speed] has no sign")
-        yield f"The readings grow to the {c.positive}{rather}{', unless ' if unless else ''}{', or '.join(unless)}."
+            unless.append("most of the drive was in reverse, since [speed] has no sign")
+        yield (
+            f"The steering readings increase to the {c.positive}{rather}{', unless ' if unless else ''}"
+            f"{', or '.join(unless)}."
+        )
     if given.unit in LIKE and LIKE[given.unit][0] < scale.value < LIKE[given.unit][1]:
         other = "rad" if given.unit == "deg" else "deg"
-        yield f'If the readings are in {other}, the map should say so: unit = "{other}" in [steer].'
+        yield f'The readings seem to be in {other}; if so, set unit = "{other}" in [steer] of the map.'
     if c.two_scales:
         right = c.found["steer.scale_right"]
         yield (
-            f"The sensor reads differently to each side: one{_unit(c).rstrip('s')} turns the wheels by {scale.text} "
-            f"{given.unit} to the left and by {right.text} to the right, about one centre."
+            f"The steering sensor has two scales: one{_unit(c).rstrip('s')} corresponds to {scale.text} {given.unit} "
+            f"on the left of the centre and to {right.text} on the right."
         )
     elif scale.excludes(given.scale):
-        rather = f", not {given.scale:g}" if "scale" in told else ""
-        yield f"One{_unit(c).rstrip('s')} turns the wheels by {scale.text} {given.unit}{rather}."
-    wheelbase = f"{tractor.wheelbase_m:g} m"
+        rather = f", but the map has {given.scale:g}" if "scale" in told else ""
+        yield f"One{_unit(c).rstrip('s')} corresponds to a wheel angle of {scale.text} {given.unit}{rather}."
+    wheelbase = f"{tractor.wheelbase_m:g} m."
     if "wheelbase_m" not in tractor.model_fields_set and tractor.wheelbase_m == COMPACT.wheelbase_m:
-        wheelbase += ", the default,"
+        wheelbase = f"{tractor.wheelbase_m:g} m (default)."
     yield (
-        f"Scale and wheelbase cannot be told apart: {wheelbase} is taken as known, 1 % more of it is 1 % more scale; "
-        "measure it."
+        f"A log cannot separate the scale from the wheelbase: the scale is proportional to the assumed wheelbase of "
+        f"{wheelbase} Measure the wheelbase."
     )
 
 
 def _ages(c: Calibration) -> Iterator[str]:
     for part in ("heading", "position", "speed"):
         if (age := c.found.get(f"{part}.delay_s")) and age.identified and age.excludes(0.0):
-            when = "old when it is written" if age.value > 0 else "ahead of the steering"
-            yield f"The {part} is {age.text.lstrip('-')} s {when}."
+            when = "later than the steering angle" if age.value > 0 else "earlier than the steering angle"
+            yield f"The {part} is logged {age.text.lstrip('-')} s {when}."
 
 
 def _places(c: Calibration) -> Iterator[str]:
     if c.heading_error is not None and c.found["heading.offset"].excludes(0.0):
         off = c.heading_error
-        yield f"The heading points {abs(degrees(off)):.3g} deg to the {_side(off)} of where the tractor does."
+        yield f"The logged heading points {abs(degrees(off)):.3g} deg to the {_side(off)} of the true heading."
     for key, what in PLACES.items():
         place = c.found.get(f"position.{key}")
         if place and place.identified and place.excludes(getattr(c.log_map.position, key)):
-            yield f"The antenna is {place.text.lstrip('-')} m {what[place.value < 0]}, not as the map says."
+            yield f"The antenna is {place.text.lstrip('-')} m {what[place.value < 0]}, which differs from the map."
 
 
 def _side(angle: float) -> str:
@@ -155,48 +159,52 @@ def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> li
     if any("stiffness" in key for key in missing):
         if fast < FAST_M_S:
             found.append(
-                f"Cornering stiffness needs speed, and this drive has {fast:.1f} m/s: drive two minutes at "
-                f"{FAST_M_S:g} m/s or more, as fast as is safe, with bends to both sides."
+                f"The cornering stiffness requires a higher speed than the {fast:.1f} m/s of this drive: drive for two "
+                f"minutes at {FAST_M_S:g} m/s or more, as fast as is safe, with bends to both sides."
             )
         elif (quick := float(np.percentile(np.abs(rate), 95))) < QUICK_DEG_S:
             found.append(
-                f"To tell the axles apart steer quickly: {QUICK_DEG_S:g} deg/s and more in swings of a second or two; "
-                f"this drive has {quick:.0f} deg/s."
+                f"To separate front and rear stiffness, steer at {QUICK_DEG_S:g} deg/s or more, back and forth every "
+                f"one or two seconds; this drive has {quick:.0f} deg/s."
             )
     if any("relaxation" in key for key in missing) and fast < TWO_SPEEDS * slow:
         found.append(
-            f"A relaxation length looks like a delay at one speed ({fast:.1f} m/s): drive the same at twice the speed."
+            f"At a single speed ({fast:.1f} m/s) a relaxation length looks like a delay: repeat the drive at twice the "
+            "speed."
         )
     if "speed.delay_s" in missing and fast < TWO_SPEEDS * slow:
-        found.append("The age of the speed shows where the speed changes: slow down and speed up a few times.")
+        found.append("The delay of the speed requires changes of the speed: brake and accelerate a few times.")
     elif any(key.endswith(".delay_s") for key in missing):
-        found.append("Ages show in bends and changes of the speed: swing to both sides, slowly and fast.")
+        found.append("Delays require bends and changes of the speed: weave to both sides, slowly and fast.")
     if any(key in ("position.ahead_m", "position.left_m") for key in missing):
         sides = [float(np.mean(side * bend > TIGHT)) for side in (1, -1)]
         where = "tight circles to both sides" if min(sides) < 0.05 else "tight circles at two speeds"
-        found.append(f"The antenna's place shows in {where}; else measure it with a tape.")
+        found.append(f"The antenna position requires {where}; otherwise measure it with a tape.")
     return found
 
 
 def vehicle_sentences(found: IdentifiedVehicle, t: TractorParameters) -> Iterator[str]:
     """Yield sentences about the reliability of an identified vehicle."""
     if not told_apart(found.found):
-        yield "The axles cannot be told apart in this log: take the understeer gradient, which both share."
+        yield "This log cannot separate front and rear stiffness; use the understeer gradient, which combines both."
     yield from advice(found.kept, [key for key, each in found.found.items() if not each.identified])
     if (b := found.found.get("backlash_deg")) and not b.identified:
-        yield "No backlash is seen beyond the noise of the recorded angle."
+        yield "The backlash is not larger than the noise of the recorded angle."
     yield (
-        f"On the rest of the log the fit explains {100 * found.explained:.2f} % and leaves "
-        f"{found.residual_deg_s:.3f} rms; wheels without slip leave {found.kinematic_deg_s:.3f} (deg/s, or m)."
+        f"On the rest of the log the fit explains {100 * found.explained:.2f} % with a residual of "
+        f"{found.residual_deg_s:.3f} rms; a model without slip has {found.kinematic_deg_s:.3f} (deg/s, or m)."
     )
     yield (
-        f"Taken as known: {t.mass_kg:g} kg, {t.yaw_inertia_kg_m2:g} kg m2, wheelbase {t.wheelbase_m:g} m, "
-        f"{100 * t.front_load_fraction:g} % in front, and the scale of the wheel angle, which `agrobot-mj twin --only "
-        f"calibrate` checks; {found.geometry}; {found.windows} windows of 5 s."
+        f"Assumed: mass {t.mass_kg:g} kg, yaw inertia {t.yaw_inertia_kg_m2:g} kg m2, wheelbase {t.wheelbase_m:g} m, "
+        f"{100 * t.front_load_fraction:g} % of the weight on the front axle, {found.geometry}, and the scale of the "
+        f"wheel angle (checked by `agrobot-mj twin --only calibrate`). The fit used {found.windows} windows of 5 s."
     )
     if found.moved:
-        each = [f"{what} makes them {front:.2f} and {rear:.2f} times" for what, (front, rear) in found.moved.items()]
-        yield f"Not given, and not in the intervals of front and rear stiffness: {'; '.join(each)}."
+        each = [f"{what} by {front:.2f} and {rear:.2f}" for what, (front, rear) in found.moved.items()]
+        yield (
+            "The intervals of front and rear stiffness do not include assumed values; these multiply the stiffnesses: "
+            f"{'; '.join(each)}."
+        )
 
 
 def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterator[str]:
@@ -233,14 +241,14 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
     if angles and (largest := degrees(max(each.max() for each in angles))) > tractor.steer_limit_deg:
         share = float(np.mean(np.concatenate(angles) > tractor.steer_limit))
         yield (
-            f"The recorded angle reaches {largest:.0f} deg, the plant stops at tractor.steer_limit_deg = "
-            f"{tractor.steer_limit_deg:g} ({100 * share:.1f} % of the time): set that"
+            f"The recorded angle exceeds tractor.steer_limit_deg = {tractor.steer_limit_deg:g} for {100 * share:.1f} % "
+            f"of the time and reaches {largest:.0f} deg; increase the limit"
         )
     mean = m["way_m"] / m["duration_s"] if m["duration_s"] else 0.0
     if m["speed_rms"] > FOLLOWED * mean:
         yield (
-            f"The plant does not follow the recorded speed: {m['speed_rms']:.2f} m/s rms of {mean:.2f}; on "
-            "plant.kind = bicycle it does"
+            f"The plant does not follow the recorded speed: the residual is {m['speed_rms']:.2f} m/s rms at a mean of "
+            f"{mean:.2f} m/s; plant.kind = bicycle follows it exactly"
         )
     yield from _way_doubts(m["position"])
     if (rate := m["yaw_rate"]) and rate["source"] == "heading" and mean:
@@ -248,15 +256,15 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
         if abs(off) > MOVED_DEG:
             side = "right" if off > 0 else "left"
             yield (
-                f"The plant turns by {degrees(rate['bias']):+.2f} deg/s more to the left than the recorded heading, "
-                f"which has no bias: the wheels are {abs(off):.1f} deg further to the {side} than the map says; has "
-                "the sensor moved (steer.offset)?"
+                f"The yaw rate of the plant minus that of the recorded heading is {degrees(rate['bias']):+.2f} deg/s "
+                f"on average. A heading has no bias, so the wheels are probably {abs(off):.1f} deg further to the "
+                f"{side} than the map says: check whether the steering sensor has moved (steer.offset)"
             )
     if not (rate := m["yaw_rate"]) or rate["explained"] is None:
         return
     if rate["explained"] < 0 or (rate["gain"] or 0.0) > WRONG_GAIN:
         yield (
-            "The plant's yaw rate explains nothing of the recorded one: check sign (positive) and unit of [steer], "
+            "The yaw rate of the plant does not explain the recorded one: check sign (positive) and unit of [steer], "
             f"[speed] and [{'heading' if rate['source'] == 'heading' else 'yaw_rate'}] in the map"
         )
     elif rate["explained"] > 0.5 and abs(rate["gain"] - 1.0) > SAME_GAIN and m["duration_s"] > JUDGED_S:
@@ -268,15 +276,15 @@ def _why(rate: dict[str, Any], scaled: bool) -> str:
     off, slipless = rate["rms_without_bias"], rate["kinematic_rms_without_bias"]
     if slipless is not None and slipless < (1.0 if scaled else SLIPLESS) * off:
         return (
-            f"wheels without slip at this scale and wheelbase do better, {degrees(slipless):.2f} instead of "
-            f"{degrees(off):.2f} deg/s rms, so it is the plant, whose tyres slip and scrub in tight bends (the bicycle "
-            "takes an angle for its tangent)"
+            f"a model without slip has a smaller residual, {degrees(slipless):.2f} instead of {degrees(off):.2f} deg/s "
+            "rms, so the cause is probably the plant: its tyres slip and scrub in tight bends (plant.kind = bicycle "
+            "uses the angle in place of its tangent)"
         )
     if scaled:
-        return "the scale of [steer] is calibrated, so the tyres are off"
+        return "the scale of [steer] is calibrated, so the tyre parameters are probably wrong"
     return (
-        "the scale of [steer] or tractor.wheelbase_m is off, or at speed the tyres; the log cannot tell which: measure "
-        "the wheelbase, then `agrobot-mj twin --only calibrate`"
+        "the scale of [steer], tractor.wheelbase_m or, at high speed, the tyre parameters are wrong; measure the "
+        "wheelbase, then run `agrobot-mj twin --only calibrate`"
     )
 
 
@@ -285,13 +293,13 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
         return
     off = place["windows_rms"]
     yield (
-        f"The plant leaves the recorded way by {f'{100 * off:.0f} cm' if off < 1 else f'{off:.3g} m'} within "
-        f"{place['window_s']:g} s, more than guidance errs: between laws believe no smaller difference"
+        f"The plant deviates from the recorded track by {f'{100 * off:.0f} cm' if off < 1 else f'{off:.3g} m'} within "
+        f"{place['window_s']:g} s, more than a typical guidance error; smaller differences between laws mean nothing"
     )
     if (off := abs(place["stretch"] - 1.0)) > SAME_LENGTH:
         unit = "check the unit of [speed] and the columns of [position] in the map"
-        why = unit if off > SAME_UNIT else "[speed] is off by as much, or wheels slip otherwise than the plant's"
-        yield f"The recorded way is {place['stretch']:.3f} times as long as the plant's: {why}"
+        why = unit if off > SAME_UNIT else "the scale of [speed] is wrong, or the slip differs from that of the plant"
+        yield f"The recorded track is {place['stretch']:.3f} times as long as that of the plant: {why}"
 
 
 def twin_sentences(t: Twin) -> list[str]:
@@ -302,13 +310,14 @@ def twin_sentences(t: Twin) -> list[str]:
     if rate and rate["explained"] is not None:
         parts.append(f"explains {100 * max(rate['explained'], 0.0):.0f} % of the yaw rate")
     if place and place["windows_rms"] is not None:
-        parts.append(f"keeps within {100 * place['windows_rms']:.1f} cm rms of the way over {place['window_s']:g} s")
+        error = f"{100 * place['windows_rms']:.1f} cm rms after {place['window_s']:g} s"
+        parts.append(f"predicts the position with an error of {error}")
     missing = [key for key, each in t.vehicle.items() if not each.identified]
-    undriven = f"No {SCENARIO}: no way forward was recorded, or none that this machine can steer."
+    undriven = f"No {SCENARIO} was written, because the log has no forward track that this machine can follow."
     c = t.calibration
     return [
         *c.pieces.notes,
-        f"On {m['duration_s']:.0f} s that it has not seen the twin {' and '.join(parts) or 'has nothing to show'}.",
+        f"On {m['duration_s']:.0f} s of unseen data the twin {' and '.join(parts) or 'has nothing to predict'}.",
         *doubts(t.held_out, t.scenario.tractor, scaled=True),
         *sentences(c, t.scenario.tractor),
         *advice(c.pieces.kept, missing),

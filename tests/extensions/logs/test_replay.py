@@ -129,8 +129,8 @@ def test_steering_column_with_wrong_sign_or_unit_is_reported(driven, scale):
     right = replay(driven.signals, None, driven.scenario)
     turned = with_column(driven.signals, "steer_measured", scale * driven.column("steer_measured"))
     found = replay(turned, None, driven.scenario)
-    assert "explains nothing" not in summary(right, driven.scenario.tractor)
-    assert "explains nothing of the recorded one: check sign (positive) and unit of [steer]" in summary(
+    assert "does not explain" not in summary(right, driven.scenario.tractor)
+    assert "does not explain the recorded one: check sign (positive) and unit of [steer]" in summary(
         found, driven.scenario.tractor
     )
 
@@ -138,9 +138,9 @@ def test_steering_column_with_wrong_sign_or_unit_is_reported(driven, scale):
 @pytest.mark.parametrize(
     ("reads", "scaled", "said"),
     [
-        (0.9, False, "or tractor.wheelbase_m is off"),
-        (1.1, True, "the scale of [steer] is calibrated, so the tyres are off"),
-        (0.9, True, "wheels without slip at this scale and wheelbase do better"),
+        (0.9, False, "tractor.wheelbase_m or, at high speed, the tyre parameters are wrong"),
+        (1.1, True, "the scale of [steer] is calibrated, so the tyre parameters are probably wrong"),
+        (0.9, True, "a model without slip has a smaller residual"),
     ],
 )
 def test_calibrated_steering_scale_is_not_reported_as_suspect(driven, reads, scaled, said):
@@ -155,7 +155,7 @@ def test_calibrated_steering_scale_is_not_reported_as_suspect(driven, reads, sca
 def test_wrong_speed_unit_is_detected_from_the_track_length(driven):
     slow = replay(with_column(driven.signals, "speed_hat", driven.column("speed_hat") / 1.609), None, driven.scenario)
     assert slow.metrics["position"]["stretch"] == pytest.approx(1.609, rel=0.01)
-    assert "times as long as the plant's: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
+    assert "times as long as that of the plant: check the unit of [speed]" in summary(slow, driven.scenario.tractor)
 
 
 def test_measured_track_length_is_independent_of_the_track_shape(driven):

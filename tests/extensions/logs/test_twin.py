@@ -138,7 +138,7 @@ def test_true_parameters_are_inside_their_intervals(made):
     assert found["held_out"]["yaw_rate"]["explained"] > 0.97
     assert found["held_out"]["position"]["windows_rms"] < 0.04
     assert "m are in reverse" in out
-    assert "1.4 m, the default, is taken as known" in out
+    assert "assumed wheelbase of 1.4 m (default)" in out
     assert "No scenario.toml" not in out
 
 
@@ -201,9 +201,9 @@ def test_effect_of_a_wrong_steering_centre_is_given_in_centimetres(one, tmp_path
         "twin", "--only", "calibrate", str(one / "log.csv"), "--map", str(tmp_path / "wrong.toml"), "--to", "60"
     )
     assert status == 0, err
-    assert f"not {given['offset'] + 15:g}: the tractor drives" in out
+    assert f"but the map has {given['offset'] + 15:g}." in out
     side = "left" if h.scale > 0 else "right"
-    assert f"the wheels {15 * abs(h.scale):.1f} deg to the {side}" in out
+    assert f"The wheels point {15 * abs(h.scale):.1f} deg further to the {side} than the map says" in out
 
 
 def test_calibrate_and_replay_run_together_and_print_json(one, tmp_path, call):
@@ -251,6 +251,6 @@ def test_log_yields_a_twin_that_runs(tmp_path, full):
     assert centre == sorted(centre)
     assert centre[-1] < 447
     assert scale == sorted(scale)
-    assert "Your centre is about 43" in said
+    assert "The steering centre is about 43" in said
     assert re.search(r"^completed, \d", said, re.M)
     assert "Twin of field.csv" in (tmp_path / "machine.toml").read_text(encoding="utf-8")

@@ -38,7 +38,7 @@ def test_centre_and_both_scales_are_found(left, right, positive):
     if left != right:
         assert not found.found["steer.scale_right"].excludes(right)
         assert "scale_right = " in map_lines(found)
-        assert any("reads differently to each side" in line for line in sentences(found, UTILITY.tractor))
+        assert any("has two scales" in line for line in sentences(found, UTILITY.tractor))
 
 
 def test_map_with_two_scales_gives_the_wheel_angle():

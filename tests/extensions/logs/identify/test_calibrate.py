@@ -69,7 +69,7 @@ def test_latency_of_the_speed_is_not_identified_at_constant_speed():
     assert (age.value, age.identified) == (0.0, False)
     assert found.calibrated.speed == found.log_map.speed
     assert any(
-        "The age of the speed shows where the speed changes" in line for line in sentences(found, BICYCLE.tractor)
+        "The delay of the speed requires changes of the speed" in line for line in sentences(found, BICYCLE.tractor)
     )
 
 
@@ -88,17 +88,17 @@ def test_latency_and_antenna_position_are_not_identified_on_a_straight():
     found = calibrate([gyro_log(hidden(0), 0.1, swing=0.15)], None, BICYCLE)
     assert {key for key, each in found.found.items() if each.identified} == {"steer.offset", "steer.scale"}
     assert not found.found["steer.offset"].excludes(radians(0.9))
-    assert any(line.startswith("Ages show in bends") for line in sentences(found, BICYCLE.tractor))
+    assert any(line.startswith("Delays require bends") for line in sentences(found, BICYCLE.tractor))
     with pytest.raises(FieldLogError, match="the wheel angle in bends exceeds the play"):
         calibrate([gyro_log(hidden(0), 0.1, swing=0.12)], None, BICYCLE)
 
 
 def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
-    assert not any("But it moves" in line for line in told_of(log.signals))
+    assert not any("The steering centre changes" in line for line in told_of(log.signals))
     t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
     at = log.signals.column_names.index("steer_measured")
     slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 30)))
-    (line,) = [line for line in told_of(slipped) if "But it moves" in line]
+    (line,) = [line for line in told_of(slipped) if "The steering centre changes" in line]
     first, second = (float(line.split(word)[1].split()[0]) for word in ("moves: ", "drive, "))
     assert second - first == pytest.approx(radians(3), abs=radians(0.2))
 
@@ -106,7 +106,7 @@ def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
 def test_degrees_mapped_as_radians_are_reported(log):
     at = log.signals.column_names.index("steer_measured")
     wrong = log.signals.set_column(at, "steer_measured", pc.multiply(log.signals["steer_measured"], 180 / np.pi))
-    assert any('If the readings are in deg, the map should say so: unit = "deg"' in line for line in told_of(wrong))
+    assert any('The readings seem to be in deg; if so, set unit = "deg"' in line for line in told_of(wrong))
 
 
 def told_of(table):
@@ -137,7 +137,7 @@ def test_wheelbase_error_changes_the_identified_steering_scale(log):
     found = calibrate([log.signals], None, scenario, 0.0, 40.0)
     assert found.found["steer.scale"].value == pytest.approx(1.1, abs=0.03)
     told = sentences(found, scenario.tractor)
-    assert any("Scale and wheelbase cannot be told apart: 1.54 m" in line for line in told)
+    assert any("proportional to the assumed wheelbase of 1.54 m" in line for line in told)
 
 
 def test_steering_limit_below_the_recorded_angles_is_reported(log):
