@@ -213,7 +213,7 @@ def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterato
     yield from found.notes
     yield (f"{m['log']}: {m['duration_s']:.1f} s, {m['way_m']:.0f} m on the {m['plant']} plant, by {m['steered_by']}")
     cells = ((name, "-" if value is None else f"{value:.4g}", unit) for name, value, unit in replay_rows(m))
-    yield markdown_table(("plant less recording", "value", "unit"), cells, 1, aligned=True)
+    yield markdown_table(("plant minus recording", "value", "unit"), cells, 1, aligned=True)
     yield from doubts(found, tractor)
 
 
@@ -222,7 +222,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
     if rate := m["yaw_rate"]:
         slipless = rate["kinematic_rms_without_bias"]
         yield f"yaw rate by the {rate['source']}, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
-        yield "yaw rate, the same of wheels without slip", None if slipless is None else degrees(slipless), "deg/s"
+        yield "yaw rate of a model without slip, residual rms", None if slipless is None else degrees(slipless), "deg/s"
         yield "yaw rate, bias", degrees(rate["bias"]), "deg/s"
         yield "yaw rate, recorded rms", degrees(rate["recorded_rms"]), "deg/s"
         yield "yaw rate, latency of the recording", rate["lag_s"], "s"
@@ -230,7 +230,7 @@ def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]
         yield f"position in windows of {place['window_s']:g} s, rms", place["windows_rms"], "m"
         yield f"position in windows of {place['window_s']:g} s, 95th percentile", place["windows_p95"], "m"
         yield "position open loop, rms", place["rms"], "m"
-        yield "position open loop, at the end of a piece", place["at_the_end"], "m"
+        yield "position open loop, at the end of a segment", place["at_the_end"], "m"
     yield "speed, residual rms", m["speed_rms"], "m/s"
 
 
