@@ -11,7 +11,9 @@ from typing import ClassVar, Literal, NamedTuple
 from agrobot_mj.control.base import YawCommand
 from agrobot_mj.control.pd import Conventional
 from agrobot_mj.control.pid import FilteredRate, clip
-from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn, T2FnnState
+from agrobot_mj.control.t2fnn import T1Fnn, T2Fnn
+from agrobot_mj.control.t2fnn_laws import Network, tick
+from agrobot_mj.core.held import Held
 from agrobot_mj.core.signals import Array, Column
 
 
@@ -20,8 +22,8 @@ class NeuroState(NamedTuple):
 
     slope: FilteredRate = FilteredRate()
     """Filtered derivative of the yaw-rate error [rad/s2]."""
-    network: T2FnnState | None = None
-    """State of the network, initialised at the first error; None before the first error."""
+    network: Held[Network] | None = None
+    """Network, initialised at the first error; None before the first error."""
     reported: Array | None = None
     """Values of the network columns in the last tick, before learning; None before the first tick."""
     saturated: bool = False
@@ -48,12 +50,12 @@ class PdNetwork(Conventional):
         """Return the new state and the command for the yaw-rate error [rad/s] after `dt` [s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
-        network = state.network or self.network.init(e, slope.rate)
+        network = state.network or self.network.start(e, slope.rate)
         learn = not (self.anti_windup and state.saturated)
-        learnt, tau_n, reported = self.network.update_with_report(network, e, slope.rate, tau_c, dt, learn)
+        learnt, tau_n, q, reported = tick(network, e, slope.rate, tau_c, dt, learn)
         wanted = tau_c - tau_n
         steer = clip(wanted, -steer_limit, steer_limit)
-        return NeuroState(slope, learnt, reported, steer != wanted), YawCommand(steer, tau_c, tau_n, network.q)
+        return NeuroState(slope, learnt, reported, steer != wanted), YawCommand(steer, tau_c, tau_n, q)
 
     @property
     def columns(self) -> tuple[Column, ...]:

@@ -17,15 +17,15 @@ do not change the normalised firing (appendix A). The network is then an integra
 twice this rate while q adapts with a denominator above the floor.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.control.t2fnn_laws import Learning, T2FnnState, firing, inference, tick
-from agrobot_mj.core.kernels import bound
+from agrobot_mj.control.t2fnn_laws import Learning, Network, T2FnnState, firing, inference, tick
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Fraction, Positive, Spec
 
@@ -120,20 +120,12 @@ class T2Fnn(Spec):
         """
         known = ((state.x1, x1), (state.x2, x2))
         last = (self._bounded(new) if old is None else float(old) for old, new in known)
-        return self.update_with_report(_plain(state, *last), x1, x2, tau_c, dt, learn)[:2]
+        network, tau_n, _, _ = tick(held(Network(_plain(state, *last), self._learning)), x1, x2, tau_c, dt, learn)
+        return fetched(network).state, tau_n
 
-    def update_with_report(
-        self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
-    ) -> tuple[T2FnnState, float, Array]:
-        """Return the result of `update` and the values of `columns` for this tau_n, computed before learning.
-
-        The state must come from `init` or from this method, because its types must suit the compiled equations. The
-        values are centres, widths [unit of their input], consequents [rad] and normalised firing [-], shape (3 (I + J +
-        I J),).
-        """
-        inputs = (state.x1, state.x2), self._bounded(x1), self._bounded(x2), self._bounded(tau_c)
-        found: tuple[T2FnnState, float, Array] = _compiled_tick()(state, *inputs, dt, self._learning, learn)
-        return found
+    def start(self, x1: float, x2: float) -> Held[Network]:
+        """Return the initial network for `tick`, with sets around the first inputs x1, x2."""
+        return held(Network(self.init(x1, x2), self._learning))
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -155,6 +147,7 @@ class T2Fnn(Spec):
             self.adapt_widths,
             self.adapt_q,
             self.type_1,
+            self.input_bound,
         )
 
 
@@ -163,13 +156,6 @@ class T1Fnn(T2Fnn):
 
     type_1: ClassVar[bool] = True
     """Always True, because the lower sets equal the upper sets."""
-
-
-@lru_cache(maxsize=1)
-def _compiled_tick() -> Callable[..., Any]:
-    """Return `tick` without the dispatch overhead of numba."""
-    network, at = T2Fnn(), (0.0, 0.0)
-    return bound(tick, network.init(*at), at, *at, 0.0, 0.0, network._learning, True)
 
 
 @lru_cache(maxsize=16)

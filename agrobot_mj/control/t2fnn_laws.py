@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.kernels import jit
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.signals import Array, Matrix, Vector
 
 LARGE_STEP = 0.01
 """Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value."""
@@ -22,20 +23,20 @@ TINY = 1e-12
 class T2FnnState(NamedTuple):
     """Parameters of the network and its last inputs."""
 
-    c1: Array
-    """Centres of the fuzzy sets of input x1, shape (I,) [unit of x1]."""
-    c2: Array
-    """Centres of the fuzzy sets of input x2, shape (J,) [unit of x2]."""
-    d1_lower: Array
-    """Widths of the lower fuzzy sets of input x1, shape (I,) [unit of x1]."""
-    d1_upper: Array
-    """Widths of the upper fuzzy sets of input x1, shape (I,) [unit of x1]."""
-    d2_lower: Array
-    """Widths of the lower fuzzy sets of input x2, shape (J,) [unit of x2]."""
-    d2_upper: Array
-    """Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]."""
-    f: Array
-    """Consequents of the fuzzy rules, shape (I, J) [rad]."""
+    c1: Vector
+    """Centres of the fuzzy sets of x1, shape (I,) [unit of x1]."""
+    c2: Vector
+    """Centres of the fuzzy sets of x2, shape (J,) [unit of x2]."""
+    d1_lower: Vector
+    """Widths of the lower fuzzy sets of x1, shape (I,) [unit of x1]."""
+    d1_upper: Vector
+    """Widths of the upper fuzzy sets of x1, shape (I,) [unit of x1]."""
+    d2_lower: Vector
+    """Widths of the lower fuzzy sets of x2, shape (J,) [unit of x2]."""
+    d2_upper: Vector
+    """Widths of the upper fuzzy sets of x2, shape (J,) [unit of x2]."""
+    f: Matrix
+    """Consequents of the rules, shape (I, J) [rad]."""
     q: float
     """Weight q of the lower firing strengths in the output [-]."""
     x1: float | None = None
@@ -76,6 +77,15 @@ class Learning(NamedTuple):
     """Whether to learn the weight q of the lower firing strengths."""
     type_1: bool
     """Whether the lower sets equal the upper sets."""
+    input_bound: float
+    """Magnitude at which inputs are clipped [unit of the input]."""
+
+
+class Network(NamedTuple):
+    """Network with its learning settings."""
+
+    state: T2FnnState
+    learning: Learning
 
 
 @jit
@@ -178,7 +188,7 @@ def laws(
 
 
 @jit
-def step_widths(d: Array, change: Array) -> Array:
+def step_widths(d: Vector, change: Array) -> Vector:
     """Return the widths after an explicit Euler step in d or, if the step is large, in 1/d (guard 3).
 
     Membership is linear in 1/d: a step in 1/d scales the memberships of all sets equally and never overshoots the
@@ -197,9 +207,9 @@ def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
 
 @jit
 def update_widths(
-    x: float, c: Array, lower: Array, upper: Array, lower_change: Array, upper_change: Array, learning: Learning
-) -> tuple[Array, Array]:
-    """Return the lower and upper widths of one input after a step, with d_min <= lower <= upper <= d_max (guard 3).
+    x: float, c: Vector, lower: Vector, upper: Vector, lower_change: Array, upper_change: Array, learning: Learning
+) -> tuple[Vector, Vector]:
+    """Return lower and upper widths of one input after a step, d_min <= lower <= upper <= d_max (guard 3).
 
     If one width would exceed a limit, all widths of its vector are unchanged: learning stops at the limit, as the paper
     does for q. Clipping only one width would end the uniform scaling required by the proof of Theorem 1 (appendix A).
@@ -242,30 +252,23 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
     return T2FnnState(s.c1, s.c2, d1_lower, d1_upper, d2_lower, d2_upper, f, q, x1, x2)
 
 
-@jit
+@stage
 def tick(
-    s: T2FnnState,
-    last: tuple[float, float],
-    x1: float,
-    x2: float,
-    tau_c: float,
-    dt: float,
-    learning: Learning,
-    learn: bool,
-) -> tuple[T2FnnState, float, Array]:
-    """Run one tick; return the state after `dt` [s], the network output tau_n [rad] and the log values.
-
-    tau_n and the log values are computed before learning. `last` contains the inputs of the previous tick.
-    """
-    s = move_centres(s, last, x1, x2, learning.follow)
+    network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
+) -> tuple[Held[Network], float, float, Vector]:
+    """Return the network after a tick of `dt` [s], and before learning the output tau_n [rad], q and the log values."""
+    (s, learning), bound = network, network.learning.input_bound
+    x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)
+    s = move_centres(s, (s.x1, s.x2), x1, x2, learning.follow)  # type: ignore[arg-type]
     W = firing(s, x1, x2)
     tau_n, rates = laws(s, W, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
-    return (apply_rates(s, x1, x2, rates, dt, learning) if learn else s), tau_n, report_of(s, W)
+    after = apply_rates(s, x1, x2, rates, dt, learning) if learn else s
+    return Network(after, learning), tau_n, s.q, report_of(s, W)
 
 
 @jit
-def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Array:
-    """Return the log values: set centres, set widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Vector:
+    """Return the log values: centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
     W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)

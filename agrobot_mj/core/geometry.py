@@ -28,6 +28,15 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
     return c * forward - s * left, s * forward + c * left
 
 
+def along_arc(start: tuple[float, float, float], curvature: float, distance: float) -> tuple[float, float, float]:
+    """Return x, y [m] and heading [rad] at the `distance` [m] along an arc of this curvature [1/m]."""
+    x, y, yaw = start
+    half_turn = curvature * distance / 2
+    chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
+    direction = yaw + half_turn
+    return x + chord * cos(direction), y + chord * sin(direction), yaw + 2 * half_turn
+
+
 def to_level(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
     """Rotate a vector from the axes x, y, z of a tilted body to the level frame (forward, left, up)."""
     x, y, z = vector

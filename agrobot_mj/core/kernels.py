@@ -4,6 +4,7 @@ import copyreg
 import os
 from collections.abc import Callable
 from functools import cache, wraps
+from types import UnionType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -30,8 +31,8 @@ def shared(function: F) -> F:
     return cast(F, register_jitable(function))
 
 
-for _rotation in (geometry.wrap, geometry.to_heading, geometry.from_heading, geometry.to_level, geometry.to_body):
-    shared(_rotation)
+for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to_body"):
+    shared(getattr(geometry, _name))
 
 
 def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
@@ -73,12 +74,13 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
 def stage(function: F) -> F:
     """Return `function`, compiled on its first call for its annotated types, without numba's type dispatch.
 
-    Arguments are numbers, C-contiguous arrays (`Vector`, `Matrix`), tuples and named tuples of them, and references to
-    named tuples (`Held`).
+    `function` may be a `jit` function, which kernels can also call. Arguments are numbers, C-contiguous arrays
+    (`Vector`, `Matrix`), tuples and named tuples of them, and references to named tuples (`Held`).
     """
     if config.DISABLE_JIT:
         return function
     entries: list[Callable[..., object]] = []
+    compiled: Any = function if hasattr(function, "py_func") else _compiled(function)
     hints = [hint for name, hint in function.__annotations__.items() if name != "return"]
     places = [k for k, hint in enumerate(hints) if get_origin(hint) is Annotated]
 
@@ -88,12 +90,12 @@ def stage(function: F) -> F:
             if type(arguments[k]) is not Reference:  # compiled code would read any memory
                 raise TypeError(f"{function.__name__}: argument {k + 1} must be a held state, got {arguments[k]!r:.80}")
         if not entries:
-            known = get_type_hints(function, include_extras=True)
+            known = get_type_hints(compiled.py_func, include_extras=True)
             results = _references(known.pop("return"))
-            kinds, compiled = {name: declared(hint) for name, hint in known.items()}, _compiled(cast(Any, function))
+            kinds, entry = {name: declared(hint) for name, hint in known.items()}, compiled
             if results or any(isinstance(kind, HeldType) for kind in kinds.values()):
-                compiled = _compiled(with_references(compiled, kinds, results))
-            entries.append(_entry(compiled, *kinds.values()))
+                entry = _compiled(with_references(compiled, kinds, results))
+            entries.append(_entry(entry, *kinds.values()))
         return entries[0](*arguments)
 
     return cast(F, call)
@@ -118,6 +120,8 @@ def _references(hint: Any) -> Any:
 
 def declared(hint: Any) -> types.Type:
     """Return numba's type for the annotation of an argument of a `stage`."""
+    if isinstance(hint, UnionType):  # optional number: present in kernels
+        hint = get_args(hint)[0]
     if hint in NUMBERS:
         return NUMBERS[hint]
     if get_origin(hint) is Annotated:

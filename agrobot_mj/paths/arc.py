@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.geometry import along_arc, wrap
 from agrobot_mj.core.signals import Reference
 
 SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
@@ -60,10 +60,7 @@ def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0
 
 def on_arc(start: Pose, curvature: float, distance: float) -> Pose:
     """Return the pose at the distance `distance` [m] along an arc that starts at `start` with `curvature` [1/m]."""
-    half_turn = curvature * distance / 2
-    chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
-    direction = start.yaw + half_turn
-    return Pose(start.x + chord * cos(direction), start.y + chord * sin(direction), start.yaw + 2 * half_turn)
+    return Pose._make(along_arc(start, curvature, distance))
 
 
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
