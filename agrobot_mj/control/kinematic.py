@@ -16,7 +16,7 @@ from typing import ClassVar, Literal
 
 from agrobot_mj.control.base import SLOWEST_M_S, GuidanceLaw, Situation, YawController
 from agrobot_mj.control.cascade import Cascade
-from agrobot_mj.control.following import TURNING_S
+from agrobot_mj.control.deviation import TURNING_S
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.speed_network import SpeedNetwork
 from agrobot_mj.core.geometry import from_heading, to_heading

@@ -29,9 +29,11 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import STEEP, Integrating, PathDeviation
-from agrobot_mj.core.kernels import jit, stage
-from agrobot_mj.core.signals import TICK_S, Array, Matrix, Vector
+from agrobot_mj.control.deviation import STEEP, CommandLimits, Followed, PathDeviation, Situated, deviated_on, followed
+from agrobot_mj.control.following import Integrating
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import jit, shared, stage
+from agrobot_mj.core.signals import TICK_S, Array, Matrix, Reference, Vector
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -54,74 +56,45 @@ class LqrState(NamedTuple):
     """Gains by speed, see `_table`; empty before the first tick."""
 
 
-class Lqr(Integrating):
-    """Linear-quadratic regulator of cross-track error, heading error and steering angle."""
+class SteadySlip(NamedTuple):
+    """Parameters of the steady-state slip."""
 
-    sized: ClassVar = {
-        "front_cornering_stiffness_n_rad": {"front_load": 1},
-        "rear_cornering_stiffness_n_rad": {"rear_load": 1},
-    }
-
-    kind: Literal["lqr"] = "lqr"
-    label: ClassVar = "LQR"
-    front_cornering_stiffness_n_rad: Positive = 14_800.0
-    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, as in the bicycle plant."""
-    rear_cornering_stiffness_n_rad: Positive = 30_000.0
-    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, as in the bicycle plant."""
-    steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a healthy, 1.3 with a worn valve)."""
-    steering_delay_s: Latency = 0.1
-    """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
-    offset_m: Positive = 0.14
-    """Cross-track error with a cost of 1 [m]. Assumed value (0.1-0.4), tuned."""
-    heading_deg: Positive = 3.9
-    """Heading error with a cost of 1 [deg]. Assumed value (3-15), tuned."""
-    rate_deg_s: Positive = 35.0
-    """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
-    steer_deg: Positive = 6.0
-    """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
-    integral_m_s: Positive | None = 2.6
-    """Integral of the cross-track error with a cost of 1 [m s]; null disables the integral. Assumed value (1-5); the
-    error after a step disturbance decays in 10 s."""
-    integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
-    """Maximum steering angle of the integral term [deg]. Assumed value, sufficient for a side slope of 20 deg."""
-    tunable: ClassVar = {
-        "offset_m": (0.02, 0.5),
-        "heading_deg": (2.0, 30.0),
-        "rate_deg_s": (3.0, 60.0),
-        "integral_m_s": (0.1, 3.0),
-    }
-    """Search ranges of the gains."""
-
-    def memory(self) -> LqrState:
-        """Return the initial state, with delayed commands of zero."""
-        return LqrState(delayed=np.zeros(round(self.steering_delay_s / TICK_S)))
-
-    def steering(
-        self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
-    ) -> tuple[LqrState, float]:
-        """Return the new state and the steering angle: the sum of feed-forward, state feedback and integral [rad]."""
-        if not memory.table.size:
-            memory = memory._replace(table=_table(self, situation.machine))
-        limits, e = (radians(self.approach_deg), radians(self.integral_limit_deg)), situation.estimate
-        return _lqr(limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
-
-    def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains at a speed [m/s] for cross-track error, heading error, steering, commands and integral."""
-        found = _scheduled(_table(self, machine), speed)
-        return [float(gain) for gain in found[: (found.size + 1) // 2]]
-
-    def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return the distance from CG to the point without sideslip, and the effective wheelbase, at this speed [m]."""
-        return _slip(self, situation.machine, situation.estimate.speed)
+    l_r: float
+    """Distance from the CG to the rear axle [m]."""
+    front_load: float
+    """Mass times distance from the CG to the front axle [kg m]."""
+    stiffness: float
+    """Wheelbase times rear cornering stiffness [N m/rad]."""
+    understeer: float
+    """Understeer K [s2/m]."""
+    wheelbase: float
+    """Wheelbase L [m]."""
 
 
-@stage
-def _lqr(
+class LqrLaw(NamedTuple):
+    """Parameters of `Lqr` as numbers for kernels."""
+
+    limits: CommandLimits
+    approach: float
+    integral: float
+    """Limits of the angles of approach and integral term [rad]."""
+    slip: SteadySlip
+
+
+@shared
+def rolling(p: SteadySlip, speed: float) -> tuple[float, float]:
+    """Return the distance a from the CG to the point without sideslip, and the effective wheelbase L + K u^2 [m]."""
+    u2 = speed * speed
+    a = p.l_r - p.front_load * u2 / p.stiffness
+    return max(a, 0.1 * p.l_r), max(p.wheelbase + p.understeer * u2, 0.5 * p.wheelbase)
+
+
+@jit
+def steering(
     limits: tuple[float, float], memory: LqrState, deviation: PathDeviation, speed: float, aligned: bool,
     steer: float, dt: float,
 ) -> tuple[LqrState, float]:  # fmt: skip
-    """Return the new state and the steering angle [rad]; `limits` are the approach and integral limits [rad]."""
+    """Return the result of `Lqr.steering`; `limits` are the approach and integral limits [rad]."""
     row = _scheduled(memory.table, deviation.speed)
     n = (row.size + 1) // 2
     k, transient, first = row[:n], row[n:], memory.errors.size == 0
@@ -161,12 +134,106 @@ def _scheduled(table: Matrix, speed: float) -> Vector:
     return row
 
 
-def _slip(law: Lqr, machine: TractorParameters, speed: float) -> tuple[float, float]:
-    """Return the distance a from the CG to the point without sideslip, and the effective wheelbase L + K u^2 [m]."""
+@stage
+def _tick(
+    p: Held[LqrLaw],
+    memory: LqrState,
+    last: tuple[float, float],
+    samples: Matrix,
+    seen: Situated,
+    r: Reference,
+    dt: float,
+) -> tuple[LqrState, Followed, float]:
+    """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
+    deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, seen.speed))
+    limits = p.approach, p.integral
+    memory, wanted = steering(limits, memory, deviation, seen.speed, seen.aligned, seen.steer, dt)
+    return memory, followed(p.limits, deviation, r, seen, wanted, last[1], dt), most
+
+
+_steering = stage(steering)
+
+
+class Lqr(Integrating):
+    """Linear-quadratic regulator of cross-track error, heading error and steering angle."""
+
+    sized: ClassVar = {
+        "front_cornering_stiffness_n_rad": {"front_load": 1},
+        "rear_cornering_stiffness_n_rad": {"rear_load": 1},
+    }
+
+    kind: Literal["lqr"] = "lqr"
+    label: ClassVar = "LQR"
+    compiled = staticmethod(_tick)
+    front_cornering_stiffness_n_rad: Positive = 14_800.0
+    """Cornering stiffness C_f of the front axle [N/rad]. Assumed value, as in the bicycle plant."""
+    rear_cornering_stiffness_n_rad: Positive = 30_000.0
+    """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, as in the bicycle plant."""
+    steering_lag_s: Positive = 0.7
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a healthy, 1.3 with a worn valve)."""
+    steering_delay_s: Latency = 0.1
+    """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
+    offset_m: Positive = 0.14
+    """Cross-track error with a cost of 1 [m]. Assumed value (0.1-0.4), tuned."""
+    heading_deg: Positive = 3.9
+    """Heading error with a cost of 1 [deg]. Assumed value (3-15), tuned."""
+    rate_deg_s: Positive = 35.0
+    """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
+    steer_deg: Positive = 6.0
+    """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
+    integral_m_s: Positive | None = 2.6
+    """Integral of the cross-track error with a cost of 1 [m s]; null disables the integral. Assumed value (1-5); the
+    error after a step disturbance decays in 10 s."""
+    integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
+    """Maximum steering angle of the integral term [deg]. Assumed value, sufficient for a side slope of 20 deg."""
+    tunable: ClassVar = {
+        "offset_m": (0.02, 0.5),
+        "heading_deg": (2.0, 30.0),
+        "rate_deg_s": (3.0, 60.0),
+        "integral_m_s": (0.1, 3.0),
+    }
+    """Search ranges of the gains."""
+
+    def memory(self) -> LqrState:
+        """Return the initial state, with delayed commands of zero."""
+        return LqrState(delayed=np.zeros(round(self.steering_delay_s / TICK_S)))
+
+    def steering(
+        self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
+    ) -> tuple[LqrState, float]:
+        """Return the new state and the steering angle, the sum of feed-forward, state feedback and integral [rad]."""
+        if not memory.table.size:
+            memory = self.begun(memory, situation.machine)
+        e = situation.estimate
+        return _steering(self._limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
+
+    def begun(self, memory: LqrState, machine: TractorParameters) -> LqrState:
+        """Return the initial state with the gains for a tractor."""
+        return memory._replace(table=_table(self, machine))
+
+    def parameters(self, limits: CommandLimits, machine: TractorParameters) -> LqrLaw:
+        """Return the parameters of `compiled`."""
+        return LqrLaw(limits, *self._limits, slip_of(self, machine))
+
+    @property
+    def _limits(self) -> tuple[float, float]:
+        return radians(self.approach_deg), radians(self.integral_limit_deg)
+
+    def gains(self, machine: TractorParameters, speed: float) -> list[float]:
+        """Return the gains at a speed [m/s] for e_y, e_psi, delta, the delayed commands and the integral of e_y."""
+        found = _scheduled(_table(self, machine), speed)
+        return [float(gain) for gain in found[: (found.size + 1) // 2]]
+
+    def rolling(self, situation: Situation) -> tuple[float, float]:
+        """Return slip length and effective wheelbase at the estimated speed [m]."""
+        return rolling(slip_of(self, situation.machine), situation.estimate.speed)
+
+
+def slip_of(law: Lqr, machine: TractorParameters) -> SteadySlip:
+    """Return the parameters of the steady-state slip."""
     m, L, l_f, l_r = machine.mass_kg, machine.wheelbase_m, machine.cg_to_front_axle, machine.cg_to_rear_axle
-    C_f, C_r, u2 = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad, speed * speed
-    K = m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
-    return max(l_r - m * l_f * u2 / (L * C_r), 0.1 * l_r), max(L + K * u2, 0.5 * L)
+    C_f, C_r = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad
+    return SteadySlip(l_r, m * l_f, L * C_r, m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r), L)
 
 
 @lru_cache(maxsize=64)
@@ -182,7 +249,7 @@ def _gains(law: Lqr, machine: TractorParameters, u: float) -> tuple[Array, Array
     """
     from scipy.linalg import solve_discrete_are  # slow import (0.1 s), needed only by this law
 
-    a, wheelbase = _slip(law, machine, u)
+    a, wheelbase = rolling(slip_of(law, machine), u)
     n = round(law.steering_delay_s / TICK_S)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
     rate = np.zeros(4 + n)

@@ -22,7 +22,8 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Following, FollowingState, PathDeviation, sideslip
+from agrobot_mj.control.deviation import STEEP, PathDeviation, sideslip
+from agrobot_mj.control.following import DISTURBANCE_COLUMNS, Following, FollowingState
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.geometry import wrap

@@ -20,7 +20,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import SLOWEST_M_S, Situation
-from agrobot_mj.control.following import MAX_STEER_BIAS, STEEP, Integrating, PathDeviation, sideslip
+from agrobot_mj.control.deviation import MAX_STEER_BIAS, STEEP, PathDeviation, sideslip
+from agrobot_mj.control.following import Integrating
 from agrobot_mj.control.pid import clip
 from agrobot_mj.core.geometry import from_heading, to_heading
 from agrobot_mj.core.kernels import stage

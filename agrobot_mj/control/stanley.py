@@ -24,9 +24,23 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import MAX_STEER_BIAS, STEEP, Integrating, PathDeviation, offset_of
-from agrobot_mj.core.kernels import stage
+from agrobot_mj.control.deviation import (
+    MAX_STEER_BIAS,
+    STEEP,
+    CommandLimits,
+    Followed,
+    PathDeviation,
+    Situated,
+    deviated_on,
+    followed,
+    offset_of,
+)
+from agrobot_mj.control.following import Integrating
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.signals import Matrix, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
+from agrobot_mj.machine.tractor import TractorParameters
 
 WHEEL_LAG = radians(3.0)
 """Difference between commanded and measured steering angle above which the integral is frozen [rad]. Assumed value."""
@@ -41,6 +55,75 @@ class StanleyState(NamedTuple):
     """Offset e_f of the front axle at the last tick [m]; NaN before the first tick in forward travel."""
 
 
+class Gains(NamedTuple):
+    """Gains of the law and dimensions of the tractor, as numbers for kernels."""
+
+    k: float
+    """Gain k [1/s]."""
+    softening: float
+    """Softening speed u_0 [m/s]."""
+    damping: float
+    """Damping k_d [s]."""
+    reverse: float
+    """Heading gain h in reverse [-]."""
+    integral: float
+    """Integral gain k_i [rad/m]."""
+    front: float
+    """Distance from the CG to the front axle [m]."""
+    rear: float
+    """Distance from the CG to the rear axle [m]."""
+    wheelbase: float
+    """Wheelbase [m]."""
+
+
+class StanleyLaw(NamedTuple):
+    """Parameters of `Stanley` as numbers for kernels."""
+
+    limits: CommandLimits
+    gains: Gains
+
+
+@jit
+def steering(
+    gains: Gains, memory: StanleyState, deviation: PathDeviation, pose: tuple[float, float, float], speed: float,
+    yaw_rate: float, aligned: bool, steer: float, dt: float,
+) -> tuple[StanleyState, float]:  # fmt: skip
+    """Return the new state and the steering angle [rad]; `pose` is x, y [m] and yaw [rad] of the CG."""
+    pace, ahead = gains.softening + abs(deviation.speed), deviation.steer_ahead
+    if deviation.direction < 0:
+        e_r = offset_of(deviation, -gains.rear, deviation.yaw, pose)
+        wanted = ahead + gains.reverse * deviation.heading - atan(gains.k * e_r / pace)
+        return StanleyState(memory.integral, nan), wanted
+    e_f = offset_of(deviation, gains.front, deviation.yaw + deviation.steer_here, pose)
+    towards = atan(gains.k * e_f / pace)
+    turning = yaw_rate - deviation.speed * tan(deviation.steer_here) / gains.wheelbase
+    wanted = ahead - deviation.heading - towards - gains.damping * turning + memory.integral
+    if not aligned:
+        return StanleyState(memory.integral, nan), wanted
+    steered = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
+    follows = steered == wanted + deviation.bias and abs(steered - steer) < WHEEL_LAG
+    unexplained = 0.0
+    if follows and not isnan(memory.offset) and abs(deviation.heading) < STEEP:
+        unexplained = e_f - memory.offset + speed * sin(towards) * dt
+    integral = memory.integral - gains.integral * unexplained
+    return StanleyState(min(max(integral, -MAX_STEER_BIAS), MAX_STEER_BIAS), e_f), wanted
+
+
+@stage
+def _tick(
+    p: Held[StanleyLaw], memory: StanleyState, last: tuple[float, float], samples: Matrix, seen: Situated, r: Reference,
+    dt: float,
+) -> tuple[StanleyState, Followed, float]:  # fmt: skip
+    """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
+    deviation, most = deviated_on(p.limits, last[0], samples, seen, r, (p.gains.rear, p.gains.wheelbase))
+    pose, rates = (seen.x, seen.y, seen.yaw), (seen.speed, seen.yaw_rate)
+    memory, wanted = steering(p.gains, memory, deviation, pose, rates[0], rates[1], seen.aligned, seen.steer, dt)
+    return memory, followed(p.limits, deviation, r, seen, wanted, last[1], dt), most
+
+
+_steering = stage(steering)
+
+
 class Stanley(Integrating):
     """Stanley law of the front axle; in reverse, of the rear axle."""
 
@@ -48,6 +131,7 @@ class Stanley(Integrating):
 
     kind: Literal["stanley"] = "stanley"
     label: ClassVar = "Stanley"
+    compiled = staticmethod(_tick)
     gain_per_s: Positive = 0.91
     """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
     softening_m_s: NonNegative = 0.99
@@ -75,56 +159,15 @@ class Stanley(Integrating):
         self, memory: StanleyState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[StanleyState, float]:
         """Return the new state and the steering angle [rad]: feed-forward, heading error, axle offset and integral."""
-        m, e = situation.machine, situation.estimate
+        e = situation.estimate
+        pose, gains = (e.x, e.y, e.yaw), self.gains(situation.machine)
+        return _steering(gains, memory, deviation, pose, e.speed, e.yaw_rate, e.aligned, situation.steer, dt)
+
+    def gains(self, m: TractorParameters) -> Gains:
+        """Return gains and dimensions as numbers for kernels."""
         gains = self.gain_per_s, self.softening_m_s, self.yaw_damping_s, self.reverse_heading_gain, self.integral_per_m
-        machine, pose = (m.cg_to_front_axle, m.cg_to_rear_axle, m.wheelbase_m), (e.x, e.y, e.yaw)
-        return _stanley(
-            Gains(*gains, *machine), memory, deviation, pose, e.speed, e.yaw_rate, e.aligned, situation.steer, dt
-        )
+        return Gains(*gains, m.cg_to_front_axle, m.cg_to_rear_axle, m.wheelbase_m)
 
-
-class Gains(NamedTuple):
-    """Gains of the Stanley law and dimensions of the tractor, as numbers for compiled kernels."""
-
-    k: float
-    """Approach speed per offset of the front axle [1/s]."""
-    softening: float
-    """Softening speed, which reduces the gain at low speed [m/s]."""
-    damping: float
-    """Steering angle per yaw-rate error in forward travel [s]."""
-    reverse: float
-    """Steering angle per heading error in reverse [-]."""
-    integral: float
-    """Steering angle per unexpected motion of the front axle [rad/m]."""
-    front: float
-    """Distance from the CG to the front axle [m]."""
-    rear: float
-    """Distance from the CG to the rear axle [m]."""
-    wheelbase: float
-    """Wheelbase of the tractor [m]."""
-
-
-@stage
-def _stanley(
-    gains: Gains, memory: StanleyState, deviation: PathDeviation, pose: tuple[float, float, float], speed: float,
-    yaw_rate: float, aligned: bool, steer: float, dt: float,
-) -> tuple[StanleyState, float]:  # fmt: skip
-    """Return the new state and the steering angle [rad]; `pose` is x, y [m] and yaw [rad] of the CG."""
-    pace, ahead = gains.softening + abs(deviation.speed), deviation.steer_ahead
-    if deviation.direction < 0:
-        e_r = offset_of(deviation, -gains.rear, deviation.yaw, pose)
-        wanted = ahead + gains.reverse * deviation.heading - atan(gains.k * e_r / pace)
-        return StanleyState(memory.integral, nan), wanted
-    e_f = offset_of(deviation, gains.front, deviation.yaw + deviation.steer_here, pose)
-    towards = atan(gains.k * e_f / pace)
-    turning = yaw_rate - deviation.speed * tan(deviation.steer_here) / gains.wheelbase
-    wanted = ahead - deviation.heading - towards - gains.damping * turning + memory.integral
-    if not aligned:
-        return StanleyState(memory.integral, nan), wanted
-    steered = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
-    follows = steered == wanted + deviation.bias and abs(steered - steer) < WHEEL_LAG
-    unexplained = 0.0
-    if follows and not isnan(memory.offset) and abs(deviation.heading) < STEEP:
-        unexplained = e_f - memory.offset + speed * sin(towards) * dt
-    integral = memory.integral - gains.integral * unexplained
-    return StanleyState(min(max(integral, -MAX_STEER_BIAS), MAX_STEER_BIAS), e_f), wanted
+    def parameters(self, limits: CommandLimits, machine: TractorParameters) -> StanleyLaw:
+        """Return the parameters of `compiled`."""
+        return StanleyLaw(limits, self.gains(machine))

@@ -54,6 +54,13 @@ def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> t
     raise _refusal(found, wanted, stage, kind, method)
 
 
+def is_compiled(part: Any, *methods: str) -> bool:
+    """Return whether `part.compiled` exists and no subclass overrides one of the `methods` that it replaces."""
+    kinds = type(part).__mro__
+    first = {name: next(k for k, kind in enumerate(kinds) if name in vars(kind)) for name in ("compiled", *methods)}
+    return part.compiled is not None and first["compiled"] == min(first.values())
+
+
 def one_line(value: Any) -> str:
     """Return the representation of a value on one line, shortened for a message."""
     return shortened(" ".join(repr(value).split()))

@@ -17,7 +17,7 @@ import numpy as np
 
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import jit, stage
-from agrobot_mj.core.signals import Array, Estimate, Fix, Matrix, Vector
+from agrobot_mj.core.signals import Estimate, Fix, Matrix, Vector
 from agrobot_mj.estimation.base import Readings
 from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, PoseState, finished, prepared
 from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, corrected
@@ -50,7 +50,7 @@ def jacobian(yaw: float, speed: float, dt: float) -> Matrix:
 
 @jit
 def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
-    """Return the model at the pose `mean` (3,); see `FixEkf.linearised`."""
+    """Return the model at the pose `mean` (3,); see `FixEkf.model`."""
     speed, steer, dt = inputs
     Q, R = np.zeros((3, 3)), np.zeros((2, 2))
     for k in range(3):
@@ -73,12 +73,10 @@ def _tick(
 class PoseEkf(FixEkf):
     """Pose EKF for a given wheelbase [m] and given process noise of position [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
 
+    model = staticmethod(linearised)
+
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float) -> None:
         self.law = PoseEkfLaw(wheelbase, (position_walk, position_walk, yaw_walk))
-
-    def linearised(self, mean: Array, inputs: Inputs, sigma: float) -> Linearised:
-        """Return the model at `mean` (3,); see `FixEkf.linearised`."""
-        return linearised(self.law, mean, inputs, sigma)  # type: ignore[arg-type]
 
 
 class Ekf(PoseEstimator):

@@ -80,7 +80,7 @@ class BiasEkfLaw(NamedTuple):
 
 @jit
 def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
-    """Return the model at `mean` (6,); see `FixEkf.linearised`."""
+    """Return the model at `mean` (6,); see `FixEkf.model`."""
     (speed, steer, dt), s = inputs, p.levels
     phi = exp(-dt / s.correlation_time)
     wander, scale = sqrt((1.0 - phi * phi) / dt), s.correlated_share * sigma
@@ -107,12 +107,10 @@ def _tick(
 class BiasEkf(FixEkf):
     """Pose EKF for a given wheelbase [m] and given noise levels, with states for steering bias and GNSS error."""
 
+    model = staticmethod(linearised)
+
     def __init__(self, wheelbase: float, levels: Levels) -> None:
         self.law = BiasEkfLaw(wheelbase, levels)
-
-    def linearised(self, mean: Array, inputs: Inputs, sigma: float) -> Linearised:
-        """Return the model at `mean` (6,); see `FixEkf.linearised`."""
-        return linearised(self.law, mean, inputs, sigma)  # type: ignore[arg-type]
 
 
 class EkfBias(PoseEstimator):

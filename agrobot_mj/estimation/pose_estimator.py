@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
+from agrobot_mj.core.contracts import is_compiled
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
@@ -240,8 +241,8 @@ class PoseEstimator(StateEstimator):
             pose=np.array((x, y, yaw, *further)),
             pose_covariance=np.diag(np.square((s, s, s_yaw, *sigmas))),
         )
-        is_compiled = self.compiled is not None and self.backend == "compiled"
-        law, filters = getattr(pose_filter, "law", None), None if is_compiled else (velocity_kf, pose_filter)
+        compiled = self.backend == "compiled" and is_compiled(self, "update", "pose_filter", "steer_bias")
+        law, filters = getattr(pose_filter, "law", None), None if compiled else (velocity_kf, pose_filter)
         return EstimatorState(held(self._settings(tractor)), law and held(law), held(numbers), filters)
 
     def _settings(self, tractor: TractorParameters) -> PoseSettings:

@@ -1,7 +1,7 @@
 """Extended Kalman filter step of the pose filters, corrected by the position of a fix."""
 
 from math import isnan, nan
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -38,19 +38,19 @@ def corrected(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float
 
 
 class FixEkf(Filter):
-    """Pose filter whose first states are x, y and yaw of the rear axle; subclasses define `linearised` or `step`."""
+    """Pose filter whose first states are x, y and yaw of the rear axle."""
 
-    def linearised(self, mean: Array, inputs: Inputs, sigma: float) -> Linearised:
-        """Return the model at `mean` (n,) for these inputs and the standard deviation `sigma` of a fix [m]."""
-        raise NotImplementedError
+    model: ClassVar[Any]
+    """Compiled model for the parameters `law`, a mean, the inputs and the standard deviation of a fix [m]."""
+    law: Any
 
     def step(
-        self, mean: Array, covariance: Array, inputs: Inputs, fix: Fix | None, sigma: float
+        self, mean: Vector, covariance: Array, inputs: Inputs, fix: Fix | None, sigma: float
     ) -> tuple[Array, Array, float]:
         """Return mean (n,), covariance (n, n) and NIS after a tick, corrected by the fix at its end.
 
         NIS is the normalised innovation squared of the position, NaN without a fix.
         """
-        x, F, Q, H, R = self.linearised(mean, inputs, sigma)
+        x, F, Q, H, R = type(self).model(self.law, mean, inputs, sigma)
         y = None if fix is None else np.array((fix.x, fix.y)) - applied(H, x)
         return self.tick(x, covariance, F, Q, y, H, R)

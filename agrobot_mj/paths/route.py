@@ -9,27 +9,33 @@ of the query. Later sampling never changes the result of a query.
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from math import atan2, cos, inf, sin, sqrt
-from typing import NamedTuple
+from math import cos, inf, sin
 
 import numpy as np
 
-from agrobot_mj.core.geometry import to_heading, wrap
-from agrobot_mj.core.kernels import bound, jit, shared, stage
+from agrobot_mj.core.kernels import stage
+from agrobot_mj.core.samples import (
+    DIRECTION,
+    SPEED,
+    STEP_M,
+    TURNED,
+    WINDOW_M,
+    YAW,
+    S,
+    Sample,
+    T,
+    X,
+    Y,
+    curvatures_at,
+    found_nearest,
+    nearest_point,
+    point_at,
+)
 from agrobot_mj.core.signals import Array, Matrix, PathPoint, Reference, Vector
-from agrobot_mj.paths.arc import Pose, on_arc
 from agrobot_mj.paths.base import ReferencePath, reference_at
 
-STEP_M = 0.05
-"""Spacing of the samples [m]."""
-WINDOW_M = 4.0
-"""Half-width of the search window around the given arc length [m]."""
-ROUNDING_M = 1e-6
-"""Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]."""
 CHUNK_S = 20.0
-"""Time interval by which the sampled path is extended [s]."""
-BEND = 1.4
-"""Maximum heading change of the path from the middle of the search window to each end, below a right angle [rad]."""
+"""Time interval of the samples added at a time [s]."""
 BEYOND_S = 3600.0
 """Time after the end of the path up to which samples are added to reach a required arc length [s]."""
 
@@ -41,123 +47,12 @@ lengths [-]. Assumed value: excludes the exit from the field after the last pass
 MIN_TURN = 0.8
 """Minimum heading change of a path with laps [rad]. Assumed value (45 deg)."""
 
-T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
-"""Column numbers of the sample array, as in `Sample`."""
-
-
-class Sample(NamedTuple):
-    """Sampled point of a path."""
-
-    t: float
-    """Time at which the reference passes the point [s]."""
-    x: float
-    """East coordinate [m]."""
-    y: float
-    """North coordinate [m]."""
-    yaw: float
-    """Heading of a tractor on the path at this point [rad]."""
-    curvature: float
-    """Curvature, positive left [1/m]."""
-    speed: float
-    """Speed along the heading, negative in reverse [m/s]."""
-    s: float = 0.0
-    """Arc length from the start [m]."""
-    turned: float = 0.0
-    """Accumulated absolute heading change from the start [rad]."""
-    direction: float = 0.0
-    """Direction of travel: 1 forward, -1 reverse, 0 unknown [-]."""
-
-    def offset(self, x: float, y: float) -> float:
-        """Return the signed distance of (x, y) [m] from the osculating circle, positive left [m]."""
-        return _offset(self, x, y)
-
-
-@shared
-def _offset(a: Sample, x: float, y: float) -> float:
-    """Return the signed distance of (x, y) [m] from the osculating circle of a sample, positive left [m]."""
-    ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
-    along, across = a.curvature * ahead, 1 - a.curvature * left
-    return (2 * left - a.curvature * (ahead * ahead + left * left)) / (1 + sqrt(along * along + across * across))
-
-
-shared(on_arc)
-
-
-@jit
-def _search(
-    samples: Array, x: float, y: float, near: float, low: float, high: float, window: float
-) -> tuple[int, bool]:
-    """Return the number of the sample nearest to (x, y), and whether it is inside the searched range, not at its end.
-
-    The range extends by `window` [m], and at most a heading change of BEND, from the arc length `near` [m], and is
-    limited to the leg from `low` to `high` [m].
-    """
-    s, turned = samples[:, S], samples[:, TURNED]
-    middle = min(int(np.searchsorted(s, near)), len(s) - 1)
-    first = max(
-        int(np.searchsorted(s, max(near - window, low - ROUNDING_M))),
-        int(np.searchsorted(turned, turned[middle] - BEND - 1e-9)),
-    )
-    last = min(
-        int(np.searchsorted(s, min(near + window, high + ROUNDING_M), "right")),
-        int(np.searchsorted(turned, turned[middle] + BEND + 1e-9, "right")),
-    )
-    some = samples[first : max(last, first + 1)]
-    k = first + int(np.argmin((some[:, X] - x) ** 2 + (some[:, Y] - y) ** 2))
-    return k, first < k < last - 1
-
-
-@stage
-def _nearest(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y) [m], searched around arc length `near` from `low` to `high` [m]."""
-    k, inside = _search(samples, x, y, near, low, high, WINDOW_M)
-    a = _sample_at(samples, k)
-    limit = STEP_M if inside else WINDOW_M
-    ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
-    angle = atan2(a.curvature * ahead, 1 - a.curvature * left)
-    distance = min(max(angle / a.curvature if abs(a.curvature) > 1e-9 else ahead, -limit), limit)
-    return _along(a, -distance if a.direction < 0 else distance, _offset(a, x, y), k == 0)
-
-
-@stage
-def _ahead(samples: Matrix, s: float) -> PathPoint:
-    k = max(int(np.searchsorted(samples[:, S], s + 1e-12, "right")) - 1, 0)
-    a = _sample_at(samples, k)
-    return _along(a, s - a.s, 0.0, k == 0)
-
-
-@stage
-def _curvatures(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
-    """Return the curvature of the last sample before each arc length (0 before the start), and the maximum length."""
-    found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
-    for i in range(distances.size):
-        most = max(most, distances[i])
-        if distances[i] >= 0.0:
-            low, high = 0, last  # the sample is between these
-            while low < high:
-                middle = (low + high + 1) // 2
-                if samples[middle, S] <= distances[i] + 1e-12:
-                    low = middle
-                else:
-                    high = middle - 1
-            found[i] = samples[low, CURVATURE]
-    return found, most
-
-
-@jit
-def _sample_at(samples: Matrix, k: int) -> Sample:
-    a = samples[k]
-    return Sample(a[T], a[X], a[Y], a[YAW], a[CURVATURE], a[SPEED], a[S], a[TURNED], a[DIRECTION])
-
-
-@jit
-def _along(a: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """Return the path point `ds` [m] from a sample; `first` marks the first sample of the path."""
-    curvature = 0.0 if a.s + ds < 0.0 and first else a.curvature  # straight before the start
-    direction = -1.0 if a.direction < 0 else 1.0
-    pose = on_arc(Pose(a.x, a.y, a.yaw), curvature, direction * ds)
-    t = a.t + (ds / abs(a.speed) if abs(a.speed) > 1e-6 else 0.0)
-    return PathPoint(a.s + ds, t, pose.x, pose.y, wrap(pose.yaw), curvature, a.speed, offset, direction)
+_search, _nearest, _ahead, _curvatures = (
+    stage(found_nearest),
+    stage(nearest_point),
+    stage(point_at),
+    stage(curvatures_at),
+)
 
 
 class SampledRoute:
@@ -167,7 +62,6 @@ class SampledRoute:
         self.path = path
         self._samples = self._buffer = np.array([_sample(0.0, reference_at(path, 0.0))])
         self._until = self._end = 0.0
-        self._search = bound(_search, self._samples, *(0.0,) * 6)
         self._leg_times, self._leg_starts, self._sign = [0.0], [0.0], 0.0
         self._lap: float | None = None
 
@@ -185,18 +79,24 @@ class SampledRoute:
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
         """Return the path point nearest to (x, y) [m] around arc length `near` [m], on the leg driven at `t` [s]."""
         low, high = self.leg(t)
-        near = min(max(near, low), high)
+        return _nearest(self.around(max(near, low)), x, y, near, low, high)
+
+    def around(self, near: float) -> Matrix:
+        """Return the samples, at least as far as the search window around the arc length `near` [m]."""
         if self._end < near + WINDOW_M:
             self._grow(beyond=near + WINDOW_M)
-        return _nearest(self._samples, x, y, near, low, high)
+        return self._samples
+
+    def grows(self, s: float) -> bool:
+        """Sample the path as far as the arc length `s` [m]; return whether this added samples."""
+        return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
         """Return the number of the sample nearest to (x, y) [m] and whether it is inside the range, see `_search`."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + window)
-        found: tuple[int, bool] = self._search(self._samples, x, y, near, low, high, window)
-        return found
+        return _search(self._samples, x, y, near, low, high, window)
 
     def number_at(self, t: float) -> int:
         """Return the number of the last sample that the reference has passed at time `t` [s]."""
@@ -234,7 +134,7 @@ class SampledRoute:
         """Return the curvatures at the arc lengths `distances` [m], positive left, shape (n,) [1/m]; 0 before 0."""
         distances = np.asarray(distances, dtype=float)
         found, most = _curvatures(self._samples, distances)
-        if self._end < most + STEP_M and self._grow(beyond=most + STEP_M):
+        if self.grows(most):
             found, _ = _curvatures(self._samples, distances)
         return found
 

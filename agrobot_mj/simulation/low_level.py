@@ -14,9 +14,11 @@ from agrobot_mj.control.pid import (
     loops_step,
     wishes_of,
 )
-from agrobot_mj.core.kernels import bound
+from agrobot_mj.core.kernels import stage
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Measurement
 from agrobot_mj.scenario.schema import Scenario
+
+_run = stage(loops_step)
 
 
 class LoopStates(Protocol):
@@ -37,8 +39,6 @@ class LowLevelLoops:
         inner = loop if type(loop) is SteeringLoop else SteeringLoop()
         self.speed, self.steering, self.idle = s.speed, loop, inner.init()
         self.law = LoopsLaw(s.speed.parameters(), inner.parameters())
-        start = LoopsState(s.speed.init(), self.idle, BrakeState())
-        self._run = bound(loops_step, self.law, start, wishes_of(Command(0.0, 0.0), False), 0.0, 0.0, 0.0, TICK_S)
 
     def drive(self, states: LoopStates, measured: Measurement, situation: Situation, command: Command) -> Drive:
         """Return the valve voltages and the brake, and update `states`; the command may bypass one or both loops."""
@@ -46,7 +46,7 @@ class LowLevelLoops:
         wishes = wishes_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering
         before, steer = LoopsState(states.speed, steering, states.brake), measured.steer
-        after, drive = self._run(self.law, before, wishes, situation.estimate.speed, steer, measured.pedal, TICK_S)
+        after, drive = _run(self.law, before, wishes, situation.estimate.speed, steer, measured.pedal, TICK_S)
         states.speed, steering, states.brake = after
         if other is None:
             states.steering = steering

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from agrobot_mj.control import Lqr, Nmpc, PurePursuit, Stanley, following
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import Following, sideslip
-from agrobot_mj.control.lqr import SPEEDS, _gains, _sampled, _slip
+from agrobot_mj.control.deviation import sideslip
+from agrobot_mj.control.following import Following
+from agrobot_mj.control.lqr import SPEEDS, _gains, _sampled, rolling, slip_of
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S, Command, Estimate
 from agrobot_mj.paths import Circle
@@ -243,7 +244,7 @@ def test_lqr_steady_state_sideslip_equals_the_bicycle_model(speed: float) -> Non
     front = force * m.cg_to_rear_axle / m.wheelbase_m / law.front_cornering_stiffness_n_rad
     lateral = m.cg_to_rear_axle * gamma - speed * rear  # lateral velocity of the CG, positive left
     steer = m.wheelbase_m * gamma / speed + front - rear
-    assert _slip(law, m, speed) == pytest.approx((lateral / gamma, steer * speed / gamma))
+    assert rolling(slip_of(law, m), speed) == pytest.approx((lateral / gamma, steer * speed / gamma))
 
 
 @pytest.mark.parametrize(
@@ -261,7 +262,7 @@ def test_larger_lqr_weights_change_gains_with_the_expected_sign(key: str, gain: 
 @given(st.sampled_from(SPEEDS), st.booleans())
 def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bool) -> None:
     law, u = Lqr(), -speed if reverse else speed
-    a, wheelbase = _slip(law, MACHINE, u)
+    a, wheelbase = rolling(slip_of(law, MACHINE), u)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, 2)
     assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
@@ -269,7 +270,7 @@ def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bo
 def test_lqr_discrete_model_matches_fine_integration() -> None:
     """One tick of the model equals a fine integration of its equations."""
     law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
-    a, wheelbase = _slip(law, MACHINE, u)
+    a, wheelbase = rolling(slip_of(law, MACHINE), u)
     A, B = _sampled(a, u / wheelbase, u, law.steering_lag_s, n)
     x, command = np.array([0.1, -0.05, 0.1, 0.0]), 0.2
     expected = A @ x + B[:, 0] * command
@@ -282,7 +283,7 @@ def test_lqr_discrete_model_matches_fine_integration() -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 4])
 def test_lqr_model_responds_after_the_valve_delay(n: int) -> None:
-    a, wheelbase = _slip(Lqr(), MACHINE, 1.0)
+    a, wheelbase = rolling(slip_of(Lqr(), MACHINE), 1.0)
     (late, given_late), (prompt, given_now) = (_sampled(a, 1.0 / wheelbase, 1.0, 0.7, k) for k in (n, 0))
     x, y, commands = np.zeros(4 + n), np.zeros(4), [0.3, -0.1, 0.2, 0.05, -0.2, 0.1, 0.3, 0.0]
     x[:3] = y[:3] = 0.1, -0.05, 0.02

@@ -19,7 +19,8 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.following import DISTURBANCE_COLUMNS, STEEP, Following, FollowingState, PathDeviation
+from agrobot_mj.control.deviation import STEEP, PathDeviation
+from agrobot_mj.control.following import DISTURBANCE_COLUMNS, Following, FollowingState
 from agrobot_mj.control.lqr import Lqr
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.stanley import Stanley

@@ -1,0 +1,264 @@
+"""Deviation of the tractor from its path, and limits of the command, as numbers for kernels; see `following`."""
+
+from math import asin, atan, cos, inf, isnan, log, pi, radians, sin, sqrt, tan, tanh
+from typing import NamedTuple
+
+import numpy as np
+
+from agrobot_mj.control.base import SLOWEST_M_S, Route
+from agrobot_mj.core.geometry import to_heading, wrap
+from agrobot_mj.core.kernels import jit, shared
+from agrobot_mj.core.samples import curvatures_at, nearest_point
+from agrobot_mj.core.signals import Matrix, PathPoint, Reference, Vector
+
+MAX_STEER_BIAS = radians(10.0)
+"""Maximum absolute value of the compensated steering bias [rad]."""
+FADING_M, FADING_ANGLE = 0.3, radians(20.0)
+"""Cross-track error [m] and heading error [rad] above which the speed correction decreases; it is 0 at twice these
+values. Assumed values."""
+TURNING_S = 1.0
+"""Time for the wheels to return from the steering limit to zero [s]. Assumed value, half the time from lock to lock."""
+STEEP = radians(10.0)
+"""Minimum heading error during an approach to the path [rad]; smaller errors are treated as tracking. Assumed value."""
+MAX_HEADING_CHANGE = radians(6.0)
+"""Maximum heading change while the wheels turn to their command [rad]; limits the speed. Assumed value."""
+RISE_M_S2 = 1.0
+"""Maximum increase rate of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
+LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
+"""Look-back distances, divided by l_r, at which the curvature is averaged: quantiles of an exponential distribution."""
+
+
+class Followed(NamedTuple):
+    """Numbers that a law stores in `FollowingState` after a tick, without missing values."""
+
+    s: float
+    steer: float
+    direction: float
+    cross_track: float
+    heading: float
+    steer_ahead: float
+    bias: float
+    speed: float
+
+
+class Situated(NamedTuple):
+    """Numbers of a `Situation` for kernels, and the range in which the nearest path point is searched."""
+
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    yaw_rate: float
+    aligned: bool
+    steer_bias: float
+    """Fields of `Estimate`."""
+    steer: float
+    """Measured steering angle [rad]."""
+    low: float
+    high: float
+    """Arc lengths of the start and end of the current leg [m]."""
+    near: float
+    """Arc length around which the nearest point is searched [m]."""
+
+
+class PathDeviation(NamedTuple):
+    """Position and heading of the tractor relative to the path in one tick."""
+
+    place: PathPoint
+    """Path point nearest to the CG on the current leg."""
+    leg: tuple[float, float]
+    """Arc lengths of the start and end of the current leg [m]."""
+    direction: float
+    """Direction of travel: 1 forward, -1 reverse."""
+    speed: float
+    """Estimated speed along the heading, with the sign of `direction` and a magnitude of at least SLOWEST_M_S [m/s]."""
+    yaw: float
+    """Heading of an error-free tractor at the nearest path point [rad]."""
+    cross_track: float
+    """Cross-track error of the CG, positive left of the heading [m]."""
+    heading: float
+    """Heading error: estimated heading minus `yaw`, wrapped [rad]."""
+    steer_here: float
+    """Steering angle for the path curvature at the nearest point [rad]."""
+    steer_ahead: float
+    """Steering angle for the path curvature `preview_s` ahead [rad]."""
+    bias: float
+    """Estimated steering bias, added to the command [rad]."""
+    limit: float
+    """Maximum absolute steering command [rad]."""
+
+
+class CommandLimits(NamedTuple):
+    """Limits of steering angle and speed, as numbers for kernels."""
+
+    saturation: float
+    """Maximum speed correction [m/s]."""
+    gain: float
+    """Slope of the speed correction, divided by its saturation [1/m]."""
+    lateral_acceleration: float
+    """Maximum lateral acceleration [m/s2]."""
+    preview_s: float
+    """Preview time of the feed-forward angle [s]."""
+    compensates: bool
+    """Whether to compensate the steering bias."""
+    wheelbase: float
+    """Wheelbase [m]."""
+    steer_limit: float
+    """Maximum steering angle [rad]."""
+    heading_change: float
+    """Maximum heading change while the wheels turn to their command [rad]."""
+
+
+@shared
+def direction_of(r: Reference, last: float, place: PathPoint) -> float:
+    """Return the direction of travel of the reference, 1 forward or -1 in reverse.
+
+    At rest it is the `last` direction, or that of the path point if the last direction is 0.
+    """
+    along, otherwise = cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, place.direction if last == 0.0 else last
+    return -1.0 if (along if abs(along) > 1e-6 else otherwise) < 0 else 1.0
+
+
+@jit
+def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
+    """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and at the preview."""
+    distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
+    s, preview, leg = place.s, abs(seen.speed) * limits.preview_s, (seen.low, seen.high)
+    for k, lag in enumerate(LOOKBACK):
+        distances[k] = _behind(s, direction * lag * length, leg)
+        distances[n + k] = _behind(s + preview, direction * lag * length, leg)
+    return distances
+
+
+@shared
+def _behind(s: float, lag: float, leg: tuple[float, float]) -> float:
+    """Return the arc length `lag` [m] behind `s`, limited to the leg; the first leg has no lower limit."""
+    return min(max(s - lag, leg[0] if leg[0] > 0.0 else s - 1e9), leg[1])
+
+
+@jit
+def deviated(
+    limits: CommandLimits, place: PathPoint, direction: float, rolling: tuple[float, float], curvatures: Vector,
+    seen: Situated,
+) -> PathDeviation:  # fmt: skip
+    """Return the deviation from the path, with the curvatures at `lookback`."""
+    (l_r, L), n, u = rolling, len(LOOKBACK), max(abs(seen.speed), SLOWEST_M_S)
+    beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
+    known = limits.compensates and not isnan(seen.steer_bias)
+    bias = min(max(seen.steer_bias, -MAX_STEER_BIAS), MAX_STEER_BIAS) if known else 0.0
+    limit = min(limits.steer_limit, atan(limits.wheelbase * limits.lateral_acceleration / (u * u)))
+    return PathDeviation(
+        place,
+        (seen.low, seen.high),
+        direction,
+        direction * u,
+        place.yaw - beta,
+        place.offset,
+        wrap(seen.yaw - place.yaw + beta),
+        atan(L * tan(beta) / l_r),
+        atan(L * tan(later) / l_r),
+        bias,
+        limit,
+    )
+
+
+@jit
+def deviated_on(
+    limits: CommandLimits, last: float, samples: Matrix, seen: Situated, r: Reference, rolling: tuple[float, float]
+) -> tuple[PathDeviation, float]:
+    """Return the deviation from a sampled path, and the greatest arc length at which a curvature is needed [m].
+
+    `last` is the last direction of travel, or 0.
+    """
+    place = nearest_point(samples, seen.x, seen.y, seen.near, seen.low, seen.high)
+    direction = direction_of(r, last, place)
+    curvatures, most = curvatures_at(samples, lookback(limits, place, direction, seen, rolling[0]))
+    return deviated(limits, place, direction, rolling, curvatures, seen), most
+
+
+@shared
+def _sideslip(curvatures: Vector, length: float) -> float:
+    """Return the sideslip beta [rad] of a CG that is `length` [m] ahead of the point without sideslip.
+
+    The sideslip follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
+    """
+    total = 0.0
+    for curvature in curvatures:
+        total += curvature
+    return asin(min(max(length * (total / len(curvatures)), -0.95), 0.95))
+
+
+def sideslip(route: Route, s: float, direction: float, leg: tuple[float, float], length: float) -> float:
+    """Return the sideslip [rad] of a CG at arc length `s` [m], `length` [m] ahead of the point without sideslip."""
+    return _sideslip(route.curvatures([_behind(s, direction * lag * length, leg) for lag in LOOKBACK]), length)
+
+
+@jit
+def followed(
+    limits: CommandLimits,
+    deviation: PathDeviation,
+    r: Reference,
+    seen: Situated,
+    wanted: float,
+    last: float,
+    dt: float,
+) -> Followed:
+    """Return the result of a law with the limited angle and speed; `last` is the last speed command [m/s] or NaN.
+
+    The speed is the speed of the reference plus a correction for the lag along the path. It exceeds the reference only
+    near the path, because the limited steering rate makes an approach at higher speed less accurate. The tractor slows
+    down while the wheels turn to their command and, at a large angle to the path, at large steering angles.
+    """
+    command = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
+    along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - seen.x, r.y - seen.y)[0]
+    astray = max(abs(deviation.cross_track) / FADING_M, abs(deviation.heading) / FADING_ANGLE)
+    ahead = limits.saturation * tanh(limits.gain * lead) * deviation.direction
+    near = min(max(2.0 - astray, 0.0), 1.0)
+    pace = deviation.direction * along + (ahead * near if ahead > 0.0 else ahead)
+    turning = abs(command - seen.steer)
+    if abs(deviation.heading) > STEEP:
+        turning = max(turning, abs(seen.steer - deviation.bias - deviation.steer_here))
+    most = min(_approach_speed(limits, deviation), _turning_speed(limits, turning))
+    speed = deviation.direction * min(max(pace, 0.0), most)
+    if not isnan(last):
+        highest = max(abs(last), SLOWEST_M_S) + RISE_M_S2 * dt
+        speed = min(max(speed, -highest), highest)
+    d = deviation
+    return Followed(d.place.s, command, d.direction, d.cross_track, d.heading, d.steer_ahead, d.bias, speed)
+
+
+@jit
+def _approach_speed(limits: CommandLimits, deviation: PathDeviation) -> float:
+    """Return the maximum speed u [m/s] at which the tractor can turn onto the path from a large angle theta.
+
+    The arc at the lateral acceleration a, and the travel in the time T = TURNING_S in which the wheels turn, must fit
+    into the distance e from the path: u^2 / a (1 - cos theta) + u T sin theta = e. The minimum is u at full lock.
+    """
+    theta, e, a = abs(deviation.heading), abs(deviation.cross_track), limits.lateral_acceleration
+    if theta < STEEP or deviation.cross_track * deviation.heading * deviation.direction > 0.0:
+        return inf
+    bend, straight = (1.0 - cos(theta)) / a, TURNING_S * sin(min(theta, pi / 2))
+    tightest = limits.wheelbase / tan(limits.steer_limit)
+    return max((sqrt(straight * straight + 4.0 * bend * e) - straight) / (2.0 * bend), sqrt(a * tightest))
+
+
+@jit
+def _turning_speed(limits: CommandLimits, turning: float) -> float:
+    """Return the maximum speed u [m/s] at which the heading changes by at most A = `heading_change`.
+
+    The wheels turn by `turning` [rad] at a constant rate in the time T, so that u turning T / (2 L) = A.
+    """
+    T = TURNING_S * turning / limits.steer_limit
+    return max(2.0 * limits.wheelbase * limits.heading_change / max(turning * T, 1e-6), SLOWEST_M_S)
+
+
+@shared
+def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
+    """Return the lateral offset of a point of the tractor from its error-free position [m].
+
+    The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. Left of `direction` [rad] is positive.
+    """
+    (x, y, yaw), psi = pose, deviation.yaw
+    east = x - deviation.place.x + ahead * (cos(yaw) - cos(psi))
+    north = y - deviation.place.y + ahead * (sin(yaw) - sin(psi))
+    return to_heading(direction, east, north)[1]
