@@ -318,3 +318,45 @@ def test_lqr_gains_are_interpolated_between_grid_speeds(u):
     weight = (abs(u) - SPEEDS[k - 1]) / (SPEEDS[k] - SPEEDS[k - 1])
     assert law.gains(MACHINE, u) == pytest.approx((1 - weight) * low + weight * high, rel=1e-12)
     assert law.gains(MACHINE, u) == pytest.approx(_gains(law, MACHINE, u)[0], rel=0.05, abs=0.01)
+
+
+class Unsampled:
+    """Route without samples, on which a law is evaluated step by step."""
+
+    def __init__(self, route: SampledRoute) -> None:
+        self.route = route
+
+    def __getattr__(self, name: str):
+        if name == "around":
+            raise AttributeError(name)
+        return getattr(self.route, name)
+
+
+@pytest.mark.parametrize("speed", [1.2, -1.2])
+@pytest.mark.parametrize("law", [Lqr(), Stanley()], ids=["lqr", "stanley"])
+def test_compiled_tick_equals_its_separate_steps(law: Following, speed: float) -> None:
+    path, rng, states = Bend(speed), np.random.default_rng(4), [law.init(), law.init()]
+    routes = [SampledRoute(path), Unsampled(SampledRoute(path))]
+    for k in range(60):
+        r, (dx, dy, turned, steer) = path.at(0.3 * k), 0.2 * rng.standard_normal(4)
+        e = Estimate(r.x + dx, r.y + dy, r.yaw + turned, speed, 0.0, r.x, r.y, np.eye(3), steer_bias=0.1 * dx)
+        found = [
+            law.update(state, Situation(0.3 * k, e, r, route, MACHINE, steer), TICK_S)  # type: ignore[arg-type]
+            for state, route in zip(states, routes, strict=True)
+        ]
+        states = [state for state, _ in found]
+        assert found[0][1] == found[1][1]
+        assert law.report(states[0]) == law.report(states[1])
+
+
+def test_steering_method_of_a_subclass_replaces_the_compiled_tick() -> None:
+    class Constant(Lqr):
+        def steering(self, memory, deviation, situation, dt):
+            return memory, 0.123
+
+    path = Bend(1.2)
+    r = path.at(5.0)
+    e = Estimate(r.x, r.y, r.yaw, 1.2, 0.0, r.x, r.y, np.eye(3))
+    situation = Situation(5.0, e, r, SampledRoute(path), MACHINE, 0.0)
+    assert Constant().update(Constant().init(), situation, TICK_S)[1].steer == 0.123
+    assert Lqr().update(Lqr().init(), situation, TICK_S)[1].steer != 0.123

@@ -1,4 +1,4 @@
-from math import cos, degrees, pi, radians, sin, sqrt, tan
+from math import cos, degrees, nan, pi, radians, sin, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array, Estimate, Fix, Measurement, Quality
-from agrobot_mj.estimation import Ekf
+from agrobot_mj.estimation import Ekf, EkfBias
 from agrobot_mj.machine.tractor import TractorParameters
 
 DT = 0.05
@@ -216,3 +216,23 @@ def test_repeated_update_with_equal_arguments_gives_equal_results():
 def test_zero_sigma_is_rejected(key):
     with pytest.raises(ValidationError, match=key):
         Ekf(**{key: 0.0})
+
+
+@pytest.mark.parametrize("kind", [Ekf, EkfBias])
+def test_compiled_tick_equals_filters_evaluated_in_python(kind):
+    class InPython(kind):
+        def pose_filter(self, tractor):
+            return super().pose_filter(tractor)
+
+    keys = {"terrain_compensation": True, "yaw_rate_source": "kinematic"}
+    estimators = kind(**keys), InPython(**keys)
+    states = [estimator.init(1.0, 2.0, 0.3, TRACTOR) for estimator in estimators]
+    assert [state.filters is None for state in states] == [True, False]
+    rng = stream(3, "test")
+    for k in range(100):
+        quality = (Quality.NONE, Quality.FLOAT, Quality.FIX)[k % 3]
+        measurement = measure(k * DT, (1.0 + 0.06 * k, 2.0, 0.0), 1.2, 0.1, rng, quality=quality)
+        measurement = measurement._replace(roll=0.1 * (k % 5), pitch=nan if k % 7 == 0 else -0.05)
+        found = [e.update(s, measurement, DT) for e, s in zip(estimators, states, strict=True)]
+        states = [state for state, _ in found]
+        assert str(found[0][1]) == str(found[1][1])

@@ -11,6 +11,7 @@ from processes import command
 
 from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.core.errors import CommandError, NotFiniteError, ScenarioError
+from agrobot_mj.core.kernels import fetched, held
 from agrobot_mj.core.signals import Array, Drive
 from agrobot_mj.estimation import Ekf
 from agrobot_mj.paths import FigureEight
@@ -60,6 +61,12 @@ def second(**fields):
     return lambda found: (found[0], found[1]._replace(**fields))
 
 
+def without(field, state):
+    """Return the state of an estimator with NaN in an array."""
+    numbers = fetched(state.numbers)
+    return state._replace(numbers=held(numbers._replace(**{field: getattr(numbers, field) * nan})))
+
+
 STAGES = [
     (BicyclePlant, "truth", lambda truth: truth._replace(antenna=(nan, 0.0, 2.0)), "truth.antenna is nan", "bicycle"),
     (BicyclePlant, "truth", lambda truth: truth._replace(yaw=inf), "truth.yaw is inf", "bicycle"),
@@ -77,11 +84,11 @@ STAGES = [
     (
         Ekf,
         "update",
-        lambda found: (found[0]._replace(pose=found[0].pose * nan), found[1]),
+        lambda found: (without("pose", found[0]), found[1]),
         "failed: array must not contain infs or NaNs",
         "ekf",
     ),
-    (Ekf, "init", lambda state: state._replace(pose_covariance=state.pose_covariance * nan), "", "ekf"),
+    (Ekf, "init", lambda state: without("pose_covariance", state), "", "ekf"),
     (FigureEight, "at", lambda reference: reference._replace(vx=nan), "reference.vx is nan", "figure_eight"),
     (FigureEight, "at", lambda reference: reference._replace(x=inf), "reference.x is inf", "figure_eight"),
 ]

@@ -1,4 +1,4 @@
-"""The kernels are plain Python underneath: uncompiled they compute the same run, on every kind of ground and load."""
+"""The kernels are plain Python underneath: uncompiled they compute the same run, on every ground, load and stack."""
 
 import json
 import os
@@ -18,12 +18,15 @@ from agrobot_mj import load_scenario, run
 CHANGES = {"duration_s": 0.15, "plant.settle_s": 0}
 WORN = {"steering.valve.supply_pressure_bar": 90, "steering.linkage.backlash_deg": 2}
 WINDY = [{"kind": "side_force", "start_s": 0.0}, {"kind": "drawbar", "start_s": 0.0}]
+SENSORS = {"sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 CASES = {
     "ruts": {},  # soil that sinks and remembers
     "plough": {},  # a tool in the ground
     "seeder_contour": {},  # an implement on tyres of its own
     "figure_eight_rough": {"fault": WINDY} | WORN,  # an envelope over rough ground, loads, play, an orifice
     "split_friction": {"plant.tyre.kind": "linear"},  # patches
+    "figure_eight": {"guidance.kind": "lqr", "estimator.kind": "ekf_full"} | SENSORS,
+    "side_slope": {"guidance.kind": "stanley", "estimator.kind": "ekf_bias"},
     "circle": {"plant.kind": "bicycle", "steering.linkage.backlash_deg": 2},
 }
 answers = {}
