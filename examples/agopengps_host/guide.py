@@ -67,6 +67,10 @@ class HostSettings(NamedTuple):
     """Height of the antenna above the ground [m]."""
     look_ahead: float = 2.0
     """Look-ahead time of pure pursuit [s]. Assumed value."""
+    hold: float | None = None
+    """Look-ahead distance at standstill, as in AgOpenGPS programs [m]. It replaces `look_ahead`."""
+    multiplier: float = 1.5
+    """Increase of the distance `hold` with the speed, in twentieths per km/h. Default of AgOpenGPS programs."""
     integral: float = 0.0
     """Integral gain: steering angle per offset and time [rad/(m s)]. Default: 0, as in common programs."""
     side_hill: float = 0.0
@@ -94,6 +98,9 @@ class LawState(NamedTuple):
 
 LOOK_AHEAD_LEAST_M = 2.5
 """Minimum look-ahead distance [m]. Assumed value."""
+ACQUIRE, ON_LINE_M, OFF_LINE_M = 0.9, 0.1, 0.4
+"""Factor on the look-ahead distance [-] at offsets above the second distance [m], as in AgOpenGPS programs. It is 1 at
+offsets below the first distance [m]."""
 HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
 """Gains of Stanley for heading [-] and offset [1/m]. Assumed values."""
 STEER_LIMIT = 0.785
@@ -125,9 +132,18 @@ def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) ->
     return LawState(integral, off, rate, correction), clip(angle, -limit, limit), off
 
 
+def _look_ahead(settings: HostSettings, speed: float, off: float) -> float:
+    """Return the look-ahead distance [m]. With `hold` it is shorter by a tenth for a vehicle off the line."""
+    if settings.hold is None:
+        return max(LOOK_AHEAD_LEAST_M, settings.look_ahead * speed)
+    far = clip((abs(off) - ON_LINE_M) / (OFF_LINE_M - ON_LINE_M), 0.0, 1.0)
+    hold = settings.hold * (1.0 - far * (1.0 - ACQUIRE))
+    return max(hold * (1.0 + settings.multiplier * speed * KMH / 20), 1.0)
+
+
 def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: float) -> float:
     """Return the steering angle for the circle through rear axle and goal point [rad]."""
-    ahead = max(LOOK_AHEAD_LEAST_M, settings.look_ahead * pose.speed)
+    ahead = _look_ahead(settings, pose.speed, off)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
     _, left = to_heading(pose.yaw, goal_x, goal_y)
     d = hypot(goal_x, goal_y)

@@ -31,6 +31,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--wheelbase", type=float, default=d.wheelbase, help="[m]")
     p.add_argument("--antenna-height", type=float, default=d.antenna_height, help="[m]")
     p.add_argument("--look-ahead", type=float, default=d.look_ahead, help="[s]")
+    p.add_argument("--hold", type=float, default=d.hold, help="[m], in place of --look-ahead")
+    p.add_argument("--multiplier", type=float, default=d.multiplier, help="of --hold and the speed [km/h / 20]")
     p.add_argument("--integral", type=float, default=d.integral, help="[rad/(m s)]")
     p.add_argument("--side-hill", type=float, default=d.side_hill, help="steering per roll [-]")
     p.add_argument("--engage-after", type=float, default=d.engage_after, help="[s] after the heading is known")

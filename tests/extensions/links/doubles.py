@@ -1,4 +1,4 @@
-"""Test doubles for the link: a host in the same process, a host in another process, and a kinematic plant."""
+"""Test doubles for the link: a host in another process, and a kinematic plant."""
 
 import subprocess
 import sys
@@ -7,34 +7,9 @@ from math import cos, radians, sin, tan
 
 import host
 import numpy as np
-from guide import GuideState
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Fix, Measurement, Quality, Truth
-from agrobot_mj.extensions.links.agopengps.udp import Incoming
-
-
-class Direct:
-    """Connection to a host in the same process, without sockets or clock. No message passes while `cut` is true."""
-
-    pace = None
-
-    def __init__(self, guide):
-        self.guide, self.state, self.answers, self.turn, self.cut = guide, GuideState(), [], 0, False
-
-    def begin(self, turn):
-        self.turn = turn
-        return iter(())
-
-    def rest(self, turn, answered):
-        answers, self.answers = self.answers, []
-        return (Incoming(turn * TICK_S, "127.0.0.1:9999", answer) for answer in answers)
-
-    def send(self, data, target=None):
-        if not self.cut and target is None:
-            self.state, answers = self.guide.receive(self.state, data, self.turn * TICK_S)
-            self.answers += answers
-        return self.turn * TICK_S, "127.0.0.1:9999"
 
 
 @contextmanager

@@ -1,13 +1,14 @@
 """Messages and metrics of a link: latch, missing messages, start, waiting, cross-track error, replay."""
 
+import re
 from math import degrees
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from doubles import Direct
 from guide import Guide
 from host import parser, settings_of
+from look_ahead import Direct
 from processes import free_ports
 
 from agrobot_mj.core.agopengps.messages import Hello, Scan, ScanReply, SteerData
@@ -312,18 +313,31 @@ def test_offset_of_the_axle_unknown_to_the_host_is_a_metric_and_reported():
     assert not any("rear axle" in line for line in said)
 
 
+PLACE = {"tractor__antenna_ahead_m": 0.8, "tractor__antenna_left_m": -0.3}
+
+
 def test_check_reports_rate_wheelbase_antenna_and_missing_signals():
-    used = scenario(20.0, path__start_offset_m=1.0, tractor__wheelbase_m=1.7, tractor__antenna_ahead_m=0.8)
+    used = scenario(20.0, path__start_offset_m=1.0, tractor__wheelbase_m=1.7, **PLACE)
     log = run_link(used, Direct(guide()), LinkOptions()).log
-    rate, latency, wheelbase, settings, *missing = check_lines(used, log, log.metrics["link"])
+    rate, latency, wheelbase, _, antenna, *missing = check_lines(used, log, log.metrics["link"])
     assert "100% of the positions answered" in rate
     assert latency.startswith("latency: median")
     found = float(wheelbase.partition("; ")[2].split()[0])
     assert wheelbase.startswith("wheelbase: 1.7 m; ")
     assert found == pytest.approx(1.7, rel=0.05)
-    assert "0.8 m ahead of the rear axle" in settings
+    given, _, estimated = antenna.partition("; ")
+    assert given == "antenna: 0.8 m ahead of the rear axle, -0.3 m left"
+    numbers = list(map(float, re.findall(r"-?\d+\.\d+", estimated)))
+    for true, value, half in zip(PLACE.values(), numbers[::2], numbers[1::2], strict=True):
+        assert abs(value - true) < half < 0.1
     assert any("sensors.imu" in line for line in missing)
     assert not any("engagement" in line for line in missing)
+
+
+def test_check_of_a_straight_drive_does_not_identify_the_antenna():
+    used = scenario(20.0, tractor__antenna_ahead_m=0.8)
+    log = run_link(used, Direct(guide()), LinkOptions()).log
+    assert list(check_lines(used, log, log.metrics["link"]))[4].endswith("not identifiable without bends")
 
 
 def test_check_of_a_silent_host_at_rest_lists_what_is_missing():
@@ -331,4 +345,4 @@ def test_check_of_a_silent_host_at_rest_lists_what_is_missing():
     log = run_link(used, Gap(guide(), 0.0, 99.0), LinkOptions(start="now")).log
     lines = list(check_lines(used, log, log.metrics["link"]))
     assert "does not confirm" in lines[0]
-    assert [line.split()[1].strip(";") for line in lines[2:]] == ["engagement", "roll", "heading"]
+    assert [line.split()[1].strip(";") for line in lines[3:]] == ["engagement", "roll", "heading"]

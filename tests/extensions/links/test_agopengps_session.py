@@ -9,9 +9,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import soak
-from doubles import Direct, Toy, host_process
+from doubles import Toy, host_process
 from guide import Guide
 from host import parser, settings_of
+from look_ahead import Direct
 from processes import free_ports
 from typer.testing import CliRunner
 

@@ -5,6 +5,7 @@ from math import tan
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 from agrobot_mj.metrics.base import rms
@@ -13,6 +14,10 @@ from agrobot_mj.simulation.log import Log
 
 CHECK_S = 20.0
 """Duration of a check [s]."""
+SURE_M = 0.3
+"""Maximum half width of the interval of an identified antenna position [m]. Assumed value."""
+ANTENNA_ROWS = 10
+"""Minimum number of positions for an antenna position [-]."""
 TURNING = 0.02
 """Minimum RMS yaw rate for an effective wheelbase [rad/s]. Assumed value: bends of 75 m radius at 1.5 m/s."""
 
@@ -25,10 +30,8 @@ def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator
         yield f"latency: median {block['latency_ms_median']:.1f} ms, 95 % below {block['latency_ms_p95']:.1f} ms"
     yield _wheelbase(scenario, log)
     t = scenario.tractor
-    yield (
-        f"settings: steering limit {t.steer_limit_deg:g} deg; antenna {t.antenna_height_m:g} m high, "
-        f"{t.antenna_ahead_m:g} m ahead of the rear axle, {t.antenna_left_m:g} m left"
-    )
+    yield f"settings: steering limit {t.steer_limit_deg:g} deg; antenna {t.antenna_height_m:g} m high"
+    yield (f"antenna: {t.antenna_ahead_m:g} m ahead of the rear axle, {t.antenna_left_m:g} m left; {_antenna(log)}")
     yield from (f"missing: {line}" for line in _missing(scenario, block))
 
 
@@ -39,6 +42,28 @@ def _wheelbase(scenario: Scenario, log: Log) -> str:
         return f"wheelbase: {given:g} m; the tractor did not turn, so the yaw rate does not confirm it"
     moved = log.column("speed") * np.vectorize(tan)(log.column("steer"))
     return f"wheelbase: {given:g} m; {float(moved @ rate / (rate @ rate)):.2f} m from the yaw rate"
+
+
+def _antenna(log: Log) -> str:
+    """Return the antenna position ahead and left of the rear axle, by dead reckoning with speed and yaw rate."""
+    fixed = np.isfinite(log.column("gnss_x"))
+    t, u, rate = (log.column(name) for name in ("t", "speed", "yaw_rate"))
+    yaw = log.column("yaw")[0] + cumulative_trapezoid(rate, t, initial=0)
+    x, y = (cumulative_trapezoid(u * each, t, initial=0)[fixed] for each in (np.cos(yaw), np.sin(yaw)))
+    c, s, one, zero = np.cos(yaw)[fixed], np.sin(yaw)[fixed], np.ones(fixed.sum()), np.zeros(fixed.sum())
+    # unknown: antenna ahead and left, start east and north, initial heading, speed
+    rows = np.concatenate([np.stack([c, -s, one, zero, -y, x], 1), np.stack([s, c, zero, one, x, y], 1)])
+    off = np.concatenate([log.column("gnss_x")[fixed] - x, log.column("gnss_y")[fixed] - y])
+    if len(off) < 4 * ANTENNA_ROWS or np.linalg.cond(rows) > 1e8:
+        return "not identifiable"
+    place, *_ = np.linalg.lstsq(rows, off)
+    left = off - rows @ place
+    correlated = max(float(left[1:] @ left[:-1] / (left @ left)), 0.0)
+    variance = float(left @ left) / (len(left) - rows.shape[1]) * (1 + correlated) / (1 - correlated)
+    halves = 1.96 * np.sqrt(variance * np.diag(np.linalg.inv(rows.T @ rows))[:2])
+    if max(halves) > SURE_M:
+        return "not identifiable without bends"
+    return f"{place[0]:.2f} +- {halves[0]:.2f} m and {place[1]:.2f} +- {halves[1]:.2f} m from positions and yaw rate"
 
 
 def _missing(scenario: Scenario, block: dict[str, Any]) -> Iterator[str]:
