@@ -38,7 +38,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
 .DEFAULT_GOAL := help
-.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore findings gains help install library lock machines mutate performance plain reference ros safety slow snapshots soak test third-party validate
+.PHONY: acquisition attack bench check coverage demo demo-link dist-check docs estimators explore fields findings gains help install library lock machines mutate performance plain reference ros safety slow snapshots soak test third-party validate
 
 help: ## Show these verbs
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1@\2/p' $(firstword $(MAKEFILE_LIST)) | awk -F@ '{ printf "%-15s %s\n", $$1, $$2 }'
@@ -120,6 +120,9 @@ acquisition: $(DEV_STAMP) ## Let the path followers come onto a line from beside
 
 machines: $(DEV_STAMP) ## Drive every scenario on every machine (half an hour), and write docs/machines.md's exceptions
 	@$(PY) scripts/pages.py machines $(STUDY)
+
+fields: $(DEV_STAMP) ## Drive turns and fields with guidance errors (an hour), and write docs/extensions/fields/field_studies.md
+	@$(PY) scripts/pages.py fields $(STUDY)
 
 safety: $(DEV_STAMP) ## Fail sensors and actuators one by one (an hour; STUDY=receivers for receivers), and write docs/safety.md
 	@$(PY) scripts/pages.py safety $(STUDY)

@@ -13,6 +13,7 @@ from agrobot_mj.core.errors import ScenarioError
 
 PAGES = {name: (name,) for name in ("machines", "performance")}
 PAGES |= {name: (name, f"{name}_tables") for name in ("estimators", "findings", "safety")}
+PAGES |= {"fields": ("field_studies",)}
 PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
 """Pages of each target of the Makefile. The target is also the name of a module in scripts/measured/."""
 
