@@ -4,8 +4,13 @@ By default, sizes are those of the page's tables; `--full` runs the full size (d
 """
 
 import json
+import os
+import subprocess
+import sys
+import tarfile
 import tempfile
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,17 +20,20 @@ import shapely
 from scipy.stats import nct, norm, t
 from sweeps import Blocks, Row, Study
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.fields.boom import Boom
-from agrobot_mj.extensions.fields.coverage import areas, excursion
+from agrobot_mj.extensions.fields.coverage import areas
 from agrobot_mj.extensions.fields.drive import driving_scenario, planning_scenario
 from agrobot_mj.extensions.fields.evaluation import FieldDrive
 from agrobot_mj.extensions.fields.field import Field
 from agrobot_mj.extensions.fields.plan import to_json
+from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import inside_laps, whole_of
 from agrobot_mj.extensions.fields.planner.joins import depth_of_turn
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.rig import rig_of
+from agrobot_mj.extensions.fields.reading import read_field
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 
@@ -43,8 +51,31 @@ IMPLEMENTS = {"1.8 m": (1.8, ()), "3 m mounted": (3.0, RAISED), "3 m drawn": (3.
 """Width [m] and keys of each implement."""
 PROBABILITY, CONFIDENCE = 0.95, 0.9
 """Quantile of the distances, and confidence of all intervals [-]."""
-BEYOND_M, OPEN_M = 20.0, 60.0
-"""Distance that the plan may leave the swaths [m], and width of the open ground at their sides [m]."""
+BEYOND_M = 20.0
+"""Distance that the plan may leave the swaths [m]."""
+
+
+SLOPE: Keys = (("terrain.kind", "slope"), ("terrain.grade_deg", 6.0))
+CONDITIONS: dict[str, tuple[Keys, Keys]] = {
+    "reference": ((), ()),
+    "position error of 5 cm": ((), (("sensors.gnss.sigma_m", 0.05),)),
+    "antenna 5 cm beside its configured place": ((), (("sensors.gnss.configured_left_m", 0.05),)),
+    "drawn implement": (DRAWN, ()),
+    "slope of 6 deg": ((), SLOPE),
+    "worn valve": ((), VALVES["worn"]),
+}
+"""Keys that the plan knows and keys that it does not know, of each condition on the rectangle."""
+PUBLIC = {"Dutch, 3.59 ha": "test.json", "Estonian, three holes": "ee_field_130.wkt"}
+"""Files with fields in the source package of Fields2Cover."""
+OWN = {
+    "rectangle": shapely.box(-75, -50, 75, 50),
+    "own, obstacle, slope": shapely.Polygon(
+        [(-110, -70), (90, -85), (110, 20), (60, 75), (-95, 70)], [[(-8, -6), (8, -6), (8, 6), (-8, 6)]]
+    ),
+}
+"""Fields of 1.5 and 2.9 ha without files [m]."""
+OVERLAPS_M = (0.0, 0.05, 0.1, 0.2, 0.3)
+"""Planned overlaps, by which the implement is wider than the distance of the passes [m]."""
 
 
 class Drive(NamedTuple):
@@ -86,9 +117,8 @@ def turned(drive: Drive) -> Row:
     log, drove = driven(field, drive, Options(0, shape, angle=0.0, beyond=BEYOND_M), VALVES[drive.valve])  # type: ignore[arg-type]
     row = {**drive._asdict(), "ends": log.outcome, "expected": log.as_expected}
     if log.as_expected:
-        wide = shapely.box(0, -OPEN_M, length, count * drive.width + OPEN_M)
         turns, found = drove.turns(), areas(drove.coverage)["body"]
-        row["reach"] = max(out["largest_m"] for out in excursion(drove.outlines, wide).values())
+        row["reach"] = [turn["swept_width_m"] for turn in turns]
         row["planned"] = depth_of_turn(drove.rig, shape)  # type: ignore[arg-type]
         row["turn_s"] = float(np.mean([turn["time_s"] for turn in turns]))
         row["missed"], row["overlapped"] = (found[f"{key}_m2"] / len(turns) for key in ("missed", "overlapped"))
@@ -97,7 +127,7 @@ def turned(drive: Drive) -> Row:
 
 def headlands(study: Study) -> Blocks:
     """Return the distances beyond a headland of the planned depth, and the time and area that turns take."""
-    size, seeds = ((9, 40.0), 10) if study.full else ((3, 16.0), 3)
+    size, seeds = ((9, 40.0), 10) if study.full else ((3, 12.0), 2)
     cells = list(product(TURNS, VALVES, IMPLEMENTS, LAWS))
     jobs = [
         Drive(turn, valve, implement, law, seed, size, *IMPLEMENTS[implement])
@@ -110,15 +140,14 @@ def headlands(study: Study) -> Blocks:
     beyond, used = [], []
     for implement, turn in product(IMPLEMENTS, TURNS):
         some = [row for row in rows if (row["implement"], row["place"]) == (implement, turn)]
-        if not (good := [row for row in some if row["expected"]]):
-            continue
-        planned = good[0]["planned"]
+        good = [row for row in some if row["expected"]]
+        planned = f"{good[0]['planned']:.1f}" if good else "-"
         for valve in VALVES:
             each = ([row for row in some if (row["valve"], row["law"]) == (valve, law)] for law in LAWS)
-            beyond.append((implement, f"`{turn}`", valve, f"{planned:.1f}", *map(_beyond, each)))
+            beyond.append((implement, f"`{turn}`", valve, planned, *map(_beyond, each)))
         if normal := [row for row in good if (row["valve"], row["law"]) == ("new", "lqr")]:
             means = (_mean([row[key] for row in normal]) for key in ("turn_s", "missed", "overlapped"))
-            used.append((implement, f"`{turn}`", f"{max(row['reach'] for row in normal):.1f}", *means))
+            used.append((implement, f"`{turn}`", f"{max(max(row['reach']) for row in normal):.1f}", *means))
     heads = ("implement", "turn", "valve", "planned depth [m]", *(f"`{law}`, beyond it [m]" for law in LAWS))
     costs = ("implement", "turn", "depth used [m]", "time [s]", "missed [m2]", "overlapped [m2]")
     failed = f"{sum(not row['expected'] for row in rows)} failed"
@@ -129,17 +158,106 @@ def headlands(study: Study) -> Blocks:
     }
 
 
+def public_fields(folder: Path) -> dict[str, Path]:
+    """Download the source package of Fields2Cover and return its field files; empty if it cannot be downloaded."""
+    if not (found := list(folder.glob("fields2cover-*.tar.gz"))):
+        tools = folder / "tools"
+        pip = [sys.executable, "-m", "pip", "-q"]
+        source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), "fields2cover")
+        for command in (["install", "--target", str(tools), "scikit-build-core"], ["download", *source]):
+            environment = {**os.environ, "PYTHONPATH": str(tools)}
+            subprocess.run([*pip, *command], env=environment, check=False)
+        if not (found := list(folder.glob("fields2cover-*.tar.gz"))):
+            return {}
+    with tarfile.open(found[0]) as package:
+        for member in package.getmembers():
+            if (name := Path(member.name).name) in PUBLIC.values():
+                (folder / name).write_bytes(package.extractfile(member).read())  # type: ignore[union-attr]
+    return {name: folder / file for name, file in PUBLIC.items()}
+
+
+def worked(job: tuple[Drive, str, Keys]) -> Row:
+    """Simulate the work on a scaled field with keys that the plan does not know, and return the overlapped and missed
+    area for each planned overlap [%]."""
+    drive, file, unknown = job
+    field = read_field(Path(file)) if file else Field(drive.place, OWN[drive.place])
+    field = replace(field, boundary=shapely.affinity.scale(field.boundary, *drive.size * 2, origin=(0.0, 0.0)))
+    row = {**drive._asdict(), "area_m2": field.boundary.area}
+    try:
+        log, drove = driven(field, drive, Options(), unknown)
+    except ScenarioError as error:
+        return {**row, "ends": "refused", "expected": False, "reason": str(error)}
+    row |= {"ends": log.outcome, "expected": log.as_expected, "reason": log.metrics.get("stop_reason")}
+    if log.as_expected:
+        wide = [replace(drove, boom=Boom(drive.width + overlap)) for overlap in OVERLAPS_M]
+        row["whole"], row["body"] = (
+            [_shares(areas(each.coverage)[part]) for each in wide] for part in ("field", "body")
+        )
+        row["planned"] = _shares(areas(planned_coverage(drove.plan, drove.field, drove.body))["field"])
+    return row
+
+
+def _shares(part: dict[str, float]) -> tuple[float, float]:
+    return part["overlapped_percent"], part["missed_percent"]
+
+
+def guidance(study: Study) -> Blocks:
+    """Return overlaps and gaps on four fields and in several conditions, and their change with the planned overlap."""
+    scale, seeds = (1.0, 10) if study.full else (0.35, 3)
+    files = dict.fromkeys(OWN, "") | {name: str(file) for name, file in public_fields(study.runs / "public").items()}
+    pairs = [(place, "reference") for place in files] + [("rectangle", each) for each in CONDITIONS]
+    jobs = [
+        (
+            Drive(place, condition, "3 m", law, seed, (scale,), 3.0, known),
+            files[place],
+            unknown + SLOPE * ("slope" in place),
+        )
+        for seed in range(1, seeds + 1)
+        for (place, condition), law in product(dict.fromkeys(pairs), LAWS)
+        for known, unknown in (CONDITIONS[condition],)
+    ]
+    rows = study.done("coverage", worked, jobs)
+    if not rows:
+        return {}
+    lines, curve = [], []
+    for (place, condition), law in product(dict.fromkeys(pairs), LAWS):
+        some = [row for row in rows if (row["place"], row["valve"], row["law"]) == (place, condition, law)]
+        good = [row for row in some if row["expected"]]
+        shares = [_mean([row["whole"][0][k] for row in good]) for k in range(2)]
+        planned = [f"{good[0]['planned'][k]:.2f}" if good else "-" for k in range(2)]
+        area, failed = f"{some[0]['area_m2'] / 1e4:.2f}", f"{len(some) - len(good)} of {len(some)}"
+        lines.append((place, area, condition, f"`{law}`", shares[0], planned[0], shares[1], planned[1], failed))
+    for law in LAWS:
+        good = [row for row in rows if row["expected"] and (row["law"], row["valve"]) == (law, "reference")]
+        means = np.mean([row["body"] for row in good], axis=0) if good else ()
+        for k, overlap in enumerate(OVERLAPS_M[: len(means)]):
+            more, less = means[k] - means[k - 1] if k else (0.0, 0.0)
+            ratio = f"{-more / less:.2g}" if less < 0 else "-"
+            each = (_mean([row["body"][k][j] for row in good]) for j in range(2))
+            curve.append((f"`{law}`", f"{100 * overlap:g}", *each, ratio))
+    heads = ("field", "area [ha]", "condition", "law", "overlapped [%]", "planned", "missed [%]", "planned", "failed")
+    steps = ("law", "planned overlap [cm]", "overlapped [%]", "missed [%]", "break-even")
+    said = f"Fields at {scale:g} of their length, {seeds} seeds: {len(rows)} runs."
+    skipped = "" if len(files) > len(OWN) else " The public fields were not available."
+    return {
+        "coverage": markdown_table(heads, lines, 4),
+        "planned overlap": markdown_table(steps, curve, 1),
+        "coverage runs": said + skipped,
+    }
+
+
 def _beyond(rows: Sequence[Row]) -> str:
     """Return quantile and interval of the distance beyond the planned depth, with the number of failed runs."""
-    good = [row["reach"] - row["planned"] for row in rows if row["expected"]]
-    lost = f"{len(rows) - len(good)} of {len(rows)} failed"
+    good = [reach - row["planned"] for row in rows if row["expected"] for reach in row["reach"]]
+    done = sum(row["expected"] for row in rows)
+    lost = f"{len(rows) - done} of {len(rows)} failed"
     if len(good) < 2:
         return lost
     middle, spread, root = float(np.mean(good)), float(np.std(good, ddof=1)), len(good) ** 0.5
     z = float(norm.ppf(PROBABILITY))
     ends = nct.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], len(good) - 1, z * root) / root
     low, high = (middle + float(k) * spread for k in ends)
-    return f"{middle + z * spread:.2f} ({low:.2f} to {high:.2f})" + (f", {lost}" if len(good) < len(rows) else "")
+    return f"{middle + z * spread:.2f} ({low:.2f} to {high:.2f})" + (f", {lost}" if done < len(rows) else "")
 
 
 def _mean(values: Sequence[float]) -> str:
@@ -150,4 +268,4 @@ def _mean(values: Sequence[float]) -> str:
     return f"{np.mean(values):.2f} ± {half:.2f}"
 
 
-PARTS = {"headlands": headlands}
+PARTS = {"headlands": headlands, "coverage": guidance}
