@@ -36,7 +36,7 @@ def field_page(folder: Path) -> Document:
     page.section("Coverage", f"{found['summary']}.")
     page.remarks(found["plan_warnings"])
     page.grid([("Map", _map(folder, found))])
-    page.table(("part", "area [m2]", "covered once [%]", "overlapped [%]", "missed [%]"), _areas(found))
+    page.table(("part", "area [m2]", "covered at least once [%]", "overlapped [%]", "missed [%]"), _areas(found))
     page.table(("quantity", "value", "unit"), _numbers(found))
     page.parts += run
     return page

@@ -46,7 +46,8 @@ p { max-width: 75ch; margin: 0.4rem 0; }
 .small { grid-template-columns: repeat(auto-fill, minmax(min(100%, 260px), 1fr)); }
 .card { min-width: 0; }
 .chart { width: 100%; height: 380px; }
-.scroll { overflow-x: auto; background:
+.card:only-child .map { height: 620px; }
+.scroll { margin-bottom: 1rem; overflow-x: auto; background:
   linear-gradient(270deg, var(--page) 1rem, transparent 2rem) no-repeat local,
   linear-gradient(270deg, var(--soft), transparent 0.7rem) no-repeat scroll; }
 table { border-collapse: collapse; font-size: 0.9rem; }
@@ -60,7 +61,7 @@ pre span { display: inline-block; max-width: 100%; }
   body { padding: 0.7rem; }
   table { font-size: 0.8rem; }
   th, td { padding: 0.2rem 0.25rem; white-space: normal; }
-  .chart { height: 320px; }
+  .chart, .card:only-child .map { height: 320px; }
 }
 @media print { #command { display: none !important; } }
 """
@@ -152,11 +153,12 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
     def _card(self, title: str, chart: Chart) -> str:
         name = f"chart{len(self.charts)}"
         self.charts[name] = finite(chart)
-        style = ""
-        if chart["layout"].get("yaxis", {}).get("type") == "category":
+        style, vertical = "", chart["layout"].get("yaxis", {})
+        kind = "chart map" if "scaleanchor" in vertical else "chart"
+        if vertical.get("type") == "category":
             rows = len({y for trace in chart["data"] for y in trace.get("y", ())})
             style = f' style="height: {AROUND_PX + ROW_PX * max(rows, MOST_ROWS)}px"'
-        return f'<div class="card"><h3>{escape(title)}</h3><div class="chart" id="{name}"{style}></div></div>'
+        return f'<div class="card"><h3>{escape(title)}</h3><div class="{kind}" id="{name}"{style}></div></div>'
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
