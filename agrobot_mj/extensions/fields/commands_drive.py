@@ -11,6 +11,7 @@ from agrobot_mj.cli.options import Answer, NoRrd, Out, Quiet, Sets, overrides, r
 from agrobot_mj.cli.panels import listed
 from agrobot_mj.extensions.fields.options import (
     DEFAULT_WIDTH_M,
+    Along,
     Angle,
     Beyond,
     Crs,
@@ -51,6 +52,7 @@ def field_plan(
     turn: Turn = "clothoid",
     order: Order = "boustrophedon",
     angle: Angle = None,
+    along: Along = None,
     radius: Radius = None,
     speed: Speed = 2.0,
     overlap: Overlap = 0.0,
@@ -71,7 +73,7 @@ def field_plan(
 
     field = _field(file, crs, name, quiet)
     base, rig = _rig(field, width, overlap, turn, speed, radius, overrides(sets))
-    plan = _plan(field, rig, headlands, turn, order, angle, sections, beyond)
+    plan = _plan(field, rig, headlands, turn, order, _direction(field, base, angle, along), sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
         write_plan(folder, field, plan)
@@ -90,6 +92,7 @@ def field_run(
     turn: Turn = "clothoid",
     order: Order = "boustrophedon",
     angle: Angle = None,
+    along: Along = None,
     radius: Radius = None,
     speed: Speed = 2.0,
     overlap: Overlap = 0.0,
@@ -128,7 +131,7 @@ def field_run(
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
-        plan = _plan(field, rig, headlands, turn, order, angle, sections, beyond)
+        plan = _plan(field, rig, headlands, turn, order, _direction(field, base, angle, along), sections, beyond)
     else:
         plan = given_plan(plan_file, stored, field, rig, sections)
     _warn(plan, quiet)
@@ -166,19 +169,30 @@ def _rig(
     return base, rig_of(base, width, overlap)
 
 
+def _direction(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> float | None:
+    """Return the direction of the swaths [rad]; None for that with the fewest swaths."""
+    from agrobot_mj.core.errors import ScenarioError
+    from agrobot_mj.extensions.fields.planner.contours import contour_direction
+
+    if along is None:
+        return None if angle is None else radians(angle)
+    if angle is not None:
+        raise ScenarioError(f"--along {along}: --angle is also given; leave one of them out")
+    return contour_direction(field.boundary, base.terrain.ground())
+
+
 def _plan(
     field: "Field",
     rig: "FieldMachine",
     headlands: int | None,
     turn: Any,
     order: str,
-    angle: float | None,
+    direction: float | None,
     sections: int,
     beyond: float,
 ) -> "Plan":
     from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 
-    direction = None if angle is None else radians(angle)
     return make_plan(field, rig, Options(headlands, turn, order, direction, sections, beyond))
 
 
@@ -210,6 +224,7 @@ COMMANDS = {
         "Field work",
         "field plan boundary.geojson --machine row_crop --width 6",
         "field plan boundary.geojson --width 3 --headlands 3 --turn k --angle 90",
+        "field plan boundary.geojson --along contours --set terrain.kind=slope --set terrain.grade_deg=6",
         advanced=True,
     ),
     field_run: listed(

@@ -47,6 +47,10 @@ Angle = Annotated[
         help="Direction of the swaths, from east. Default: fewest swaths.",
     ),
 ]
+Along = Annotated[
+    Literal["contours"] | None,
+    typer.Option(help="Direction of the swaths: perpendicular to the mean slope of the terrain."),
+]
 Radius = Annotated[
     float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: from the machine.")
 ]

@@ -7,8 +7,11 @@ import pytest
 import shapely
 from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
 
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.fields.planner.contours import contour_direction
 from agrobot_mj.extensions.fields.planner.laps import lap, offset, rings, smoothed
 from agrobot_mj.extensions.fields.planner.swaths import best_pattern, ordered, pattern
+from agrobot_mj.terrain import Slope
 
 
 def ground(layout, width):
@@ -84,3 +87,14 @@ def test_a_round_field_has_drivable_laps():
     course = lap(smoothed(ring, rig), 5.0, rig)
     assert course.lengths.sum() == pytest.approx(2 * pi * 28.5, rel=0.01)
     assert offset(circle, 3.0).area == pytest.approx(pi * 27**2, rel=0.01)
+
+
+@pytest.mark.parametrize("uphill", [0.0, 30.0, 90.0, 200.0])
+def test_contour_direction_is_perpendicular_to_the_slope(uphill):
+    found = contour_direction(L_SHAPE.boundary, Slope(grade_deg=5.0, direction_deg=uphill).ground())
+    assert found == pytest.approx(radians(uphill + 90.0) % pi, abs=1e-6)
+
+
+def test_level_field_has_no_contour_direction():
+    with pytest.raises(ScenarioError, match="--along contours: the field is level; set a slope"):
+        contour_direction(RECTANGLE.boundary, Slope(grade_deg=0.0).ground())
