@@ -16,5 +16,5 @@ def test_python_example_has_the_errors_of_the_readme(capsys):
         ["side_slope_10", "completed"],
         ["side_slope_10_compensated", "completed"],
     ]
-    (given,) = re.findall(r"It prints an error of (\d+) cm and of (\d+) cm", TEXT)
+    (given,) = re.findall(r"prints a cross-track error of (\d+) cm without correction and of (\d+) cm", TEXT)
     assert [100 * float(line[2]) for line in words] == pytest.approx([float(each) for each in given], abs=0.5)
