@@ -32,7 +32,7 @@ def test_map_keys_named_on_the_page_exist():
 
 
 def test_csv_columns_on_the_page_equal_the_built_in_map():
-    table = TEXT.partition("rename the columns to these:")[2].partition("The CSV may")[0]
+    table = TEXT.partition("if the columns have these names:")[2].partition("The CSV file may")[0]
     assert set(re.findall(r"`(\w+)`", table)) == set(named_columns(AGOPENGPS_MAP))
 
 
@@ -45,7 +45,7 @@ def test_every_option_named_on_the_page_exists():
 def test_every_metric_explained_on_the_page_is_written():
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "duration_s": 12, "sensors.gyro.enabled": True}))
     found = replay(log.signals, None, log.scenario).metrics
-    table = TEXT.partition("`replay.json` has:")[2].partition("`replay.parquet`")[0]
+    table = TEXT.partition("`replay.json` contains:")[2].partition("`replay.parquet`")[0]
     named = [name.rpartition(".")[2] for name in re.findall(r"`([\w.]+)`", table)]
     assert {"rms_without_bias", "windows_rms", "lag_s", "at_the_end"} <= set(named)
     assert set(named) <= set(found["yaw_rate"]) | set(found["position"])
