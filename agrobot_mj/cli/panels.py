@@ -45,8 +45,8 @@ class PanelledGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name of the command, the command, and the remaining arguments."""
-        if "" in args:
-            ctx.fail("an argument is empty; check the quotes and the shell variables of the command line")
+        if any(not word.strip() for word in args):
+            ctx.fail("an argument is blank; check the quotes and the shell variables of the command line")
         name, rest = split_command(args)
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
             ctx.fail(f"{name}: specify one of its commands: {', '.join(parts)}")

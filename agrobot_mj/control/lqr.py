@@ -201,7 +201,7 @@ class Lqr(Integrating):
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
-        """Return the new state and the steering angle, the sum of feed-forward, state feedback and integral [rad]."""
+        """Return the new state and the steering angle: the sum of feed-forward, state feedback and integral [rad]."""
         if not memory.table.size:
             memory = self.begun(memory, situation.machine)
         e = situation.estimate
@@ -220,12 +220,12 @@ class Lqr(Integrating):
         return radians(self.approach_deg), radians(self.integral_limit_deg)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains at a speed [m/s] for e_y, e_psi, delta, the delayed commands and the integral of e_y."""
+        """Return the gains at a speed [m/s] for cross-track error, heading error, steering, commands and integral."""
         found = _scheduled(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return slip length and effective wheelbase at the estimated speed [m]."""
+        """Return the distance from CG to the point without sideslip, and the effective wheelbase, at this speed [m]."""
         return rolling(slip_of(self, situation.machine), situation.estimate.speed)
 
 

@@ -56,24 +56,24 @@ class StanleyState(NamedTuple):
 
 
 class Gains(NamedTuple):
-    """Gains of the law and dimensions of the tractor, as numbers for kernels."""
+    """Gains of the Stanley law and dimensions of the tractor, as numbers for compiled kernels."""
 
     k: float
-    """Gain k [1/s]."""
+    """Approach speed per offset of the front axle [1/s]."""
     softening: float
-    """Softening speed u_0 [m/s]."""
+    """Softening speed, which reduces the gain at low speed [m/s]."""
     damping: float
-    """Damping k_d [s]."""
+    """Steering angle per yaw-rate error in forward travel [s]."""
     reverse: float
-    """Heading gain h in reverse [-]."""
+    """Steering angle per heading error in reverse [-]."""
     integral: float
-    """Integral gain k_i [rad/m]."""
+    """Steering angle per unexpected motion of the front axle [rad/m]."""
     front: float
     """Distance from the CG to the front axle [m]."""
     rear: float
     """Distance from the CG to the rear axle [m]."""
     wheelbase: float
-    """Wheelbase [m]."""
+    """Wheelbase of the tractor [m]."""
 
 
 class StanleyLaw(NamedTuple):

@@ -24,19 +24,19 @@ class T2FnnState(NamedTuple):
     """Parameters of the network and its last inputs."""
 
     c1: Vector
-    """Centres of the fuzzy sets of x1, shape (I,) [unit of x1]."""
+    """Centres of the fuzzy sets of input x1, shape (I,) [unit of x1]."""
     c2: Vector
-    """Centres of the fuzzy sets of x2, shape (J,) [unit of x2]."""
+    """Centres of the fuzzy sets of input x2, shape (J,) [unit of x2]."""
     d1_lower: Vector
-    """Widths of the lower fuzzy sets of x1, shape (I,) [unit of x1]."""
+    """Widths of the lower fuzzy sets of input x1, shape (I,) [unit of x1]."""
     d1_upper: Vector
-    """Widths of the upper fuzzy sets of x1, shape (I,) [unit of x1]."""
+    """Widths of the upper fuzzy sets of input x1, shape (I,) [unit of x1]."""
     d2_lower: Vector
-    """Widths of the lower fuzzy sets of x2, shape (J,) [unit of x2]."""
+    """Widths of the lower fuzzy sets of input x2, shape (J,) [unit of x2]."""
     d2_upper: Vector
-    """Widths of the upper fuzzy sets of x2, shape (J,) [unit of x2]."""
+    """Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]."""
     f: Matrix
-    """Consequents of the rules, shape (I, J) [rad]."""
+    """Consequents of the fuzzy rules, shape (I, J) [rad]."""
     q: float
     """Weight q of the lower firing strengths in the output [-]."""
     x1: float | None = None
@@ -209,7 +209,7 @@ def loses_input(x: float, c: Array, d: Array, new: Array) -> bool:
 def update_widths(
     x: float, c: Vector, lower: Vector, upper: Vector, lower_change: Array, upper_change: Array, learning: Learning
 ) -> tuple[Vector, Vector]:
-    """Return lower and upper widths of one input after a step, d_min <= lower <= upper <= d_max (guard 3).
+    """Return the lower and upper widths of one input after a step, with d_min <= lower <= upper <= d_max (guard 3).
 
     If one width would exceed a limit, all widths of its vector are unchanged: learning stops at the limit, as the paper
     does for q. Clipping only one width would end the uniform scaling required by the proof of Theorem 1 (appendix A).
@@ -268,7 +268,7 @@ def tick(
 
 @jit
 def report_of(s: T2FnnState, W: tuple[Array, Array]) -> Vector:
-    """Return the log values: centres, widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
+    """Return the log values: set centres, set widths, consequents and normalised firing, shape (3 (I + J + I J),)."""
     W_lower, W_upper = W
     rows = (s.c1, s.c2, s.d1_lower, s.d1_upper, s.d2_lower, s.d2_upper, s.f.ravel(), W_lower.ravel(), W_upper.ravel())
     return np.concatenate(rows)

@@ -101,7 +101,7 @@ def _tick(
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
     found = corrected(model, state.pose_covariance, now.fix)
-    return finished(s, state, now, found, m, found[0][BIAS], dt)
+    return finished(s, state, now, found, m, float(found[0][BIAS]), dt)
 
 
 class BiasEkf(FixEkf):

@@ -35,7 +35,7 @@ from agrobot_mj.core.signals import Array, Matrix, PathPoint, Reference, Vector
 from agrobot_mj.paths.base import ReferencePath, reference_at
 
 CHUNK_S = 20.0
-"""Time interval of the samples added at a time [s]."""
+"""Time interval by which the sampled path is extended [s]."""
 BEYOND_S = 3600.0
 """Time after the end of the path up to which samples are added to reach a required arc length [s]."""
 

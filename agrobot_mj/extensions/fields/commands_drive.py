@@ -124,6 +124,7 @@ def field_run(
     from agrobot_mj.simulation.storage import files_of_run
 
     given = overrides([*(sets or []), *([f"guidance.kind={guidance}"] if guidance is not None else [])])
+    prices = _prices(price)
     field = _field(file, crs, name, quiet)
     stored = stored_plan(plan_file) if plan_file else None
     worked = width or (stored.width if stored else DEFAULT_WIDTH_M)
@@ -136,7 +137,7 @@ def field_run(
         plan = given_plan(plan_file, stored, field, rig, sections)
     _warn(plan, quiet)
     boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
-    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, _prices(price))
+    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, prices)
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":

@@ -50,3 +50,17 @@ def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
     status, out, err = call("field", "show", file, "--out", "found")
     assert (status, out, err) == (2, "", "home.csv: the boundary has 1 points; at least 3 are required\n")
     assert not (tmp_path / "found").exists()
+
+
+@pytest.mark.parametrize("arguments", [("show", ""), ("plan", "  "), ("run", "home.csv", "--plan", "")])
+def test_blank_file_name_is_an_error(call, file, arguments):
+    status, out, err = call("field", *arguments)
+    assert (status, out) == (2, "")
+    assert "an argument is blank" in " ".join(err.split())
+
+
+def test_price_is_checked_before_the_plan(call, file):
+    assert call("field", "run", file, "--price", "seed=3")[::2] == (
+        2,
+        "--price seed=3: give input_ha, yield_ha, hour, each 0 or more\n",
+    )
