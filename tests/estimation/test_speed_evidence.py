@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from recorded_drives import follow, nominal, record
 
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import TICK_S, Fix, Quality
 from agrobot_mj.estimation.ekf_full import EkfFull
 from agrobot_mj.estimation.full_core import FOUND, Inputs, Seen, Smooth
@@ -23,7 +24,7 @@ def aligned(v=1.0):
     core = state.horizon.core
     mean, P = core.mean.copy(), core.covariance.copy()
     mean[V], P[PSI, PSI], P[V, V], P[K, K] = v, radians(0.5) ** 2, 1e-4, 1e-4
-    return state.settings.filter, core._replace(
+    return fetched(state.settings).filter, core._replace(
         mean=mean, covariance=P, search=FOUND, smooth=Smooth(cruise=v), seen=Seen(speed=v)
     )
 
