@@ -51,13 +51,15 @@ def optional(text: str) -> set[str]:
     """Return the names of the packages in uv.lock that only extras need."""
     packages = {package["name"]: package for package in tomllib.loads(text)["package"]}
     (project,) = (package for package in packages.values() if "registry" not in package["source"])
-    todo = [needed["name"] for needs in project.get("optional-dependencies", {}).values() for needed in needs]
+    todo = [needed for needs in project.get("optional-dependencies", {}).values() for needed in needs]
     found: set[str] = set()
     while todo:
-        name = todo.pop()
-        if name not in found:
-            found.add(name)
-            todo += [needed["name"] for needed in packages[name].get("dependencies", [])]
+        needed = todo.pop()
+        package, extras = packages[needed["name"]], needed.get("extra", [])
+        if needed["name"] not in found or extras:
+            found.add(needed["name"])
+            todo += package.get("dependencies", [])
+            todo += [inner for extra in extras for inner in package["optional-dependencies"][extra]]
     return found
 
 

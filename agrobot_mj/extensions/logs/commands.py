@@ -34,7 +34,7 @@ Logs = Annotated[
 
 Only = Annotated[
     list[str] | None,
-    typer.Option(metavar="PART,PART", help="Run only calibrate, identify, replay or valve (of a run); repeatable."),
+    typer.Option(metavar="PART,PART", help="Run only calibrate, identify, keys, replay or valve (of a run)."),
 ]
 MapFile = Annotated[
     Path | None, typer.Option("--map", metavar="MAP.toml", help=f"Map of the columns ({PAGE}), except for own logs.")
@@ -45,7 +45,7 @@ Share = Annotated[
         min=0.2, max=0.9, callback=finite, help="Fraction of the logs for the fit; the rest is for evaluation."
     ),
 ]
-Fitted = Annotated[str, typer.Option("--fit", help="Parameters to identify; lag requires fast steering.")]
+Fitted = Annotated[str, typer.Option("--fit", help="Parameters to identify, or scenario keys for --only keys.")]
 By = Annotated[
     Literal["steer", "valve"] | None,
     typer.Option("--by", help="Recorded input of a replay. Default: the wheel angle."),
@@ -78,8 +78,8 @@ def twin(
 
     Sizes and masses are those of --machine and --set. Writes report.html, machine.toml, scenario.toml, map.toml and
     twin.json. Parts: calibrate estimates centre and scale of the steering sensor, latencies and the antenna position;
-    identify fits stiffnesses, steering offset, delay and backlash; replay simulates a plant with the recorded steering
-    and speed; valve fits the steering valve to a run.
+    identify fits stiffnesses, steering offset, delay and backlash; keys fits any scenario key; replay simulates a plant
+    with the recorded steering and speed; valve fits the steering valve to a run.
     """
     from agrobot_mj.extensions.logs.parts import Job, analyse, chosen_parts
 
@@ -156,6 +156,7 @@ COMMANDS = {
         "twin field.csv --map map.toml --machine row_crop --out mine",
         "twin field.csv --map map.toml --describe",
         "twin field.csv --map map.toml --only calibrate --set tractor.wheelbase_m=2.1",
+        "twin field.csv --map map.toml --only keys --fit plant.tyre.front.lateral.stiffness_per_load",
         "twin runs/mine --only valve",
     ),
     _former_identify(): HelpEntry(now="twin LOG --only identify, or RUN_DIR --only valve"),

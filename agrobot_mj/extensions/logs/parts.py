@@ -12,6 +12,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.core.table_columns import Source, loaded
 from agrobot_mj.extensions.logs.calibrate import Calibration, calibrate
 from agrobot_mj.extensions.logs.health import health_lines
+from agrobot_mj.extensions.logs.identify.keys import fit_keys
 from agrobot_mj.extensions.logs.identify.valve import NAMES, Identified, identify, rate_of
 from agrobot_mj.extensions.logs.identify.vehicle import NothingExplainedError, identify_vehicle
 from agrobot_mj.extensions.logs.identify.windows import TooLittleError
@@ -137,6 +138,15 @@ def vehicle(job: Job) -> Finding:
     return Finding([*found.notes, _table(found.found, {}), *vehicle_sentences(found, scenario.tractor)], content)
 
 
+def keys(job: Job) -> Finding:
+    """Fit scenario keys by replays, with the toolbox of MuJoCo."""
+    sources, log_map, scenario, options = job.given("names")
+    found = fit_keys(sources, log_map, scenario, **options)
+    content = {"identity": job.identity("names"), **found._asdict(), "found": quantity_numbers(found.found)}
+    off = [f"{name}: rms residual {a:.3g}, at the start {b:.3g}" for name, (b, a) in found.rms.items()]
+    return Finding([*found.notes, _table(found.found, {}), *off], content)
+
+
 def _table(found: Found, units: Mapping[str, str]) -> str:
     """Return values with intervals as a table: plain text and valid Markdown."""
     return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
@@ -225,6 +235,7 @@ def write_text(file: Path, text: str) -> None:
 PARTS = {
     "calibrate": LogPart(calibration, "calibration.json", lambda scenario: ("map.toml",)),
     "identify": LogPart(vehicle, "vehicle.json"),
+    "keys": LogPart(keys, "keys.json"),
     "replay": LogPart(driven, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }

@@ -191,38 +191,38 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
     Errors are plant minus recording, in the axes of the plant. Window errors are distances after the best rigid motion
     of each window; NaN in a window with too few positions.
     """
-    fixes, model = _beside(recording, driven)
+    fixes, model = beside(recording, driven)
     east, north = (model - fixes.value).T
     yaw = np.interp(fixes.t, driven.t, driven.yaw)
     c, s = np.cos(yaw), np.sin(yaw)
     shape = np.full(len(fixes.t), nan)
-    for inside, laid in _windows(fixes, model, driven.t[0]):
+    for _, inside, laid in windows(fixes, model, driven.t[0]):
         shape[inside] = np.hypot(*(laid - fixes.value[inside]).T)
     return fixes.t, np.column_stack([c * east + s * north, -s * east + c * north]), shape
 
 
-def _beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return recorded positions, and positions of the plant at their times (n, 2) [m]; both empty without positions."""
+def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
+    """Return recorded positions, and positions of the plant at the same times (n, 2) [m]; empty without positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
     return fixes, np.column_stack([np.interp(fixes.t, driven.t, each) for each in driven.point.T])
 
 
-def _windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[Array, Array]]:
-    """Yield for each window the mask (n,) of its positions, and the aligned positions of the model."""
+def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int, Array, Array]]:
+    """Yield for each window its number, the mask (n,) of its positions, and the aligned positions of the model."""
     window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k
         if inside.sum() >= 8 and np.ptp(fixes.t[inside]) > 0.5 * WINDOW_S:
-            yield inside, rigid(model[inside], fixes.value[inside]).of(model[inside])
+            yield int(k), inside, rigid(model[inside], fixes.value[inside]).of(model[inside])
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
     """Return the length of the recorded track divided by the length of the plant's track [-]; NaN without a track."""
     recorded = own = 0.0
     for recording, driven in pieces:
-        fixes, model = _beside(recording, driven)
+        fixes, model = beside(recording, driven)
         if len(fixes.t):
             recorded += float(chords(fixes, STRETCH_S)[1].sum())
             own += float(chords(TimeSeries(fixes.t, model), STRETCH_S)[1].sum())

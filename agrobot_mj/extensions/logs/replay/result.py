@@ -82,7 +82,7 @@ def replay_pieces(
 ) -> ReplayResult:
     """Replay segments that have been read, and return the same result as `replay`."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
-    scenario = on_wide_ground(scenario, max(map(_reach, recordings)))
+    scenario = on_wide_ground(scenario, max(map(reach, recordings)))
     driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
     wheelbase = scenario.tractor.wheelbase_m
     numbers = {
@@ -103,8 +103,8 @@ def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
 
 
-def _reach(recording: FieldRecording) -> float:
-    """Return the maximum absolute coordinate of a segment [m], or its track length if it has no positions."""
+def reach(recording: FieldRecording) -> float:
+    """Return the maximum absolute coordinate of a segment [m]; without positions its maximum track length."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)

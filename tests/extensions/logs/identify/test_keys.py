@@ -1,0 +1,53 @@
+"""Scenario keys fitted with MuJoCo's toolbox: hidden values are found, and other keys are rejected."""
+
+import numpy as np
+import pytest
+from extras import NEEDS_SYSID
+from machines import log_of
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.logs.identify.keys import fit_keys
+from agrobot_mj.extensions.logs.identify.vehicle import identify_vehicle
+from agrobot_mj.extensions.logs.identify.windows import TooLittleError
+from agrobot_mj.scenario.loading import load_scenario
+
+BICYCLE = load_scenario("straight_line", {"plant.kind": "bicycle"})
+HIDDEN = {"plant.front_cornering_stiffness_n_rad": 11e3, "plant.rear_cornering_stiffness_n_rad": 24e3}
+
+
+def log_with_hidden_stiffness(duration=60.0):
+    return log_of(3, duration, **{key.replace(".", "__"): value for key, value in HIDDEN.items()}).signals
+
+
+@NEEDS_SYSID
+def test_fitted_keys_agree_with_the_hidden_values_and_with_identify():
+    log = log_with_hidden_stiffness()
+    found = fit_keys([log], None, BICYCLE, list(HIDDEN))
+    own = identify_vehicle([log], None, BICYCLE, ("front", "rear", "offset", "delay", "backlash"), share=0.9).found
+    for key, true in HIDDEN.items():
+        fitted, other = found.found[key], own[key.removeprefix("plant.")]
+        assert fitted.value == pytest.approx(true, rel=0.03)
+        assert fitted.identified
+        assert abs(fitted.value - other.value) < np.hypot(fitted.half, other.half)
+        assert found.toolbox[key] < fitted.half < other.half
+    assert found.rms["yaw_rate"][1] < 0.5 * found.rms["yaw_rate"][0]
+
+
+@NEEDS_SYSID
+def test_short_log_is_rejected_with_the_number_of_windows():
+    with pytest.raises(TooLittleError, match="needs 6; use a longer log"):
+        fit_keys([log_with_hidden_stiffness(20.0)], None, BICYCLE, list(HIDDEN))
+
+
+@NEEDS_SYSID
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("plant.front_cornering_stifness_n_rad", "did you mean 'plant.front_cornering_stiffness_n_rad'"),
+        ("plant.kind", "nonzero number to start from"),
+        ("front", "not a scenario key"),
+    ],
+)
+def test_keys_without_a_number_are_rejected_with_the_remedy(key, message):
+    with pytest.raises(ScenarioError, match=message):
+        fit_keys([log_with_hidden_stiffness(20.0)], None, BICYCLE, [key])
