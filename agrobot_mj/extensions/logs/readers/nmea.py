@@ -8,7 +8,7 @@ omitted, because the receiver has not yet set its clock. The speed is over groun
 import mmap
 from math import inf
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.table_columns import FieldLogError, check_size
@@ -44,15 +44,19 @@ class _Sentences:
         self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
+        self.valid, self.invalid = set[str](), dict[str, Any]()
+        """Kinds with valid checksums; number, first line and first text of sentences with invalid ones, by kind."""
         self._counted, self._line = 0, 1
 
     def read(self) -> ReadLog:
         """Return the values of all sentences. Raises `FieldLogError`."""
         for found in found_in(self.data):
             if not found.fields:
-                why = "wrong checksum" if "*" in found.text else "no checksum"
-                self.samples.damaged(self._line_of(found), f"{why}: {found.text}")
-            elif (values := self._values(found)) is not None:
+                count, *first = self.invalid.get(found.kind) or (0, self._line_of(found), found.text)
+                self.invalid[found.kind] = (count + 1, *first)
+                continue
+            self.valid.add(found.kind)
+            if (values := self._values(found)) is not None:
                 if self.t < self.latest.get(found.kind, -inf) - LATE_S:
                     self._begin_again(found)
                 self.latest[found.kind] = self.t
@@ -67,6 +71,13 @@ class _Sentences:
             )
         if self.unclear:
             notes.append(f"{self.unclear} sentences with invalid fields are omitted, first {self.first_unclear}")
+        for kind, (count, line, text) in self.invalid.items():
+            why = "wrong checksum" if "*" in text else "no checksum"
+            if self.valid and kind not in self.valid:
+                notes.append(f"all {count} {kind} sentences are omitted: {why}")
+                continue
+            for _ in range(count):
+                self.samples.damaged(line, f"{why}: {text}")
         what = f"sentences with a time, a fix and values ({', '.join(KINDS)})"
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
@@ -100,7 +111,7 @@ class _Sentences:
                 "file there"
             )
         self.samples, self.latest, self.start = Samples(self.path), {}, self.t
-        self.early, self.kept = self.early + self.kept, 0
+        self.early, self.kept, self.invalid = self.early + self.kept, 0, {}
 
     def _is_reset(self, text: str) -> bool:
         """Return whether a time of day differs from the time of the preceding sentence by more than `RESET_S`."""

@@ -236,3 +236,16 @@ def test_ksxt_alone_is_a_position_with_speed(tmp_path):
             "heading": radians(-30.5),
         }
     )
+
+
+def test_kind_whose_checksums_are_all_invalid_is_omitted_with_a_note(tmp_path):
+    """Some receivers compute the checksum of one sentence wrongly."""
+    lines = []
+    for k in range(20):
+        place = f"5052.62{k:02d},N,00441.94{k:02d},E"
+        lines += [f"$GPGGA,1200{k:02d}.00,{place},1,9,0.9,35.0,M,46.0,M,,*00"]
+        lines += [checked(f"$GPRMC,1200{k:02d}.00,A,{place},4.5,90.0,040526,,")]
+    (tmp_path / "half.nmea").write_text("\n".join(lines))
+    found = open_log(tmp_path / "half.nmea")
+    assert found.source.num_rows == 20
+    assert found.notes[0] == "all 20 GGA sentences are omitted: wrong checksum"

@@ -1,0 +1,43 @@
+"""The table of public logs has one row per log and release, which is never changed."""
+
+import log_table
+import pytest
+
+LOGS = '[[log]]\nname = "mine"\nfiles = ["field.csv"]\nset = ["tractor.wheelbase_m=2.4"]\n'
+
+
+@pytest.fixture
+def logs(tmp_path):
+    (tmp_path / "logs.toml").write_text(LOGS)
+    (tmp_path / "field.csv").write_text("time_s,speed_km_h\n0,1\n1,1\n")
+    return tmp_path / "logs.toml"
+
+
+def test_log_that_cannot_be_used_has_a_row_with_the_reason(logs, capsys):
+    assert log_table.main([str(logs)]) == 0
+    (row,) = log_table.rows_of(logs.with_suffix(".md").read_text())
+    assert row[1] == "mine"
+    assert row[-2] == "tractor.wheelbase_m=2.4"
+    assert "field.csv" in row[-1]
+    assert len(row) == len(log_table.HEAD)
+    assert capsys.readouterr().out == logs.with_suffix(".md").read_text()
+
+
+def test_row_of_a_release_is_kept_and_the_next_release_adds_one(logs, monkeypatch):
+    monkeypatch.setattr(log_table, "cells", lambda log, folder: ("60", "1.0 / 2.0", "0.1 / 0.2", "90%", "-", "-"))
+    log_table.main([str(logs)])
+    before = log_table.rows_of(logs.with_suffix(".md").read_text())
+    monkeypatch.setattr(log_table, "cells", lambda log, folder: ("60", "9.0 / 9.0", "9 / 9", "9%", "-", "-"))
+    log_table.main([str(logs)])
+    assert log_table.rows_of(logs.with_suffix(".md").read_text()) == before
+    monkeypatch.setattr(log_table, "__version__", "99.0")
+    log_table.main([str(logs)])
+    after = log_table.rows_of(logs.with_suffix(".md").read_text())
+    assert after[:-1] == before
+    assert after[-1][0] == "99.0"
+    assert after[-1][3] == "9.0 / 9.0"
+
+
+def test_missing_file_prints_the_usage(capsys):
+    assert log_table.main(["none.toml"]) == 2
+    assert "usage" in capsys.readouterr().err
