@@ -64,7 +64,10 @@ def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
 def map_lines(c: Calibration) -> str:
     """Return the calibrated map as TOML text, with the intervals of estimated values as comments."""
     notes = {key: " to ".join(each.ends) for key, each in c.found.items() if each.identified}
-    return annotated_toml(c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True), notes)
+    data = c.calibrated.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
+    for table, _, name in (key.partition(".") for key in notes):
+        data[table].setdefault(name, getattr(getattr(c.calibrated, table), name))  # a value may be the default
+    return annotated_toml(data, notes)
 
 
 def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:

@@ -21,6 +21,8 @@ MARGIN_DEG = 1.0
 MOST_STEER_DEG = 60.0
 """Maximum plausible steering limit [deg]."""
 BACKLASH = "steering.linkage.backlash_deg"
+MOST_CENTRE_DEG, MOST_SCALE = 20.0, (0.2, 5.0)
+"""Limits of the error of centre [deg] and scale [-] of a steering sensor in a scenario."""
 CARCASS = (0.05, 2.0)
 """Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]."""
 
@@ -85,7 +87,7 @@ def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, Twin
 
 
 def _sensors(c: Calibration) -> dict[str, TwinKey]:
-    """Return keys of the steering sensor, of the position latency, and of the second antenna."""
+    """Return keys of the steering sensor, of the receiver with its antenna, and of the second antenna."""
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
@@ -94,14 +96,54 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
     }
     if steps := _step(c):
         keys["sensors.steering_pot.resolution_deg"] = TwinKey(round(steps * scale, 4), "one measurement")
+    keys |= _settings(c)
+    if (position := c.pieces.kept[0].position) is not None:
+        ticks = min(max(1, round(float(np.median(np.diff(position.t))) / TICK_S)), round(1 / TICK_S))
+        keys["sensors.gnss.rate_hz"] = TwinKey(1 / (ticks * TICK_S), "rate of the log, in whole ticks")
     age = c.found.get("position.delay_s")
-    if age and age.identified and (ticks := round(age.value / TICK_S)) > 0:
+    if age and age.identified and (ticks := round(age.value / TICK_S)) >= 0:
         keys["sensors.gnss.latency_s"] = TwinKey(round(ticks * TICK_S, 2), f"{' to '.join(age.ends)}, in whole ticks")
+    for place in ("ahead_m", "left_m"):
+        if (found := c.found.get(f"position.{place}")) and found.identified:
+            keys[f"tractor.antenna_{place}"] = TwinKey(found.rounded, " to ".join(found.ends))
+            if c.log_map.position and place in c.log_map.position.model_fields_set:
+                given = getattr(c.log_map.position, place)
+                keys[f"sensors.gnss.configured_{place}"] = TwinKey(given, f"position.{place} of the given map")
     if "heading" in channels_of(c.pieces.kept[0]):
         keys["sensors.gnss.dual_antenna.enabled"] = TwinKey(True, "the log has a heading")
         if (off := c.heading_error) is not None:
             keys["sensors.gnss.dual_antenna.mounting_deg"] = TwinKey(round(degrees(off), 2), _mounting(c))
     return keys
+
+
+def _settings(c: Calibration) -> dict[str, TwinKey]:
+    """Return keys of the errors that the sensor has with centre and scale of the given map, or with equal scales."""
+    keys, told = dict[str, TwinKey](), c.steer.model_fields_set
+    left, right = c.found["steer.scale"], c.found.get("steer.scale_right", c.found["steer.scale"])
+    given = c.steer.scale if "scale" in told else left.value
+    if "offset" in told and abs(off := -degrees(c.centre_error) * given / left.value) <= MOST_CENTRE_DEG:
+        note = f"steer.offset of the map {' to '.join(c.found['steer.offset'].ends)}, not {c.steer.offset:g}"
+        keys["sensors.steering_pot.centre_deg"] = TwinKey(round(off, 2), note)
+    for side, used, found in (("left", given, left), ("right", c.steer.scale_right or given, right)):
+        share = used / found.value
+        if found.identified and found.excludes(used) and MOST_SCALE[0] <= share <= MOST_SCALE[1]:
+            note = f"{used:.4g} of the map divided by {' to '.join(found.ends)}"
+            keys[f"sensors.steering_pot.scale_{side}"] = TwinKey(float(f"{share:.4g}"), note)
+    return keys
+
+
+def twin_faults(c: Calibration) -> list[dict[str, Any]]:
+    """Return the latencies that a log identifies beyond that of the receiver, as faults of a scenario."""
+    age = {key.removesuffix(".delay_s"): each.value for key, each in c.found.items() if each.identified}
+    found = {"steering_pot": age.get("steer", 0.0)}
+    if c.log_map.heading is not None and "position" in age and "heading" in age:
+        found["heading"] = age["heading"] - max(age["position"], 0.0)
+    if c.log_map.speed.of == "wheel":
+        found["wheel_speed"] = age.get("speed", 0.0)
+    ticks = {line: round(value / TICK_S) for line, value in found.items()}
+    return [
+        {"kind": f"{line}_delay", "start_s": 0.0, "delay_s": round(n * TICK_S, 2)} for line, n in ticks.items() if n > 0
+    ]
 
 
 def _step(c: Calibration) -> float:

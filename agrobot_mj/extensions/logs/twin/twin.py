@@ -29,7 +29,7 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.driving import Driven
 from agrobot_mj.extensions.logs.replay.result import ReplayResult, replay_pieces
 from agrobot_mj.extensions.logs.series import TimeSeries
-from agrobot_mj.extensions.logs.twin.machine import BACKLASH, TwinKey, machine_data, twin_keys
+from agrobot_mj.extensions.logs.twin.machine import BACKLASH, TwinKey, machine_data, twin_faults, twin_keys
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 
@@ -162,7 +162,7 @@ def twin(
     play = keys.get(BACKLASH)
     judged = own if play is None else own.changed({BACKLASH: 0.0})
     held_out = replay_pieces([_behind(each, radians(play.value)) for each in rest] if play else rest, judged)
-    texts = _texts(name, scenario, keys, way(whole, own.tractor.cg_to_rear_axle))
+    texts = _texts(name, scenario, keys, way(whole, own.tractor.cg_to_rear_axle), twin_faults(found))
     identity = log_identity(scenario, sources, m, share=share, start_s=start_s, end_s=end_s)
     return Twin(name, found, vehicle, keys, own, tuple(fitted), held_out, texts, identity)
 
@@ -174,9 +174,14 @@ def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
 
 
-def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Array | None) -> dict[str, str]:
-    """Return the machine file and, if the machine can follow it, a scenario with the longest recorded track, as
-    texts."""
+def _texts(
+    name: str,
+    scenario: Scenario,
+    keys: dict[str, TwinKey],
+    points: Array | None,
+    faults: Sequence[dict[str, Any]] = (),
+) -> dict[str, str]:
+    """Return the texts of the machine file and of a scenario with the longest drive, if the machine can follow it."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
@@ -185,13 +190,13 @@ def _texts(name: str, scenario: Scenario, keys: dict[str, TwinKey], points: Arra
         return texts
     texts[WAY] = waypoint_text(points)
     for smoothing in SMOOTHING_M:
-        texts[SCENARIO] = _scenario_text(title, points, smoothing)
+        texts[SCENARIO] = _scenario_text(title, points, smoothing, faults)
         if _drivable(texts):
             return texts
     return {MACHINE: texts[MACHINE]}
 
 
-def _scenario_text(title: str, points: Array, smoothing: float) -> str:
+def _scenario_text(title: str, points: Array, smoothing: float, faults: Sequence[dict[str, Any]]) -> str:
     reach, speed = (float(np.abs(points[:, part]).max()) for part in (slice(2), 2))
     data: dict[str, Any] = {
         "title": f"{title}: longest recorded drive",
@@ -207,6 +212,8 @@ def _scenario_text(title: str, points: Array, smoothing: float) -> str:
     }
     if reach > LEVEL_M:
         data["terrain"] = {"kind": "flat", "half_size_m": float(ceil(reach) + 100)}
+    if faults:
+        data["fault"] = list(faults)
     head = "The recorded track with a guidance law of agrobot-mj; the law of the machine is unknown."
     return annotated_toml(data, {}, head)
 
