@@ -24,6 +24,7 @@ BROUGHT = {
     **{"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"},
     **{"first_drive.md": "examples/notebooks/first_drive.ipynb", "own_law.md": "examples/notebooks/own_law.ipynb"},
     **{"log_to_twin.md": "examples/notebooks/log_to_twin.ipynb"},
+    **{"boundary_to_report.md": "examples/notebooks/boundary_to_report.ipynb"},
 }
 """Pages whose source is in other folders of the checkout."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")

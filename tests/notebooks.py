@@ -15,6 +15,7 @@ BOOKS = {name: json.loads(text) for name, text in TEXTS.items() if not any(modul
 SHORTER = {
     "first_drive": [('"duration_s": 20', '"duration_s": 12')],
     "own_law": [('"duration_s": 20', '"duration_s": 4'), ("(0, 10, 20), (0.4, 1.5, 3.0)", "(0, 20), (0.4, 3.0)")],
+    "boundary_to_report": [("EAST, NORTH = 70, 45", "EAST, NORTH = 40, 26")],
     "log_to_twin": [('"duration_s": 60', '"duration_s": 30'), ('"guidance.kind": "lqr"', '"duration_s": 2')],
 }
 """Replacements in the code of each notebook that shorten it."""

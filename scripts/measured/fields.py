@@ -4,10 +4,6 @@ By default, sizes are those of the page's tables; `--full` runs the full size (d
 """
 
 import json
-import os
-import subprocess
-import sys
-import tarfile
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from public_files import source_files
 from scipy.stats import nct, norm, t
 from sweeps import Blocks, Row, Study
 
@@ -159,21 +156,9 @@ def headlands(study: Study) -> Blocks:
 
 
 def public_fields(folder: Path) -> dict[str, Path]:
-    """Download the source package of Fields2Cover and return its field files; empty if it cannot be downloaded."""
-    if not (found := list(folder.glob("fields2cover-*.tar.gz"))):
-        tools = folder / "tools"
-        pip = [sys.executable, "-m", "pip", "-q"]
-        source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), "fields2cover")
-        for command in (["install", "--target", str(tools), "scikit-build-core"], ["download", *source]):
-            environment = {**os.environ, "PYTHONPATH": str(tools)}
-            subprocess.run([*pip, *command], env=environment, check=False)
-        if not (found := list(folder.glob("fields2cover-*.tar.gz"))):
-            return {}
-    with tarfile.open(found[0]) as package:
-        for member in package.getmembers():
-            if (name := Path(member.name).name) in PUBLIC.values():
-                (folder / name).write_bytes(package.extractfile(member).read())  # type: ignore[union-attr]
-    return {name: folder / file for name, file in PUBLIC.items()}
+    """Return the files of the public fields; empty if the package is not available."""
+    found = {file.name: file for file in source_files("fields2cover", folder)}
+    return {name: found[file] for name, file in PUBLIC.items() if file in found}
 
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from notebooks import executed, lengths
 from PIL import Image
 from rerun.chunk import RrdReader
 from shapely import Polygon
@@ -236,3 +237,11 @@ def test_resume_without_an_interrupted_drive_is_an_error(call, tmp_path, monkeyp
     )
     assert (status, (tmp_path / "out").exists()) == (2, False)
     assert err.startswith("--resume: there is no interrupted drive with these options")
+
+
+@lengths
+def test_notebook_leads_from_a_boundary_to_a_report(tmp_path, full):
+    _, missed = executed(tmp_path, "boundary_to_report", full, "found['areas']['field']['missed_percent']")
+    assert 0.0 < missed < 10.0
+    assert "Field work on home" in (tmp_path / "work" / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "figure.png").is_file()
