@@ -17,7 +17,7 @@ from agrobot_mj.scenario.overrides import machine_data, names_file
 
 COMPACT = "compact"
 """Default machine of a scenario."""
-TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "plant", "speed", "guidance")
+TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator", "plant", "speed", "guidance")
 """Tables that a machine file may contain, in addition to the key `title`."""
 
 

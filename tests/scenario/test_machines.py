@@ -122,6 +122,15 @@ def test_other_shipped_machines_follow_the_nearest_path_point():
     assert set(laws.values()) == {"lqr"}
 
 
+@pytest.mark.parametrize("name", ["row_crop", "utility"])
+def test_estimator_of_a_machine_yields_to_the_scenario(name):
+    own = load_scenario("rain", {"machine": name})
+    assert (own.estimator.kind, own.estimator.terrain_compensation) == ("ekf_full", True)
+    papers = load_scenario("rain", {"machine": name, "estimator.kind": "ekf"}).estimator
+    assert (papers.kind, papers.terrain_compensation) == ("ekf", False)
+    assert load_scenario("side_slope_10_bias_ekf", {"machine": name}).estimator.kind == "ekf_bias"
+
+
 def test_table_of_another_kind_inherits_no_keys_from_the_machine(mine):
     assert load_scenario("grain_cart", {"machine": mine}).implement == load_scenario("grain_cart").implement
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
