@@ -66,12 +66,10 @@ RECOMMENDED = {
     "physics": "fast",
 }
 """Overrides for the recommended stack with large steps."""
-UNDISTURBED = 10
-"""Percentile of the tick times that counts as undisturbed by other processes [%]."""
+UNDISTURBED = 10  # Percentile of the tick times that counts as undisturbed by other processes [%]
 HELD_STEPS, MOVING_S = 500, 12.0
 """Number of steps after which the bare model restarts, because it would fall over, and time of acceleration [s]."""
-NO_IMPLEMENT, ROUNDS = NoImplement(), 15
-"""Default implement, and number of rounds of a measurement [-]."""
+NO_IMPLEMENT, ROUNDS = NoImplement(), 15  # Default implement, and number of rounds of a measurement [-]
 
 
 class BareModel:

@@ -20,8 +20,7 @@ DIST = ROOT / "dist"
 UV = os.environ.get("UV", "uv")
 PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
 """Versions of Python, or paths of interpreters, in which the package is checked."""
-KEPT = ("UV_", "PIP_", "SSL_")
-"""Prefixes of environment variables that configure the package index."""
+KEPT = ("UV_", "PIP_", "SSL_")  # Prefixes of environment variables that configure the package index
 SHORT = ("--set", "duration_s=2", "-q")
 COMMANDS = (
     ("--version",),

@@ -13,14 +13,12 @@ from recorded_drives import FULL, TILT, Day, End, RecordedDrive, Whole, end, fol
 
 from agrobot_mj.core.signals import NOMINAL, Array
 
-DURATION_S = 110.0
-"""Duration of a drive [s]."""
+DURATION_S = 110.0  # Duration of a drive [s]
 DRIVES, SEEDS = range(6, 11), range(200, 220)
 """Seeds of the recorded drives of a case, and seeds of the sensors. The settings were tuned with other seeds."""
 LOSSES_S, LOSS_STARTS_S = (4.0, 11.0, 20.0), ((22.0, 46.0), (66.0, 90.0))
 """Durations of the outages, and the time ranges in which the two outages of a replay start [s]."""
-SPACING_M, HALF_WIDTH_M = 0.5, 75.0
-"""Grid spacing and half width of the height maps [m]."""
+SPACING_M, HALF_WIDTH_M = 0.5, 75.0  # Grid spacing and half width of the height maps [m]
 Keys = dict[str, Any]
 
 

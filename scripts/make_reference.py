@@ -96,10 +96,8 @@ def _section(title: str, columns: Iterable[Column]) -> str:
     return f"## {title}\n\n{markdown_table(('column', 'unit', 'description'), rows)}\n"
 
 
-INDEXED = re.compile(r"^(.+?)(?:_(\d+(?:_\d+)*|[fri][lr]))?$")
-"""Pattern of a column name: stem, then index or wheel."""
-MOST_LISTED = 4
-"""Maximum number of columns listed individually in a row: the four wheels."""
+INDEXED = re.compile(r"^(.+?)(?:_(\d+(?:_\d+)*|[fri][lr]))?$")  # Pattern of a column name: stem, then index or wheel
+MOST_LISTED = 4  # Maximum number of columns listed individually in a row: the four wheels
 
 
 class Number(NamedTuple):
@@ -208,8 +206,7 @@ def _varied(data: dict[str, Any]) -> Iterator[str]:
         yield f"{len(draws)} drawn keys" if len(draws) > MOST_DRAWS else ", ".join(f"`{key}`" for key in draws)
 
 
-MOST_DRAWS = 4
-"""Maximum number of draws of a sweep that are listed by name."""
+MOST_DRAWS = 4  # Maximum number of draws of a sweep that are listed by name
 
 
 TABLES_OF = {

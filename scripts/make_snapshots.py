@@ -20,8 +20,7 @@ from agrobot_mj.recording import Recording, write_comparison
 from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
 PLAN = tomllib.loads(Path(__file__).with_name("snapshots.toml").read_text("utf-8"))
-COVER = "figure_eight", "drive"
-"""Scenario and tab of the cover image."""
+COVER = "figure_eight", "drive"  # Scenario and tab of the cover image
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
 """Scenario of the comparison with its overrides, and time of its image [s]."""
 WIDTH, QUALITY, VIEW_SIZE = 1280, 85, (640, 400)

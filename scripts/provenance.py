@@ -22,8 +22,7 @@ from agrobot_mj.core.version import __version__
 ROOT = Path(__file__).parent.parent
 PARTS = (*(f"agrobot_mj/{part}" for part in DECIDING), "models", "scenarios")
 """Paths of the files that determine the results of a run."""
-LATER = "The code has changed since."
-"""Sentence that marks a block as measured with other code."""
+LATER = "The code has changed since."  # Sentence that marks a block as measured with other code
 BLOCK = re.compile(r"^<!-- (?P<name>standing(?: \w+)?) -->\n(?P<text>(?!Not driven yet;).*?)\n<!-- end of", re.M | re.S)
 STATEMENT = re.compile(r"Version [\d.]+, commit (?P<commit>[0-9a-f]{9})(?: with changes)?, code (?P<code>[0-9a-f]{12})")
 

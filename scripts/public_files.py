@@ -27,8 +27,7 @@ EXPECTED: dict[str, dict[str, float | str]] = {
 }
 """Area [ha] or part of the message for each file of a package."""
 SUFFIXES = (".json", ".geojson", ".kml", ".gpx", ".gml", ".xml", ".wkt", ".csv", ".shp", ".zip")
-NEAR = 1e-3
-"""Tolerance of an area [-]."""
+NEAR = 1e-3  # Tolerance of an area [-]
 
 
 def source_files(package: str, folder: Path) -> list[Path]:

@@ -17,15 +17,12 @@ from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.loop import Loop
 
 SENSORS: dict[str, Any] = {f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")}
-SENSORS["sensors.gyro.bias_deg_s"] = 0.5
-"""Sensors in all cases. The gyro bias is typical of a cold MEMS unit."""
-BEGIN_S, DURATION_S = 20.0, 120.0
-"""Time from which errors are evaluated, and duration of a drive [s]."""
+SENSORS["sensors.gyro.bias_deg_s"] = 0.5  # Sensors in all cases. The gyro bias is typical of a cold MEMS unit.
+BEGIN_S, DURATION_S = 20.0, 120.0  # Time from which errors are evaluated, and duration of a drive [s]
 FULL, BIAS, PAPER, UKF = ({"kind": kind} for kind in ("ekf_full", "ekf_bias", "ekf", "ukf"))
 TILT = {"terrain_compensation": True}
 SLOPE = {"terrain": {"kind": "slope", "grade_deg": 10.0, "direction_deg": 90.0}}
-Day = Callable[[float], Conditions]
-"""Function that returns the conditions for a time [s]."""
+Day = Callable[[float], Conditions]  # Function that returns the conditions for a time [s]
 
 
 class RecordedDrive(NamedTuple):

@@ -29,8 +29,7 @@ from agrobot_mj.studies.sweep import SweepOptions, sweep
 from agrobot_mj.studies.sweep.store import TABLE, read_rows
 
 Row = dict[str, Any]
-Blocks = dict[str, str]
-"""Content of blocks by name of the block; empty if runs are missing."""
+Blocks = dict[str, str]  # Content of blocks by name of the block; empty if runs are missing
 
 
 def shipped(name: str) -> dict[str, Any]:

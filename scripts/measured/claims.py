@@ -22,8 +22,7 @@ from agrobot_mj.plants import Bicycle
 
 PLANTS = ("bicycle", "mujoco")
 PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
-FASTER = "pd_t1fnn, faster"
-"""Type-1 network whose learning rate is close to the final rate of type 2."""
+FASTER = "pd_t1fnn, faster"  # Type-1 network whose learning rate is close to the final rate of type 2
 STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
 """Name of the sweep of each study."""
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]

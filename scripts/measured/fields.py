@@ -34,8 +34,7 @@ from agrobot_mj.extensions.fields.reading import read_field
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 
-Keys = tuple[tuple[str, Any], ...]
-"""Overrides of a scenario by dotted key."""
+Keys = tuple[tuple[str, Any], ...]  # Overrides of a scenario by dotted key
 LAWS, TURNS = ("lqr", "stanley", "kinematic"), ("omega", "bulb", "clothoid", "k")
 VALVES: dict[str, Keys] = {
     "new": (),
@@ -46,10 +45,8 @@ RAISED: Keys = (("implement.kind", "mounted"), ("implement.lowered", False))
 DRAWN: Keys = (("implement.kind", "drawn"),)
 IMPLEMENTS = {"1.8 m": (1.8, ()), "3 m mounted": (3.0, RAISED), "3 m drawn": (3.0, DRAWN)}
 """Width [m] and keys of each implement."""
-PROBABILITY, CONFIDENCE = 0.95, 0.9
-"""Quantile of the distances, and confidence of all intervals [-]."""
-BEYOND_M = 20.0
-"""Distance that the plan may leave the swaths [m]."""
+PROBABILITY, CONFIDENCE = 0.95, 0.9  # Quantile of the distances, and confidence of all intervals [-]
+BEYOND_M = 20.0  # Distance that the plan may leave the swaths [m]
 
 
 SLOPE: Keys = (("terrain.kind", "slope"), ("terrain.grade_deg", 6.0))
@@ -78,14 +75,12 @@ OVERLAPS_M = (0.0, 0.05, 0.1, 0.2, 0.3)
 class Drive(NamedTuple):
     """Run of a study, with its labels and all that defines it."""
 
-    place: str
-    """Type of the turns, or name of the field."""
+    place: str  # Type of the turns, or name of the field
     valve: str
     implement: str
     law: str
     seed: int
-    size: tuple[float, ...]
-    """Number and length [m] of the swaths, or scale of the field."""
+    size: tuple[float, ...]  # Number and length [m] of the swaths, or scale of the field
     width: float
     keys: Keys
 

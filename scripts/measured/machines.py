@@ -16,11 +16,9 @@ from agrobot_mj.core.resources import machine_files, scenario_files
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.run import run
 
-Pair = tuple[str, str]
-"""Name of a machine, and name of a scenario."""
+Pair = tuple[str, str]  # Name of a machine, and name of a scenario
 BLOCK = "exceptions"
-STANDARD = ("step_steer",)
-"""Scenarios whose tyres are too stiff for steps of 5 ms on a light machine."""
+STANDARD = ("step_steer",)  # Scenarios whose tyres are too stiff for steps of 5 ms on a light machine
 WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
 """Physical reasons for the exceptions, by scenario."""
 

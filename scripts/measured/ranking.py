@@ -16,8 +16,7 @@ from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.markdown import markdown_table
 
-AGAIN = list(range(21, 41))
-"""Seeds of the second set of runs of the sweep `controllers`."""
+AGAIN = list(range(21, 41))  # Seeds of the second set of runs of the sweep `controllers`
 SAME, OPPOSITE, OPEN = 1, -1, 0
 """Comparison of two sets of seeds for a pair of laws: same order, opposite order, or not significant."""
 

@@ -1,4 +1,4 @@
-"""Acceptance of public logs and paths by the readers: `python scripts/public_logs.py FOLDER [--fetch]`.
+"""Acceptance of public logs and paths by the readers: `python tests/extensions/logs/readers/public_logs.py FOLDER [--fetch]`.
 
 Each file of the folder with recognisable positions should be read, each other file rejected with a reason. The expected
 positions come from pynmeagps for receivers, and from a regular expression for KML, GPX and GeoJSON. The report lists

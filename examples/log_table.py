@@ -1,4 +1,4 @@
-"""Table of public logs: `python scripts/log_table.py LOGS.toml` adds one row per log and release to LOGS.md.
+"""Table of public logs: `python examples/log_table.py LOGS.toml` adds one row per log and release to LOGS.md.
 
 The twin of each log is fitted to its first part and predicts the rest, which it has not seen. A row is never changed: a
 second run with the same release skips the log. LOGS.toml names the downloaded files, relative to its folder:
@@ -71,7 +71,7 @@ def rows_of(text: str) -> list[tuple[str, ...]]:
 def main(arguments: list[str]) -> int:
     """Add the missing rows of a file; return the exit status."""
     if len(arguments) != 1 or not Path(arguments[0]).is_file():
-        print("usage: python scripts/log_table.py LOGS.toml", file=sys.stderr)
+        print("usage: python examples/log_table.py LOGS.toml", file=sys.stderr)
         return 2
     source = Path(arguments[0])
     table = source.with_suffix(".md")
