@@ -13,8 +13,7 @@ from numba.core.dispatcher import Dispatcher
 
 from agrobot_mj.core.kernel_cache import CACHE
 
-held = set()
-"""Names of the kernels whose locks this process holds."""
+held = set()  # Names of the kernels whose locks this process holds
 
 
 @contextmanager

@@ -36,8 +36,7 @@ class Bend:
 class Drive(NamedTuple):
     """Results of a drive, one value per tick."""
 
-    offset: np.ndarray
-    """Offset of the CG from the path, left of the heading positive [m]."""
+    offset: np.ndarray  # Offset of the CG from the path, left of the heading positive [m]
     commands: list[Command]
     reports: list[tuple[float, ...]]
     steer: np.ndarray

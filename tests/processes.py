@@ -21,8 +21,7 @@ SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["agrobot_mj.cli.runs", "agrobot_mj.recording", "driven"])
 
 PLACES = Path(__file__).parent, Path(__file__).parents[1]
-LONGEST_S = 600
-"""Time after which a process counts as hanging [s]."""
+LONGEST_S = 600  # Time after which a process counts as hanging [s]
 
 
 class Done(NamedTuple):

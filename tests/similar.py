@@ -17,8 +17,7 @@ POWERS = {
 """Power of the length with which a key scales, by the first ending that matches; other keys are unchanged."""
 GROWING = ("tractor", "driveline", "steering", "plant", "implement", "fault", "path")
 """Tables of a scenario that scale with the tractor."""
-SOIL = ("noise_length_m", "shear_m", "cell_m", "rebound_mpa_m")
-"""Lengths that belong to the ground and do not scale."""
+SOIL = ("noise_length_m", "shear_m", "cell_m", "rebound_mpa_m")  # Lengths that belong to the ground and do not scale
 DEFAULT_KG = Scenario().tractor.mass_kg
 
 

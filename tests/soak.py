@@ -38,14 +38,10 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import write_log
 
 HOST = Path(__file__).parents[1] / "examples" / "agopengps_host" / "host.py"
-SETTLED_S = 600.0
-"""Simulated time after which memory must not grow [s]."""
-FLAT_MB = 50.0
-"""Maximum growth of memory [MB]."""
-BOUND = 100.0
-"""Upper bound on the magnitude of every parameter of a network [unit of the parameter]."""
-SAMPLE_S = 5.0
-"""Wall time between two measurements of the memory [s]."""
+SETTLED_S = 600.0  # Simulated time after which memory must not grow [s]
+FLAT_MB = 50.0  # Maximum growth of memory [MB]
+BOUND = 100.0  # Upper bound on the magnitude of every parameter of a network [unit of the parameter]
+SAMPLE_S = 5.0  # Wall time between two measurements of the memory [s]
 
 
 def memory_mb(process: int | str = "self", peak: bool = False) -> float:

@@ -24,11 +24,9 @@ class Hidden(NamedTuple):
     """Parameters that the fit does not know, in the units of its result."""
 
     centre: float
-    scale: float
-    """Wheel angle per count [deg], negative if counts increase to the right."""
+    scale: float  # Wheel angle per count [deg], negative if counts increase to the right
     heading_age: float
-    heading_off: float
-    """Offset of the compass heading [deg]."""
+    heading_off: float  # Offset of the compass heading [deg]
     position_age: float
     speed_age: float
     ahead: float
@@ -37,8 +35,7 @@ class Hidden(NamedTuple):
     C_r: float
     sigma_f: float
     sigma_r: float
-    play: float
-    """Play of the steering [deg]."""
+    play: float  # Play of the steering [deg]
 
 
 def hidden(seed):

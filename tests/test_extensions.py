@@ -12,8 +12,7 @@ import pytest
 from agrobot_mj.cli.panels import command_name
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("agrobot_mj", "tests", "docs")
-"""Folders that have one `extensions` each."""
+FOLDERS = ("agrobot_mj", "tests", "docs")  # Folders that have one `extensions` each
 NAMES = sorted(path.parent.name for path in (ROOT / "agrobot_mj" / "extensions").glob("*/__init__.py"))
 EVERY_MODULE = """
 import pkgutil, sys, agrobot_mj

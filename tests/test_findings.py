@@ -69,8 +69,7 @@ BETTER = {"pd": 1.0, "pd_isgn": 0.9, "pd_t1fnn": 0.9, "pd_t2fnn": 0.5, "pi": 0.9
 """Errors by law of a world in which the network alone does what the paper says."""
 
 
-EQUAL = dict.fromkeys(BETTER, 1.0)
-"""Errors of a world in which all laws are as good."""
+EQUAL = dict.fromkeys(BETTER, 1.0)  # Errors of a world in which all laws are as good
 
 
 def world(errors=BETTER, later=0.8, share=(0.3, 0.7), noise=lambda law, s: 1.0, q_travel=(10.0, 1.0, 0.1)):

@@ -20,8 +20,7 @@ def real_options():
 
 
 REAL = list(real_options())
-ENDLESS = {"--to", "--wait"}
-"""Options that may be infinite."""
+ENDLESS = {"--to", "--wait"}  # Options that may be infinite
 GIVEN = {"limit": ("circle", "--key", "seed", "--range", "1:2", "--until", "x")}
 """What a command needs besides a source."""
 

@@ -21,8 +21,7 @@ from riding_tractor import (
     twin,
 )
 
-STRAIGHT, SCALE = 432.0, 0.15
-"""Reading straight ahead [counts], and scale [deg per count]."""
+STRAIGHT, SCALE = 432.0, 0.15  # Reading straight ahead [counts], and scale [deg per count]
 LEVEL = {"kind": "flat"}
 PLAY = LOOKAHEAD_M**2 * np.tan(radians(10 * SCALE)) / (2 * WHEELBASE_M) + 0.01
 """Offset that the dead band of 10 counts leaves undecided, and a centimetre of noise [m]."""

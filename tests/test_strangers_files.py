@@ -23,8 +23,7 @@ BICYCLE = ("--set", "plant.kind=bicycle", "--set", "duration_s=0.5")
 SWEEP = 'base = "circle"\n[set]\n"plant.kind" = "bicycle"\nduration_s = 0.2\n[axes]\n"path.radius_m" = [8, 9, 10, 11]\n'
 LIMIT = ("--key", "path.speed_m_s", "--range", "1:3", "--until", "xte_rms > 1", "--max-seeds", 1, "--jobs", 1)
 VARIED = ("--vary", "path.speed_m_s=1:3", "--vary", "path.radius_m=8:11")
-HERE, MINE = "HERE", "MINE"
-"""Stand for the stranger's folder, and for the folder with sources of one's own."""
+HERE, MINE = "HERE", "MINE"  # Stand for the stranger's folder, and for the folder with sources of one's own
 WRITERS = {
     "run": [("circle", *BICYCLE, "--out", HERE), (f"{MINE}/way.toml", *BICYCLE, "--no-rrd", "--out", HERE)],
     "compare": [("circle", "--controllers", "pd", "--plants", "bicycle", *BICYCLE, "--out", HERE)],

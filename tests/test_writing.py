@@ -16,8 +16,7 @@ BANNED = {
     "write 'per'": r"\b(one|nodes|rows?|panels?|curves?|PNG|samples|cycles|calls?) an? [a-z]+\b",
 }
 """Constructions that docstrings of the package and the scripts must not contain, by what to do instead."""
-LONGEST_NAME = 70
-"""Maximum number of characters of a test name."""
+LONGEST_NAME = 70  # Maximum number of characters of a test name
 
 
 def statements(node):

@@ -29,8 +29,7 @@ from agrobot_mj.core.errors import ScenarioError, bounded, missing_extra
 __all__ = ["app", "main"]
 
 
-BROKEN_OFF = 130
-"""Exit status of a command interrupted by a signal, as in Unix shells."""
+BROKEN_OFF = 130  # Exit status of a command interrupted by a signal, as in Unix shells
 OBJECTS_PER_COLLECTION = 500_000
 """Number of new objects between two garbage collections. Python's default adds 0.25 s to the start-up time."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)

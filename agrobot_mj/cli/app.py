@@ -52,8 +52,7 @@ CORE: Commands = {
     authoring.init: listed("Write scenarios", "init my_field"),
     authoring.schema: listed("Write scenarios", "schema > scenario.schema.json", advanced=True),
 }
-WIDEST = 74
-"""Maximum line length of an example [characters], for terminals with 80 columns."""
+WIDEST = 74  # Maximum line length of an example [characters], for terminals with 80 columns
 
 
 def epilog(examples: Sequence[str]) -> str:

@@ -77,16 +77,12 @@ Recorded = Annotated[Path, typer.Argument(metavar="FILE.rrd", help="A recording.
 class Answer(NamedTuple):
     """Result of a command."""
 
-    content: Mapping[str, Any]
-    """Result as plain data: keys and values of the JSON document."""
-    text: str
-    """Text printed at the end of the command."""
-    failed: str = ""
-    """Error message of exit status 1; empty for exit status 0."""
+    content: Mapping[str, Any]  # Result as plain data: keys and values of the JSON document
+    text: str  # Text printed at the end of the command
+    failed: str = ""  # Error message of exit status 1; empty for exit status 0
 
 
-LONGEST_NAME = 150
-"""Maximum number of characters of a default folder name."""
+LONGEST_NAME = 150  # Maximum number of characters of a default folder name
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:

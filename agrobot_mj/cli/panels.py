@@ -12,11 +12,9 @@ PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Wri
 class HelpEntry(NamedTuple):
     """Help entry of a command."""
 
-    examples: Sequence[str] = ()
-    """Example command lines without the program name."""
+    examples: Sequence[str] = ()  # Example command lines without the program name
     panel: str = "Other commands"
-    advanced: bool = False
-    """Whether only `--help-all` lists the command."""
+    advanced: bool = False  # Whether only `--help-all` lists the command
     now: str = ""
     """Command that replaces this deprecated command, which is hidden and will be removed in the next version."""
 

@@ -13,10 +13,8 @@ from agrobot_mj.cli.output import say
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import absence
 
-MAGIC = (b"RRF2", b"RRF0", b"RRIO")
-"""Possible first four bytes of a Rerun recording."""
-OLDEST = (0, 23)
-"""Oldest version of Rerun whose recordings the viewer can read: major and minor number."""
+MAGIC = (b"RRF2", b"RRF0", b"RRIO")  # Possible first four bytes of a Rerun recording
+OLDEST = (0, 23)  # Oldest version of Rerun whose recordings the viewer can read: major and minor number
 
 
 def view(

@@ -155,10 +155,8 @@ def compare(
 if TYPE_CHECKING:
     from agrobot_mj.studies.sweep.schema import SweepVariant
 
-LONGEST_NAME = 60
-"""Maximum number of characters of a variant's name."""
-BRACKETS = set("[]{}\"'")
-"""Characters that mark a value as TOML instead of a bare word."""
+LONGEST_NAME = 60  # Maximum number of characters of a variant's name
+BRACKETS = set("[]{}\"'")  # Characters that mark a value as TOML instead of a bare word
 FORM = '"name: key=value, key=value"'
 
 

@@ -10,8 +10,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation.results import atomic, check_folder
 
 COMPARISON = "comparison.rrd"
-PAGE, POSTER = "share.html", "poster.png"
-"""Files written by `report --share`."""
+PAGE, POSTER = "share.html", "poster.png"  # Files written by `report --share`
 
 
 def recording_of(folder: Path) -> Path:

@@ -16,8 +16,7 @@ from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Refere
 from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
-SLOWEST_M_S = 0.3
-"""Minimum speed used to compute lateral accelerations and speed-dependent gains [m/s]."""
+SLOWEST_M_S = 0.3  # Minimum speed used to compute lateral accelerations and speed-dependent gains [m/s]
 
 
 class Route(Protocol):
@@ -58,24 +57,16 @@ class Route(Protocol):
 class Situation(NamedTuple):
     """Inputs of a guidance law at one tick."""
 
-    t: float
-    """Time since the start of the run [s]."""
-    estimate: Estimate
-    """Estimated pose of the CG, speed, yaw rate and covariance."""
-    reference: Reference
-    """Reference on the path at time `t`."""
-    route: Route
-    """Path of the run."""
-    machine: TractorParameters
-    """Parameters of the tractor."""
-    steer: float
-    """Measured steering angle, left positive [rad]."""
-    roll: float = nan
-    """Measured roll angle, positive with the left side up; NaN without an inertial unit [rad]."""
+    t: float  # Time since the start of the run [s]
+    estimate: Estimate  # Estimated pose of the CG, speed, yaw rate and covariance
+    reference: Reference  # Reference on the path at time `t`
+    route: Route  # Path of the run
+    machine: TractorParameters  # Parameters of the tractor
+    steer: float  # Measured steering angle, left positive [rad]
+    roll: float = nan  # Measured roll angle, positive with the left side up; NaN without an inertial unit [rad]
     implement: tuple[float, float] = (nan, nan)
     """Measured east and north position of the implement's working point; NaN if not measured [m]."""
-    towed: TowedImplement = TowedImplement()
-    """Dimensions and state of the implement."""
+    towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Return the maximum absolute steering angle for a given maximum lateral acceleration [rad]."""
@@ -169,10 +160,8 @@ YAW_COLUMNS = (
 class YawCommand(NamedTuple):
     """Steering command of a yaw controller and its components."""
 
-    steer: float
-    """Front-wheel angle, positive left, limited to the maximum steering angle [rad]."""
-    tau_c: float = 0.0
-    """Output of the conventional (PD) controller [rad]."""
+    steer: float  # Front-wheel angle, positive left, limited to the maximum steering angle [rad]
+    tau_c: float = 0.0  # Output of the conventional (PD) controller [rad]
     tau_n: float = 0.0
     """Output tau_n of the network or of the integral term [rad]; `steer` is tau_c - tau_n, limited to the maximum."""
     q: float = nan

@@ -29,16 +29,11 @@ class CascadeState(NamedTuple):
     """State of a `Cascade`."""
 
     controller: Any
-    yaw_rate_ref: float = nan
-    """Last yaw-rate reference [rad/s]."""
-    e_yaw_rate: float = nan
-    """Last yaw-rate reference minus estimated yaw rate [rad/s]."""
-    command: YawCommand = YawCommand(0.0)
-    """Last command of the yaw controller."""
-    feedforward: float = 0.0
-    """Last feed-forward angle [rad]."""
-    speed: SpeedNetworkState = SpeedNetworkState()
-    """State of the speed network; unchanged without a speed network."""
+    yaw_rate_ref: float = nan  # Last yaw-rate reference [rad/s]
+    e_yaw_rate: float = nan  # Last yaw-rate reference minus estimated yaw rate [rad/s]
+    command: YawCommand = YawCommand(0.0)  # Last command of the yaw controller
+    feedforward: float = 0.0  # Last feed-forward angle [rad]
+    speed: SpeedNetworkState = SpeedNetworkState()  # State of the speed network; unchanged without a speed network
 
 
 class Cascade(GuidanceLaw):

@@ -11,8 +11,7 @@ from agrobot_mj.core.kernels import jit, shared
 from agrobot_mj.core.samples import curvatures_at, nearest_point
 from agrobot_mj.core.signals import Matrix, PathPoint, Reference, Vector
 
-MAX_STEER_BIAS = radians(10.0)
-"""Maximum absolute value of the compensated steering bias [rad]."""
+MAX_STEER_BIAS = radians(10.0)  # Maximum absolute value of the compensated steering bias [rad]
 FADING_M, FADING_ANGLE = 0.3, radians(20.0)
 """Cross-track error [m] and heading error [rad] above which the speed correction decreases; it is 0 at twice these
 values. Assumed values."""
@@ -50,63 +49,41 @@ class Situated(NamedTuple):
     speed: float
     yaw_rate: float
     aligned: bool
-    steer_bias: float
-    """Fields of `Estimate`."""
-    steer: float
-    """Measured steering angle [rad]."""
+    steer_bias: float  # Fields of `Estimate`
+    steer: float  # Measured steering angle [rad]
     low: float
-    high: float
-    """Arc lengths of the start and end of the current leg [m]."""
-    near: float
-    """Arc length around which the nearest point is searched [m]."""
+    high: float  # Arc lengths of the start and end of the current leg [m]
+    near: float  # Arc length around which the nearest point is searched [m]
 
 
 class PathDeviation(NamedTuple):
     """Position and heading of the tractor relative to the path in one tick."""
 
-    place: PathPoint
-    """Path point nearest to the CG on the current leg."""
-    leg: tuple[float, float]
-    """Arc lengths of the start and end of the current leg [m]."""
-    direction: float
-    """Direction of travel: 1 forward, -1 reverse."""
+    place: PathPoint  # Path point nearest to the CG on the current leg
+    leg: tuple[float, float]  # Arc lengths of the start and end of the current leg [m]
+    direction: float  # Direction of travel: 1 forward, -1 reverse
     speed: float
     """Estimated speed along the heading, with the sign of `direction` and a magnitude of at least SLOWEST_M_S [m/s]."""
-    yaw: float
-    """Heading of an error-free tractor at the nearest path point [rad]."""
-    cross_track: float
-    """Cross-track error of the CG, positive left of the heading [m]."""
-    heading: float
-    """Heading error: estimated heading minus `yaw`, wrapped [rad]."""
-    steer_here: float
-    """Steering angle for the path curvature at the nearest point [rad]."""
-    steer_ahead: float
-    """Steering angle for the path curvature `preview_s` ahead [rad]."""
-    bias: float
-    """Estimated steering bias, added to the command [rad]."""
-    limit: float
-    """Maximum absolute steering command [rad]."""
+    yaw: float  # Heading of an error-free tractor at the nearest path point [rad]
+    cross_track: float  # Cross-track error of the CG, positive left of the heading [m]
+    heading: float  # Heading error: estimated heading minus `yaw`, wrapped [rad]
+    steer_here: float  # Steering angle for the path curvature at the nearest point [rad]
+    steer_ahead: float  # Steering angle for the path curvature `preview_s` ahead [rad]
+    bias: float  # Estimated steering bias, added to the command [rad]
+    limit: float  # Maximum absolute steering command [rad]
 
 
 class CommandLimits(NamedTuple):
     """Limits of steering angle and speed, as numbers for kernels."""
 
-    saturation: float
-    """Maximum speed correction [m/s]."""
-    gain: float
-    """Slope of the speed correction, divided by its saturation [1/m]."""
-    lateral_acceleration: float
-    """Maximum lateral acceleration [m/s2]."""
-    preview_s: float
-    """Preview time of the feed-forward angle [s]."""
-    compensates: bool
-    """Whether to compensate the steering bias."""
-    wheelbase: float
-    """Wheelbase [m]."""
-    steer_limit: float
-    """Maximum steering angle [rad]."""
-    heading_change: float
-    """Maximum heading change while the wheels turn to their command [rad]."""
+    saturation: float  # Maximum speed correction [m/s]
+    gain: float  # Slope of the speed correction, divided by its saturation [1/m]
+    lateral_acceleration: float  # Maximum lateral acceleration [m/s2]
+    preview_s: float  # Preview time of the feed-forward angle [s]
+    compensates: bool  # Whether to compensate the steering bias
+    wheelbase: float  # Wheelbase [m]
+    steer_limit: float  # Maximum steering angle [rad]
+    heading_change: float  # Maximum heading change while the wheels turn to their command [rad]
 
 
 @shared

@@ -28,37 +28,27 @@ GAP_S = 0.5
 BEND_ERROR = 0.25
 """Error of the integration of velocities, divided by the time step and the second difference of the velocity [-].
 Assumed value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
-MOVING_M_S = 0.4
-"""Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise."""
+MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise.
 COURSE_M_S = 0.25
 """Minimum speed for computing a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
 """Time without a valid course after which the gyro comparison restarts [s]. Assumed value: a gyro bias adds 1.5 deg."""
 
 
-RTK_FIXED = Quality.FIX
-"""Quality of an RTK-fixed GNSS solution, as an integer for compiled kernels."""
+RTK_FIXED = Quality.FIX  # Quality of an RTK-fixed GNSS solution, as an integer for compiled kernels
 
 
 class Sensed(NamedTuple):
     """Measurements of a tick except the GNSS fix, as numbers for compiled kernels; a missing measurement is NaN."""
 
-    t: float
-    """Time since the start [s]."""
-    steer: float
-    """Measured steering angle [rad]."""
-    pedal: float
-    """Measured pedal position [-]."""
-    gyro: float
-    """Yaw rate measured by the gyro [rad/s]."""
-    roll: float
-    """Roll measured by the inertial unit [rad]."""
-    pitch: float
-    """Pitch measured by the inertial unit [rad]."""
-    wheel_speed: float
-    """Measured wheel speed [m/s]."""
-    specific_force: tuple[float, float, float]
-    """Specific force from the inertial unit, forward, left and up [m/s2]."""
+    t: float  # Time since the start [s]
+    steer: float  # Measured steering angle [rad]
+    pedal: float  # Measured pedal position [-]
+    gyro: float  # Yaw rate measured by the gyro [rad/s]
+    roll: float  # Roll measured by the inertial unit [rad]
+    pitch: float  # Pitch measured by the inertial unit [rad]
+    wheel_speed: float  # Measured wheel speed [m/s]
+    specific_force: tuple[float, float, float]  # Specific force from the inertial unit, forward, left and up [m/s2]
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
@@ -72,24 +62,17 @@ def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
 class Evidence(NamedTuple):
     """Consistency checks of consecutive fixes."""
 
-    fix: Fix = NO_FIX
-    """Last fix; NaN before the first fix."""
-    t: float = 0.0
-    """Time of the last fix [s]."""
+    fix: Fix = NO_FIX  # Last fix; NaN before the first fix
+    t: float = 0.0  # Time of the last fix [s]
     since: tuple[float, float] = (nan, nan)
     """East and north position predicted from the last RTK fix by integrating velocities [m]; NaN after a gap."""
-    east: float = 0.0
-    """Accumulated east difference between RTK positions and integrated velocities [m]."""
-    north: float = 0.0
-    """Accumulated north difference between RTK positions and integrated velocities [m]."""
-    change: tuple[float, float] = (0.0, 0.0)
-    """Velocity change between the last two fixes, east and north [m/s]."""
+    east: float = 0.0  # Accumulated east difference between RTK positions and integrated velocities [m]
+    north: float = 0.0  # Accumulated north difference between RTK positions and integrated velocities [m]
+    change: tuple[float, float] = (0.0, 0.0)  # Velocity change between the last two fixes, east and north [m/s]
     variance: float = 0.0
     """Variance per axis of the accumulated differences due to integration errors between the fixes [m2]."""
-    moving: bool = False
-    """Whether the tractor was moving at the last change of the position."""
-    repeated_s: float = 0.0
-    """Time for which the measured position has been constant while the tractor was moving [s]."""
+    moving: bool = False  # Whether the tractor was moving at the last change of the position
+    repeated_s: float = 0.0  # Time for which the measured position has been constant while the tractor was moving [s]
 
     def after(self, m: Sensed, fix: Fix, quality: int) -> "Evidence":
         """Return the consistency checks after a tick; without a new fix they do not change."""
@@ -118,12 +101,9 @@ class Evidence(NamedTuple):
 class GyroEvidence(NamedTuple):
     """State of the check for repeated yaw rates: last measured yaw rate, and time of its first measurement."""
 
-    reading: float = nan
-    """Last measured yaw rate; NaN without a gyro [rad/s]."""
-    t: float = 0.0
-    """Time of the first measurement of the repeated yaw rate [s]."""
-    steer: float = nan
-    """Measured steering angle at the first measurement of the repeated yaw rate [rad]."""
+    reading: float = nan  # Last measured yaw rate; NaN without a gyro [rad/s]
+    t: float = 0.0  # Time of the first measurement of the repeated yaw rate [s]
+    steer: float = nan  # Measured steering angle at the first measurement of the repeated yaw rate [rad]
 
     def after(self, m: Sensed) -> "GyroEvidence":
         """Return the state after a tick, unchanged if the gyro repeats its yaw rate."""
@@ -139,8 +119,7 @@ class AttitudeEvidence(NamedTuple):
     """Whether the roll and pitch angles have changed since the first measurement."""
     repeats: tuple[float, float] = (0.0, 0.0)
     """Time for which the roll and pitch angles have been constant while the tractor was moving [s]."""
-    silent_s: float = 0.0
-    """Time since the last measurement of roll and pitch; 0 before the first measurement [s]."""
+    silent_s: float = 0.0  # Time since the last measurement of roll and pitch; 0 before the first measurement [s]
     residual: tuple[float, float] = (0.0, 0.0)
     """Forward and left residual of the specific force, divided by g; mean over TILT_TIME_S [-].
 
@@ -183,16 +162,12 @@ class TurnEvidence(NamedTuple):
     fixes of a moving tractor are used; each contributes at most GAP_S and is valid for HELD_S.
     """
 
-    t: float = 0.0
-    """Time of the last valid fix [s]."""
-    turned: float = 0.0
-    """Integral of the measured yaw rate [rad]."""
-    known_s: float = 0.0
-    """Time covered by valid fixes [s]."""
+    t: float = 0.0  # Time of the last valid fix [s]
+    turned: float = 0.0  # Integral of the measured yaw rate [rad]
+    known_s: float = 0.0  # Time covered by valid fixes [s]
     late: complex = 0j
     """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S; 0 before the first fix [m/s]."""
-    long: complex = 0j
-    """Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]."""
+    long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
         """Return the means after a tick of `dt` [s]; reset without a gyro, and `HELD_S` after the last valid fix."""

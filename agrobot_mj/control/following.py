@@ -168,23 +168,13 @@ class Integrating(Following):
 class FollowingState(NamedTuple):
     """State of a `Following` law."""
 
-    memory: Any
-    """State of the steering law."""
-    s: float | None = None
-    """Arc length of the nearest path point; None before the first tick [m]."""
-    steer: float | None = None
-    """Last steering command; None before the first tick [rad]."""
-    direction: float = 0.0
-    """Last direction of travel: 1 forward, -1 reverse, 0 unknown."""
-    cross_track: float = nan
-    """Last cross-track error [m]."""
-    heading: float = nan
-    """Last heading error [rad]."""
-    steer_ahead: float = nan
-    """Last feed-forward steering angle [rad]."""
-    bias: float = 0.0
-    """Last steering-bias compensation [rad]."""
-    speed: float | None = None
-    """Last speed command; None before the first tick [m/s]."""
-    law: Any = None
-    """Parameters of the law; None before the first tick."""
+    memory: Any  # State of the steering law
+    s: float | None = None  # Arc length of the nearest path point; None before the first tick [m]
+    steer: float | None = None  # Last steering command; None before the first tick [rad]
+    direction: float = 0.0  # Last direction of travel: 1 forward, -1 reverse, 0 unknown
+    cross_track: float = nan  # Last cross-track error [m]
+    heading: float = nan  # Last heading error [rad]
+    steer_ahead: float = nan  # Last feed-forward steering angle [rad]
+    bias: float = 0.0  # Last steering-bias compensation [rad]
+    speed: float | None = None  # Last speed command; None before the first tick [m/s]
+    law: Any = None  # Parameters of the law; None before the first tick

@@ -39,36 +39,28 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
 """Speeds for which gains are computed, in both directions of travel [m/s]."""
-STANDING_M_S = 0.1
-"""Speed below which the integral is frozen [m/s]."""
+STANDING_M_S = 0.1  # Speed below which the integral is frozen [m/s]
 
 
 class LqrState(NamedTuple):
     """State of `Lqr`."""
 
-    integral: float = 0.0
-    """Integral of the cross-track error, stored as a steering angle [rad]."""
+    integral: float = 0.0  # Integral of the cross-track error, stored as a steering angle [rad]
     delayed: Vector = np.zeros(0)
     """Feedback parts of the last steering commands, which act after the steering delay, oldest first [rad]."""
     errors: Vector = np.zeros(0)
     """Path errors, steering angle and delayed commands at the last tick; empty before the first tick."""
-    table: Matrix = np.zeros((0, 0))
-    """Gains by speed, see `_table`; empty before the first tick."""
+    table: Matrix = np.zeros((0, 0))  # Gains by speed, see `_table`; empty before the first tick
 
 
 class SteadySlip(NamedTuple):
     """Parameters of the steady-state slip."""
 
-    l_r: float
-    """Distance from the CG to the rear axle [m]."""
-    front_load: float
-    """Mass times distance from the CG to the front axle [kg m]."""
-    stiffness: float
-    """Wheelbase times rear cornering stiffness [N m/rad]."""
-    understeer: float
-    """Understeer K [s2/m]."""
-    wheelbase: float
-    """Wheelbase L [m]."""
+    l_r: float  # Distance from the CG to the rear axle [m]
+    front_load: float  # Mass times distance from the CG to the front axle [kg m]
+    stiffness: float  # Wheelbase times rear cornering stiffness [N m/rad]
+    understeer: float  # Understeer K [s2/m]
+    wheelbase: float  # Wheelbase L [m]
 
 
 class LqrLaw(NamedTuple):
@@ -76,8 +68,7 @@ class LqrLaw(NamedTuple):
 
     limits: CommandLimits
     approach: float
-    integral: float
-    """Limits of the angles of approach and integral term [rad]."""
+    integral: float  # Limits of the angles of approach and integral term [rad]
     slip: SteadySlip
 
 

@@ -73,49 +73,32 @@ REASONS = (
     "no roll or pitch measurement for {:.1f} s",
 )
 """Format strings of the reasons for a stop, one for each monitor, with a placeholder for the signal."""
-CUTTING = (7, 9, 10)
-"""Numbers of the monitors that cut the power of the pedal valve, because the pedal may be faulty."""
+CUTTING = (7, 9, 10)  # Numbers of the monitors that cut the power of the pedal valve, because the pedal may be faulty
 
 
 class MonitorSignals(NamedTuple):
     """Signals that the supervisor computes for its monitors."""
 
-    fix_age: float = 0.0
-    """Age of the newest fix that the estimator has accepted [s]."""
-    place: float = 0.0
-    """Arc length of the nearest path point [m]."""
-    curvature: float = 0.0
-    """Curvature of the path at the nearest point, positive left [1/m]."""
-    offset: float = 0.0
-    """Estimated distance from the path [m]."""
-    closest: float = inf
-    """Minimum estimated distance from the path so far, updated in steps of at least `CLOSER_M` [m]."""
-    closing_s: float = 0.0
-    """Time since the minimum distance from the path last decreased [s]."""
-    mismatch: float = 0.0
-    """Commanded minus measured steering angle; 0 while the wheels turn towards the command [rad]."""
-    evidence: Evidence = Evidence()
-    """Consistency checks of consecutive fixes."""
-    gyro: GyroEvidence = GyroEvidence()
-    """Check of the gyro for repeated yaw rates."""
-    turn: TurnEvidence = TurnEvidence()
-    """Check of the rotation of the fixes' course relative to the gyro."""
-    attitude: AttitudeEvidence = AttitudeEvidence()
-    """Consistency checks of the angles of the inertial unit."""
+    fix_age: float = 0.0  # Age of the newest fix that the estimator has accepted [s]
+    place: float = 0.0  # Arc length of the nearest path point [m]
+    curvature: float = 0.0  # Curvature of the path at the nearest point, positive left [1/m]
+    offset: float = 0.0  # Estimated distance from the path [m]
+    closest: float = inf  # Minimum estimated distance from the path so far, updated in steps of at least `CLOSER_M` [m]
+    closing_s: float = 0.0  # Time since the minimum distance from the path last decreased [s]
+    mismatch: float = 0.0  # Commanded minus measured steering angle; 0 while the wheels turn towards the command [rad]
+    evidence: Evidence = Evidence()  # Consistency checks of consecutive fixes
+    gyro: GyroEvidence = GyroEvidence()  # Check of the gyro for repeated yaw rates
+    turn: TurnEvidence = TurnEvidence()  # Check of the rotation of the fixes' course relative to the gyro
+    attitude: AttitudeEvidence = AttitudeEvidence()  # Consistency checks of the angles of the inertial unit
     pedal_mismatch: float = 0.0
     """Pedal reference minus measured pedal position; 0 while the pedal moves towards the reference [-]."""
-    pedal_rate: float = 0.0
-    """Rate of change of the measured pedal position since the last tick [1/s]."""
-    allowed: float = 0.0
-    """Commanded speed [m/s]; decreases at most as fast as the tractor can decelerate."""
-    tracked: bool = False
-    """Whether the heading has been known at least once."""
-    aligning_s: float = 0.0
-    """Time since the heading was last known [s]."""
+    pedal_rate: float = 0.0  # Rate of change of the measured pedal position since the last tick [1/s]
+    allowed: float = 0.0  # Commanded speed [m/s]; decreases at most as fast as the tractor can decelerate
+    tracked: bool = False  # Whether the heading has been known at least once
+    aligning_s: float = 0.0  # Time since the heading was last known [s]
     readings: tuple[float, float] = (nan, nan)
     """Last measured steering angle [rad] and pedal [-]; NaN before the first tick."""
-    rate: float = 0.0
-    """Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]."""
+    rate: float = 0.0  # Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]
 
 
 class SupervisorLimits(Reporting):
@@ -235,22 +218,14 @@ class Limits(NamedTuple):
 class Judged(NamedTuple):
     """Estimated state that the monitors check, as numbers for compiled kernels; see `Estimate`."""
 
-    x: float
-    """East coordinate of the CG [m]."""
-    y: float
-    """North coordinate of the CG [m]."""
-    speed: float
-    """Velocity of the rear axle along the course [m/s]."""
-    yaw_rate: float
-    """Yaw rate [rad/s]."""
-    aligned: bool
-    """Whether the estimator has determined the yaw."""
-    fix_age: float
-    """Age of the newest fix that the estimator has accepted [s]."""
-    sigma: float
-    """Standard deviation of the estimated position [m]."""
-    nis: float
-    """Smoothed normalised innovation squared (NIS) of the fix positions [-]."""
+    x: float  # East coordinate of the CG [m]
+    y: float  # North coordinate of the CG [m]
+    speed: float  # Velocity of the rear axle along the course [m/s]
+    yaw_rate: float  # Yaw rate [rad/s]
+    aligned: bool  # Whether the estimator has determined the yaw
+    fix_age: float  # Age of the newest fix that the estimator has accepted [s]
+    sigma: float  # Standard deviation of the estimated position [m]
+    nis: float  # Smoothed normalised innovation squared (NIS) of the fix positions [-]
 
 
 Checks = tuple[tuple[float, float, float], ...]

@@ -30,16 +30,12 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.core.spec import NonNegative, Positive
 
-STEP_S = 2 * TICK_S
-"""Time step of the prediction [s]."""
-STEPS = 20
-"""Number of steps in the 2 s horizon."""
-HORIZON_S = STEPS * STEP_S
-"""Duration of the horizon [s]."""
+STEP_S = 2 * TICK_S  # Time step of the prediction [s]
+STEPS = 20  # Number of steps in the 2 s horizon
+HORIZON_S = STEPS * STEP_S  # Duration of the horizon [s]
 APPROACH = 2 / 3
 """Maximum decay distance (to 1/e) of an error, divided by the distance covered in the horizon [-]. Assumed value."""
-ITERATIONS = 2
-"""Number of Gauss-Newton steps per tick."""
+ITERATIONS = 2  # Number of Gauss-Newton steps per tick
 DISTURBANCES = np.zeros(4)
 """Initial cross-track error, heading error, crab angle and curvature disturbance: zero, for an undisturbed tractor."""
 
@@ -47,16 +43,12 @@ DISTURBANCES = np.zeros(4)
 class NmpcState(NamedTuple):
     """State of `Nmpc`."""
 
-    rates: Array
-    """Planned rates of change of the steering command, shape (STEPS,) [rad/s]."""
-    delayed: tuple[float, float]
-    """Last two steering commands, oldest first [rad]."""
+    rates: Array  # Planned rates of change of the steering command, shape (STEPS,) [rad/s]
+    delayed: tuple[float, float]  # Last two steering commands, oldest first [rad]
     mean: Array = DISTURBANCES
     """Estimated cross-track error [m], heading error, crab angle [rad] and curvature disturbance [1/m], shape (4,)."""
-    covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])
-    """Covariance of `mean`, shape (4, 4)."""
-    started: bool = False
-    """Whether the law has been evaluated before."""
+    covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])  # Covariance of `mean`, shape (4, 4)
+    started: bool = False  # Whether the law has been evaluated before
 
 
 class Nmpc(Following):

@@ -20,14 +20,11 @@ from agrobot_mj.core.signals import Array, Column
 class NeuroState(NamedTuple):
     """State of `PdT2fnn` and `PdT1fnn`."""
 
-    slope: FilteredRate = FilteredRate()
-    """Filtered derivative of the yaw-rate error [rad/s2]."""
-    network: Held[Network] | None = None
-    """Network, initialised at the first error; None before the first error."""
+    slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
+    network: Held[Network] | None = None  # Network, initialised at the first error; None before the first error
     reported: Array | None = None
     """Values of the network columns in the last tick, before learning; None before the first tick."""
-    saturated: bool = False
-    """Whether the last command was clipped at the steering limit."""
+    saturated: bool = False  # Whether the last command was clipped at the steering limit
 
 
 class PdNetwork(Conventional):

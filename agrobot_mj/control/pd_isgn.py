@@ -15,10 +15,8 @@ from agrobot_mj.core.spec import Positive
 class IntegralState(NamedTuple):
     """State of `PdIsgn`."""
 
-    slope: FilteredRate = FilteredRate()
-    """Filtered derivative of the yaw-rate error [rad/s2]."""
-    tau_n: float = 0.0
-    """Integral of the smoothed sign, subtracted from the PD output [rad]."""
+    slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
+    tau_n: float = 0.0  # Integral of the smoothed sign, subtracted from the PD output [rad]
 
 
 class PdIsgn(Conventional):

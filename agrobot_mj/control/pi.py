@@ -21,10 +21,8 @@ TRANSIENT_RAD_S = 0.3
 class PiState(NamedTuple):
     """State of `Pi`."""
 
-    integral: float = 0.0
-    """Integral part of the command [rad]."""
-    before: float = 0.0
-    """Integral part of the command one tick earlier [rad]."""
+    integral: float = 0.0  # Integral part of the command [rad]
+    before: float = 0.0  # Integral part of the command one tick earlier [rad]
 
 
 class Pi(YawController):

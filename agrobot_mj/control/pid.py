@@ -28,10 +28,8 @@ def clip(x: float, low: float, high: float) -> float:
 class FilteredRate(NamedTuple):
     """State of a filtered derivative: last value and filtered rate of change."""
 
-    value: float = nan
-    """Last value of the signal; NaN before the first value [unit of the signal]."""
-    rate: float = 0.0
-    """Filtered rate of change of the signal [unit of the signal per s]."""
+    value: float = nan  # Last value of the signal; NaN before the first value [unit of the signal]
+    rate: float = 0.0  # Filtered rate of change of the signal [unit of the signal per s]
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
         """Return the state after a new value, `dt` [s] later, filtered with the time constant `filter_s` [s]."""
@@ -50,10 +48,8 @@ def slope_after(s: FilteredRate, value: float, dt: float, filter_s: float) -> Fi
 class PidState(NamedTuple):
     """State of a `Pid`."""
 
-    integral: float = 0.0
-    """Integral part of the output [unit of the output]."""
-    slope: FilteredRate = FilteredRate()
-    """Filtered derivative of the error [unit of the error per s]."""
+    integral: float = 0.0  # Integral part of the output [unit of the output]
+    slope: FilteredRate = FilteredRate()  # Filtered derivative of the error [unit of the error per s]
 
 
 class PidLaw(NamedTuple):
@@ -124,8 +120,7 @@ class SpeedState(NamedTuple):
 
     outer: PidState
     inner: PidState
-    reference: float = 0.0
-    """Last pedal reference [-]."""
+    reference: float = 0.0  # Last pedal reference [-]
 
 
 class SpeedLoopLaw(NamedTuple):
@@ -133,12 +128,9 @@ class SpeedLoopLaw(NamedTuple):
 
     outer: PidLaw
     inner: PidLaw
-    feedforward: float
-    """Feed-forward pedal divided by the speed reference [s/m]."""
-    jump: float
-    """Voltage that compensates the valve's dead band [V]."""
-    tolerance: float
-    """Maximum pedal error without dead-band compensation [-]."""
+    feedforward: float  # Feed-forward pedal divided by the speed reference [s/m]
+    jump: float  # Voltage that compensates the valve's dead band [V]
+    tolerance: float  # Maximum pedal error without dead-band compensation [-]
 
 
 @shared
@@ -193,20 +185,16 @@ class SteeringState(NamedTuple):
     """State of a `SteeringLoop`."""
 
     pid: PidState
-    reference: float = 0.0
-    """Last reference angle, limited in rate [rad]."""
+    reference: float = 0.0  # Last reference angle, limited in rate [rad]
 
 
 class SteeringLoopLaw(NamedTuple):
     """Parameters of a `SteeringLoop` for compiled kernels."""
 
     pid: PidLaw
-    jump: float
-    """Voltage that compensates the valve's dead band [V]."""
-    tolerance: float
-    """Maximum angle error without dead-band compensation [rad]."""
-    rate: float
-    """Maximum rate of the reference angle; infinite without a limit [rad/s]."""
+    jump: float  # Voltage that compensates the valve's dead band [V]
+    tolerance: float  # Maximum angle error without dead-band compensation [rad]
+    rate: float  # Maximum rate of the reference angle; infinite without a limit [rad/s]
 
 
 @shared
@@ -265,8 +253,7 @@ CRAWL_M_S = 0.1
 class BrakeState(NamedTuple):
     """State of the brake; the tractor is parked before the first tick."""
 
-    standing_s: float = inf
-    """Time for which standstill has been commanded [s]."""
+    standing_s: float = inf  # Time for which standstill has been commanded [s]
 
     @property
     def share(self) -> float:
@@ -290,8 +277,7 @@ class Wishes(NamedTuple):
     speed: float
     steer_voltage: float
     pedal: float
-    waits: bool
-    """Whether the reference point on the path is at rest."""
+    waits: bool  # Whether the reference point on the path is at rest
 
 
 def wishes_of(command: Command, waits: bool) -> Wishes:

@@ -39,8 +39,7 @@ MAX_INTEGRATED_M = 0.1
 class PursuitState(NamedTuple):
     """State of `PurePursuit`."""
 
-    integral: float = 0.0
-    """Steering angle of the integral term [rad]."""
+    integral: float = 0.0  # Steering angle of the integral term [rad]
 
 
 class PurePursuit(Integrating):

@@ -33,12 +33,10 @@ from agrobot_mj.core.signals import Fix, Matrix, Quality, Vector
 from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
 
-EPOCH_S = 0.5
-"""Minimum time between two checked fixes [s]. Assumed value."""
+EPOCH_S = 0.5  # Minimum time between two checked fixes [s]. Assumed value.
 MEMORY_S, RENEWAL_S = 30.0, 5.0
 """Lifetime of a reference and interval between the starts of references [s]. Assumed values."""
-HISTORY_TICKS = 101
-"""Number of ticks for which sums are stored: fixes arrive up to 5 s late."""
+HISTORY_TICKS = 101  # Number of ticks for which sums are stored: fixes arrive up to 5 s late
 START_M = 1.5
 """Minimum distance between the two fixes that give the initial heading [m]. Assumed value for an accuracy of 3 deg."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
@@ -47,8 +45,7 @@ values: 2 cm for the fix; 0.6 and 2 deg at a height of 2 m."""
 LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
 """Standard deviation of a fix below FIX quality [m], and number of consecutive fixes with equal error [-]. Assumed
 values: a float solution, correlated for 20 s."""
-HEADING_SIGMA = radians(0.35)
-"""Standard deviation of a two-antenna heading [rad]. Assumed value."""
+HEADING_SIGMA = radians(0.35)  # Standard deviation of a two-antenna heading [rad]. Assumed value.
 START_SIGMAS = (0.04, 0.04, radians(3.0), radians(0.3), 0.05, radians(2.0), radians(0.25))
 """Initial standard deviations of the states, in the units of `References.means`. Assumed values for two fixes, a cold
 gyro, worn tyres and soil."""
@@ -60,8 +57,7 @@ HITCH_SIGMA = radians(2.0)
 ROCKING_FACTOR = 2.0
 """Standard deviation of the antenna position, divided by the mean amplitude of its oscillation [-]. Assumed value,
 because the measured angles lag the oscillation."""
-HEADING_GATE = 5.0
-"""Number of standard deviations above which a heading is rejected [-]. Assumed value."""
+HEADING_GATE = 5.0  # Number of standard deviations above which a heading is rejected [-]. Assumed value.
 
 
 Covariances = np.ndarray[tuple[int, int, int], np.dtype[np.float64]]
@@ -72,10 +68,8 @@ class References(NamedTuple):
 
     means: Matrix
     """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and extra compliance, shape (n, 7)."""
-    covariances: Covariances
-    """Covariances of the states in `means`, shape (n, 7, 7)."""
-    begun: Vector
-    """Start time of each reference, shape (n,) [s]. Later fixes update only the first reference."""
+    covariances: Covariances  # Covariances of the states in `means`, shape (n, 7, 7)
+    begun: Vector  # Start time of each reference, shape (n,) [s]. Later fixes update only the first reference.
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
@@ -172,18 +166,13 @@ def _renewed(r: References, t: float) -> References:
 class Reckoning(NamedTuple):
     """State of the dead reckoning."""
 
-    sums: tuple[Sums, ...] = (Sums(),)
-    """Dead-reckoning sums after each of the last ticks, oldest first."""
-    checked: Sums | None = None
-    """Dead-reckoning sums at the last checked fix; None before the first fix."""
-    begun_at: complex = 0j
-    """Position of the first fix, east + j north [m]."""
-    references: References | None = None
-    """References for checking fixes; None until the frame angle theta is known."""
+    sums: tuple[Sums, ...] = (Sums(),)  # Dead-reckoning sums after each of the last ticks, oldest first
+    checked: Sums | None = None  # Dead-reckoning sums at the last checked fix; None before the first fix
+    begun_at: complex = 0j  # Position of the first fix, east + j north [m]
+    references: References | None = None  # References for checking fixes; None until the frame angle theta is known
     distance: float = nan
     """Distance of the last checked fix from the most contradicting reference; NaN before the first checked fix [m]."""
-    sigma: float = nan
-    """Standard deviation of `distance`; NaN before the first checked fix [m]."""
+    sigma: float = nan  # Standard deviation of `distance`; NaN before the first checked fix [m]
 
     def after(
         self,

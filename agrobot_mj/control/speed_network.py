@@ -15,14 +15,11 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 class SpeedNetworkState(NamedTuple):
     """State of `SpeedNetwork`."""
 
-    slope: FilteredRate = FilteredRate()
-    """Filtered derivative of the speed error [m/s2]."""
+    slope: FilteredRate = FilteredRate()  # Filtered derivative of the speed error [m/s2]
     network: T2FnnState | None = None
     """State of the network, initialised at the first error; None before the first error."""
-    tau_c: float = 0.0
-    """Last output of the proportional controller [m/s]."""
-    tau_n: float = 0.0
-    """Last output of the network [m/s]."""
+    tau_c: float = 0.0  # Last output of the proportional controller [m/s]
+    tau_n: float = 0.0  # Last output of the network [m/s]
 
 
 class SpeedNetwork(Spec):

@@ -49,8 +49,7 @@ WHEEL_LAG = radians(3.0)
 class StanleyState(NamedTuple):
     """State of `Stanley`."""
 
-    integral: float = 0.0
-    """Steering angle v of the integral term [rad]."""
+    integral: float = 0.0  # Steering angle v of the integral term [rad]
     offset: float = nan
     """Offset e_f of the front axle at the last tick [m]; NaN before the first tick in forward travel."""
 
@@ -58,22 +57,14 @@ class StanleyState(NamedTuple):
 class Gains(NamedTuple):
     """Gains of the Stanley law and dimensions of the tractor, as numbers for compiled kernels."""
 
-    k: float
-    """Approach speed per offset of the front axle [1/s]."""
-    softening: float
-    """Softening speed, which reduces the gain at low speed [m/s]."""
-    damping: float
-    """Steering angle per yaw-rate error in forward travel [s]."""
-    reverse: float
-    """Steering angle per heading error in reverse [-]."""
-    integral: float
-    """Steering angle per unexpected motion of the front axle [rad/m]."""
-    front: float
-    """Distance from the CG to the front axle [m]."""
-    rear: float
-    """Distance from the CG to the rear axle [m]."""
-    wheelbase: float
-    """Wheelbase of the tractor [m]."""
+    k: float  # Approach speed per offset of the front axle [1/s]
+    softening: float  # Softening speed, which reduces the gain at low speed [m/s]
+    damping: float  # Steering angle per yaw-rate error in forward travel [s]
+    reverse: float  # Steering angle per heading error in reverse [-]
+    integral: float  # Steering angle per unexpected motion of the front axle [rad/m]
+    front: float  # Distance from the CG to the front axle [m]
+    rear: float  # Distance from the CG to the rear axle [m]
+    wheelbase: float  # Wheelbase of the tractor [m]
 
 
 class StanleyLaw(NamedTuple):

@@ -32,17 +32,13 @@ weight (0.1-0.3), divided by the mass on the rear axle."""
 HOPPING = 0.3
 """Variation of the vertical specific force, divided by g, that doubles the random walks of sideslip and wheel scale
 [-]. Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
-ROCKING_S = 2.0
-"""Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value."""
-SPEEDS_S = 1.0
-"""Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value."""
-SLIPPING = 0.97
-"""Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value."""
+ROCKING_S = 2.0  # Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value.
+SPEEDS_S = 1.0  # Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value.
+SLIPPING = 0.97  # Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value.
 SPINNING = 0.9
 """Ratio of fix speed to wheel speed below which the random walk of the wheel scale increases [-]. Assumed value, below
 `SLIPPING` because the smoothed speeds lag."""
-STANDING_M_S = 0.05
-"""Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value."""
+STANDING_M_S = 0.05  # Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value.
 STEERED_WALK = radians(1.5)
 """Random walk of the frame angle theta while the steering angle gives the yaw rate [rad/sqrt(s)]. Assumed value."""
 
@@ -52,8 +48,7 @@ class Compass(NamedTuple):
 
     angle: float = nan
     """Smoothed difference between heading and integrated yaw rate; NaN before the first heading [rad]."""
-    rate: float = 0.0
-    """Rate of change of `angle`, the negative gyro error [rad/s]."""
+    rate: float = 0.0  # Rate of change of `angle`, the negative gyro error [rad/s]
 
     def after(self, shown: float, dt: float) -> "Compass":
         """Return the state after `dt` [s] for the measured difference `shown` [rad]; NaN if no heading was measured."""
@@ -72,57 +67,38 @@ kernel_method("after")
 class Sums(NamedTuple):
     """Sums of dead reckoning over all ticks up to time `t`."""
 
-    t: float = 0.0
-    """Time of the last tick [s]."""
-    phi: float = 0.0
-    """Integral of the yaw rate [rad]."""
-    path: complex = 0j
-    """Position of the rear axle in the frame of the dead reckoning, x + j y [m]."""
-    bent: complex = 0j
-    """Derivative of `path` with respect to the tyre compliance [m2/s2]."""
-    sideslip: float = 0.0
-    """Accumulated variance of the random walk of the sideslip [rad2]."""
-    slip: float = 0.0
-    """Accumulated variance of the random walk of the wheel scale [-]."""
-    lever: complex = 0j
-    """Position of the antenna relative to the rear axle, in the frame of `path` [m]."""
+    t: float = 0.0  # Time of the last tick [s]
+    phi: float = 0.0  # Integral of the yaw rate [rad]
+    path: complex = 0j  # Position of the rear axle in the frame of the dead reckoning, x + j y [m]
+    bent: complex = 0j  # Derivative of `path` with respect to the tyre compliance [m2/s2]
+    sideslip: float = 0.0  # Accumulated variance of the random walk of the sideslip [rad2]
+    slip: float = 0.0  # Accumulated variance of the random walk of the wheel scale [-]
+    lever: complex = 0j  # Position of the antenna relative to the rear axle, in the frame of `path` [m]
     behind: complex = 0j
     """Position of an antenna on the implement relative to the rear axle [m]; 0 for an antenna on the tractor."""
-    rest: complex = 0j
-    """Mean of `lever`, the antenna position, over `ROCKING_S` [m]."""
-    rocking: float = 0.0
-    """Mean distance of the antenna from its mean position `rest` [m]."""
+    rest: complex = 0j  # Mean of `lever`, the antenna position, over `ROCKING_S` [m]
+    rocking: float = 0.0  # Mean distance of the antenna from its mean position `rest` [m]
     swing: float = 0.0
     """Angle of the towed implement to the tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
     hopping: float = 0.0
     """Mean variation of the vertical specific force, divided by g; 0 if the force is not measured [-]."""
-    wheels: float = 0.0
-    """Smoothed wheel speed at the times of the fixes [m/s]."""
-    fixes: float = 0.0
-    """Smoothed speed of the fixes [m/s]."""
-    fix_t: float = 0.0
-    """Time of the last fix [s]."""
-    tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)
-    """Smoothed roll and pitch."""
-    compass: Compass = Compass()
-    """Antenna heading relative to `phi`, which replaces the gyro after a failure."""
+    wheels: float = 0.0  # Smoothed wheel speed at the times of the fixes [m/s]
+    fixes: float = 0.0  # Smoothed speed of the fixes [m/s]
+    fix_t: float = 0.0  # Time of the last fix [s]
+    tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)  # Smoothed roll and pitch
+    compass: Compass = Compass()  # Antenna heading relative to `phi`, which replaces the gyro after a failure
     gyro_s: float = 0.0
     """Accumulated time with gyro measurements, in which the gyro bias rotates the frame of the dead reckoning [s]."""
-    turning: float = 0.0
-    """Accumulated variance of the frame angle theta while the gyro was missing [rad2]."""
-    blind: bool = False
-    """Whether the gyro measurement was missing in the last tick."""
+    turning: float = 0.0  # Accumulated variance of the frame angle theta while the gyro was missing [rad2]
+    blind: bool = False  # Whether the gyro measurement was missing in the last tick
 
 
 class Vehicle(NamedTuple):
     """Properties of the tractor and its gyro, as numbers for compiled kernels."""
 
-    wheelbase: float
-    """Wheelbase [m]."""
-    antenna: float
-    """Height of the antenna [m]."""
-    body: bool
-    """Whether the gyro axis is fixed to the tractor; otherwise it is vertical."""
+    wheelbase: float  # Wheelbase [m]
+    antenna: float  # Height of the antenna [m]
+    body: bool  # Whether the gyro axis is fixed to the tractor; otherwise it is vertical
 
 
 @stage

@@ -38,14 +38,11 @@ MIN_PEDAL_RATE = 0.15
 """Minimum rate of a pedal that follows its command [1/s]. Assumed value; keeps the lag below `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
 """Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
-SLOWING_M_S2 = 0.5
-"""Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value."""
+SLOWING_M_S2 = 0.5  # Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value.
 SPEED_LAG_S = 0.8
 """Delay of the speed after a decrease of the command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
-STANDING_M_S = 0.15
-"""Speed below which the tractor is at rest [m/s]. Assumed value, four times the measurement noise."""
-OVERDUE_S = 1.0
-"""Maximum time from neutral pedal to standstill [s]. Assumed value, three time constants of the pump."""
+STANDING_M_S = 0.15  # Speed below which the tractor is at rest [m/s]. Assumed value, four times the measurement noise.
+OVERDUE_S = 1.0  # Maximum time from neutral pedal to standstill [s]. Assumed value, three time constants of the pump.
 
 
 class Mode(IntEnum):
@@ -62,26 +59,17 @@ class SupervisorState(NamedTuple):
     """State of a `Supervisor`."""
 
     mode: Mode = Mode.IDLE
-    watched: MonitorSignals = MonitorSignals()
-    """Signals computed for the monitors."""
+    watched: MonitorSignals = MonitorSignals()  # Signals computed for the monitors
     over_s: Vector = np.zeros(len(REASONS))
     """Weighted time for which the signal of each monitor has exceeded its limit [s]."""
-    pedal: float = 0.0
-    """Pedal reference while coasting and stopping [-]."""
-    steer: float = 0.0
-    """Last steering command [rad]."""
-    neutral_s: float = 0.0
-    """Time since the pedal reference reached neutral during a stop [s]."""
-    still_s: float = 0.0
-    """Time for which the tractor has been at rest during a stop [s]."""
-    released: bool = False
-    """Whether the power of the pedal valve has been cut."""
-    reason: str = ""
-    """Reason for the stop."""
-    limits: Limits | None = None
-    """Limits of the monitors; None before the first tick."""
-    reckoning: Reckoning = Reckoning()
-    """Dead reckoning by wheels and gyro."""
+    pedal: float = 0.0  # Pedal reference while coasting and stopping [-]
+    steer: float = 0.0  # Last steering command [rad]
+    neutral_s: float = 0.0  # Time since the pedal reference reached neutral during a stop [s]
+    still_s: float = 0.0  # Time for which the tractor has been at rest during a stop [s]
+    released: bool = False  # Whether the power of the pedal valve has been cut
+    reason: str = ""  # Reason for the stop
+    limits: Limits | None = None  # Limits of the monitors; None before the first tick
+    reckoning: Reckoning = Reckoning()  # Dead reckoning by wheels and gyro
 
 
 class Supervisor(SupervisorLimits):
@@ -194,14 +182,10 @@ class Supervisor(SupervisorLimits):
 class Wanted(NamedTuple):
     """Commands that the monitors compare with the measurements."""
 
-    steer: float
-    """Last steering command [rad]."""
-    speed: float
-    """Absolute commanded speed [m/s]."""
-    pedal: float
-    """Last pedal reference of the speed loop [-]."""
-    aligning: float
-    """Commanded speed until the heading is known [m/s]."""
+    steer: float  # Last steering command [rad]
+    speed: float  # Absolute commanded speed [m/s]
+    pedal: float  # Last pedal reference of the speed loop [-]
+    aligning: float  # Commanded speed until the heading is known [m/s]
 
 
 @stage

@@ -12,37 +12,25 @@ from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import jit, stage
 from agrobot_mj.core.signals import Array, Matrix, Vector
 
-LARGE_STEP = 0.01
-"""Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value."""
+LARGE_STEP = 0.01  # Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value.
 MIN_MEMBERSHIP = 1e-6
 """Minimum membership of the input in a shrinking set, above rounding errors (guard 3) [-]. Assumed value."""
-TINY = 1e-12
-"""Minimum denominator of a width update, which keeps the width finite [-]."""
+TINY = 1e-12  # Minimum denominator of a width update, which keeps the width finite [-]
 
 
 class T2FnnState(NamedTuple):
     """Parameters of the network and its last inputs."""
 
-    c1: Vector
-    """Centres of the fuzzy sets of input x1, shape (I,) [unit of x1]."""
-    c2: Vector
-    """Centres of the fuzzy sets of input x2, shape (J,) [unit of x2]."""
-    d1_lower: Vector
-    """Widths of the lower fuzzy sets of input x1, shape (I,) [unit of x1]."""
-    d1_upper: Vector
-    """Widths of the upper fuzzy sets of input x1, shape (I,) [unit of x1]."""
-    d2_lower: Vector
-    """Widths of the lower fuzzy sets of input x2, shape (J,) [unit of x2]."""
-    d2_upper: Vector
-    """Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]."""
-    f: Matrix
-    """Consequents of the fuzzy rules, shape (I, J) [rad]."""
-    q: float
-    """Weight q of the lower firing strengths in the output [-]."""
-    x1: float | None = None
-    """Last input x1 [unit of x1]; if None, the centres do not move in the next update."""
-    x2: float | None = None
-    """Last input x2 [unit of x2]; if None, the centres do not move in the next update."""
+    c1: Vector  # Centres of the fuzzy sets of input x1, shape (I,) [unit of x1]
+    c2: Vector  # Centres of the fuzzy sets of input x2, shape (J,) [unit of x2]
+    d1_lower: Vector  # Widths of the lower fuzzy sets of input x1, shape (I,) [unit of x1]
+    d1_upper: Vector  # Widths of the upper fuzzy sets of input x1, shape (I,) [unit of x1]
+    d2_lower: Vector  # Widths of the lower fuzzy sets of input x2, shape (J,) [unit of x2]
+    d2_upper: Vector  # Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]
+    f: Matrix  # Consequents of the fuzzy rules, shape (I, J) [rad]
+    q: float  # Weight q of the lower firing strengths in the output [-]
+    x1: float | None = None  # Last input x1 [unit of x1]; if None, the centres do not move in the next update
+    x2: float | None = None  # Last input x2 [unit of x2]; if None, the centres do not move in the next update
 
 
 class Rates(NamedTuple):
@@ -59,26 +47,16 @@ class Rates(NamedTuple):
 class Learning(NamedTuple):
     """Learning settings of a network, taken from `T2Fnn`."""
 
-    alpha: float
-    """Learning rate of the network [rad/s]."""
-    delta_s: float
-    """Smoothing width of the sign function [rad]."""
-    floor: float
-    """Minimum magnitude of denominators in the learning laws."""
-    d_min: float
-    """Minimum width of a fuzzy set [unit of the input]."""
-    d_max: float
-    """Maximum width of a fuzzy set [unit of the input]."""
-    follow: bool
-    """Whether the centres of the fuzzy sets follow the inputs."""
-    adapt_widths: bool
-    """Whether to learn the widths of the fuzzy sets."""
-    adapt_q: bool
-    """Whether to learn the weight q of the lower firing strengths."""
-    type_1: bool
-    """Whether the lower sets equal the upper sets."""
-    input_bound: float
-    """Magnitude at which inputs are clipped [unit of the input]."""
+    alpha: float  # Learning rate of the network [rad/s]
+    delta_s: float  # Smoothing width of the sign function [rad]
+    floor: float  # Minimum magnitude of denominators in the learning laws
+    d_min: float  # Minimum width of a fuzzy set [unit of the input]
+    d_max: float  # Maximum width of a fuzzy set [unit of the input]
+    follow: bool  # Whether the centres of the fuzzy sets follow the inputs
+    adapt_widths: bool  # Whether to learn the widths of the fuzzy sets
+    adapt_q: bool  # Whether to learn the weight q of the lower firing strengths
+    type_1: bool  # Whether the lower sets equal the upper sets
+    input_bound: float  # Magnitude at which inputs are clipped [unit of the input]
 
 
 class Network(NamedTuple):

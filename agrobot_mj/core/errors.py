@@ -11,10 +11,8 @@ LONGEST_LINE, LONGEST_VALUE = 2000, 120
 MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
 """Maximum number of errors listed per file, and maximum number of lines and characters of a message."""
 
-PLUGIN = "a plugin's kind needs --plugin FILE.py"
-"""End of the messages about unknown kinds."""
-LIKENESS = 0.6
-"""Minimum similarity of a word suggested in place of an unknown word [-]. Assumed value."""
+PLUGIN = "a plugin's kind needs --plugin FILE.py"  # End of the messages about unknown kinds
+LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown word [-]. Assumed value.
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:

@@ -15,10 +15,8 @@ from agrobot_mj.core.signals import Array
 
 
 class _Place(NamedTuple):
-    latitude: float
-    """Latitude, north positive [deg]."""
-    longitude: float
-    """Longitude, east positive [deg]."""
+    latitude: float  # Latitude, north positive [deg]
+    longitude: float  # Longitude, east positive [deg]
 
 
 class Origin(_Place):

@@ -17,12 +17,9 @@ from numba.experimental import structref
 from numba.extending import NativeValue, box, unbox
 
 T = TypeVar("T")
-Held = Annotated[T, "held"]
-"""Annotation of a named tuple that a stage takes or returns as a reference."""
-Reference: type = nrt.MemInfo
-"""Class of the references."""
-KINDS: dict[int, Any] = {}
-"""Types of the held states, by their number."""
+Held = Annotated[T, "held"]  # Annotation of a named tuple that a stage takes or returns as a reference
+Reference: type = nrt.MemInfo  # Class of the references
+KINDS: dict[int, Any] = {}  # Types of the held states, by their number
 
 
 @structref.register

@@ -30,17 +30,14 @@ PARTS = (
 )
 """Folders of the package that affect the results of a run."""
 PACKAGE = Path(__file__).parents[1]
-NONE = "00000000"
-"""Digest of missing content, such as an unreadable file."""
-_plugins: dict[Path, str] = {}
-"""Digest of each plugin file at the time of loading."""
+NONE = "00000000"  # Digest of missing content, such as an unreadable file
+_plugins: dict[Path, str] = {}  # Digest of each plugin file at the time of loading
 
 
 class Identity(NamedTuple):
     """Digests of the five parts of an identity."""
 
-    scenario: str
-    """Digest of the resolved scenario, including machine files and gains."""
+    scenario: str  # Digest of the resolved scenario, including machine files and gains
     files: str
     plugins: str
     program: str
@@ -125,8 +122,7 @@ def program_digest(parts: Iterable[str] = PARTS) -> str:
     return digest(*(path.read_bytes() for path in (*found, *sorted(MODELS.glob("*.xml")))))
 
 
-PROGRAM = program_digest()
-"""Digest of the sources at the start of this process."""
+PROGRAM = program_digest()  # Digest of the sources at the start of this process
 
 
 def take_in(name: str, member: type | None = None) -> None:

@@ -13,8 +13,7 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import Any
 
-NUMBERS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that request the end of the process."""
+NUMBERS = (signal.SIGINT, signal.SIGTERM)  # Signals that request the end of the process
 HELD = tuple(
     int(getattr(signal, name))
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGBREAK")
@@ -40,8 +39,7 @@ def handled_by(handler: Callable[[int, Any], None]) -> Iterator[None]:
                 signal.signal(number, old)
 
 
-MOST_HELD = 2
-"""Maximum number of delayed signals per signal number: a second signal may request more than the first."""
+MOST_HELD = 2  # Maximum number of delayed signals per signal number: a second signal may request more than the first
 
 
 class _State:

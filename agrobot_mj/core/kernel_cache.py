@@ -23,14 +23,11 @@ from numba import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from platformdirs import user_cache_path
 
-KEPT = 8
-"""Maximum number of package versions whose caches are kept on disk."""
+KEPT = 8  # Maximum number of package versions whose caches are kept on disk
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "estimation", "paths")
 """Folders of the package with kernels or constants used by kernels."""
-MAKES_KERNELS = b"agrobot_mj.core.kernels import"
-"""Text that identifies files with kernels outside `PARTS`."""
-CHECKSUM = 4
-"""Length of the checksum [bytes]."""
+MAKES_KERNELS = b"agrobot_mj.core.kernels import"  # Text that identifies files with kernels outside `PARTS`
+CHECKSUM = 4  # Length of the checksum [bytes]
 
 
 def _content() -> str:

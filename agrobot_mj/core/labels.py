@@ -4,8 +4,7 @@ import re
 import unicodedata
 from collections.abc import Iterable
 
-LONGEST = 60
-"""Maximum number of characters of a safe name."""
+LONGEST = 60  # Maximum number of characters of a safe name
 
 
 def safe_names(names: Iterable[str]) -> list[str]:

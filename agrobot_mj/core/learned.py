@@ -14,8 +14,7 @@ from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.core.signals import Array
 
 LEARNED = "learned.parquet"
-MOST_BYTES = 50e6
-"""Maximum size of an input file, a map of 1000 km [bytes]."""
+MOST_BYTES = 50e6  # Maximum size of an input file, a map of 1000 km [bytes]
 
 Learned = Mapping[str, Array]
 """Learned values by quantity, shape (n, 2): arc length [m] (NaN for a value without a location) and value."""

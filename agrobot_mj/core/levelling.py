@@ -21,14 +21,10 @@ SMOOTHING_S = 0.1
 class SmoothedTilt(NamedTuple):
     """Low-pass filtered roll and pitch, and their rates."""
 
-    roll: float
-    """Filtered roll [rad]."""
-    pitch: float
-    """Filtered pitch [rad]."""
-    roll_rate: float = 0.0
-    """Rate of the filtered roll [rad/s]."""
-    pitch_rate: float = 0.0
-    """Rate of the filtered pitch [rad/s]."""
+    roll: float  # Filtered roll [rad]
+    pitch: float  # Filtered pitch [rad]
+    roll_rate: float = 0.0  # Rate of the filtered roll [rad/s]
+    pitch_rate: float = 0.0  # Rate of the filtered pitch [rad/s]
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
         """Return the filtered tilt after the next measurement of roll and pitch [rad], `dt` [s] later."""

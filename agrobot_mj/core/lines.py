@@ -13,10 +13,8 @@ from agrobot_mj.core.signals import SOUND, Distortion
 class SignalLine(NamedTuple):
     """State of a signal line between two ticks."""
 
-    last: float | None = None
-    """Last value that arrived; None before the first value."""
-    pending: tuple[float, ...] = ()
-    """Values in transit, oldest first."""
+    last: float | None = None  # Last value that arrived; None before the first value
+    pending: tuple[float, ...] = ()  # Values in transit, oldest first
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
         """Return the line after a tick of `dt` [s] and the value that arrives; NaN (no signal) arrives as NaN."""

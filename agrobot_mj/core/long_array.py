@@ -19,10 +19,8 @@ from agrobot_mj.core.signals import Array
 
 PIECE = 12_000
 """Number of rows reserved at a time: ten minutes in steps of 50 ms. Arrays up to this length stay in memory."""
-MOST_BYTES = 500_000_000
-"""Maximum size of an array kept in memory if the disk is full, several hours of a run [bytes]."""
-_TOLD: set[str] = set()
-"""Folders for which a message about missing disk space was printed."""
+MOST_BYTES = 500_000_000  # Maximum size of an array kept in memory if the disk is full, several hours of a run [bytes]
+_TOLD: set[str] = set()  # Folders for which a message about missing disk space was printed
 
 
 class LongArray:

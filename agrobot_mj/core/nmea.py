@@ -8,13 +8,10 @@ from datetime import UTC, datetime, timedelta
 from math import degrees, pi
 from typing import NamedTuple
 
-START = datetime(2026, 6, 1, 12, tzinfo=UTC)
-"""UTC time at the start of every run, constant for repeatable runs."""
-KNOTS = 3600 / 1852
-"""Conversion factor from m/s to knots [kn per m/s]."""
+START = datetime(2026, 6, 1, 12, tzinfo=UTC)  # UTC time at the start of every run, constant for repeatable runs
+KNOTS = 3600 / 1852  # Conversion factor from m/s to knots [kn per m/s]
 MINUTE_DECIMALS = 7
-NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5
-"""Values of the fix quality indicator in GGA sentences."""
+NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5  # Values of the fix quality indicator in GGA sentences
 MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
 """Mode letter in RMC and VTG for each quality number; "A" for all others."""
 
@@ -22,26 +19,16 @@ MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
 class Solution(NamedTuple):
     """Navigation solution of a receiver at one time."""
 
-    t: float
-    """Time since the start of the run [s]."""
-    latitude: float
-    """Latitude, north positive [deg]."""
-    longitude: float
-    """Longitude, east positive [deg]."""
-    altitude: float
-    """Height of the antenna above z = 0, which represents the ellipsoid [m]."""
-    speed: float
-    """Speed over ground [m/s]."""
-    course: float
-    """Direction of motion, from east, counter-clockwise [rad]."""
-    quality: int = RTK_FIX
-    """Fix quality indicator of the GGA sentence."""
-    satellites: int = 14
-    """Number of satellites in use [-]. Assumed value."""
-    hdop: float = 0.7
-    """Horizontal dilution of precision [-]. Assumed value."""
-    age: float = 1.0
-    """Age of the corrections [s]. Assumed value."""
+    t: float  # Time since the start of the run [s]
+    latitude: float  # Latitude, north positive [deg]
+    longitude: float  # Longitude, east positive [deg]
+    altitude: float  # Height of the antenna above z = 0, which represents the ellipsoid [m]
+    speed: float  # Speed over ground [m/s]
+    course: float  # Direction of motion, from east, counter-clockwise [rad]
+    quality: int = RTK_FIX  # Fix quality indicator of the GGA sentence
+    satellites: int = 14  # Number of satellites in use [-]. Assumed value.
+    hdop: float = 0.7  # Horizontal dilution of precision [-]. Assumed value.
+    age: float = 1.0  # Age of the corrections [s]. Assumed value.
 
 
 def checksum(text: str) -> str:
@@ -85,8 +72,7 @@ def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
 
 
-LONGEST_DEGREES = 5
-"""Maximum number of digits before the decimal point of a text in degrees and minutes."""
+LONGEST_DEGREES = 5  # Maximum number of digits before the decimal point of a text in degrees and minutes
 
 
 def degrees_of(text: str, hemisphere: str) -> float:

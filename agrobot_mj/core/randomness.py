@@ -91,10 +91,8 @@ def gauss_markov(value: float, white: float, dt: float, correlation: float) -> f
 class GaussMarkov(NamedTuple):
     """State of a first-order Gauss-Markov process of unit variance, with one or more axes."""
 
-    generator: Generator
-    """Random stream, advanced in place."""
-    value: Any
-    """Tuple of the values in each axis, divided by its standard deviation [-]."""
+    generator: Generator  # Random stream, advanced in place
+    value: Any  # Tuple of the values in each axis, divided by its standard deviation [-]
 
     @classmethod
     def stationary(cls, generator: Generator, axes: int = 1) -> "GaussMarkov":

@@ -70,8 +70,7 @@ def installed(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoi
     return ours + theirs
 
 
-LONGEST_NAME = 80
-"""Maximum number of characters of a file name in a message."""
+LONGEST_NAME = 80  # Maximum number of characters of a file name in a message
 
 Stamp = tuple[str, int, int, int]
 """Path of a file, modification and status-change times [ns], and size; equal stamps mean equal content."""

@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 
-XTOL, RTOL = 2e-12, 8.881784197001252e-16
-"""Absolute and relative tolerance: the defaults of SciPy."""
+XTOL, RTOL = 2e-12, 8.881784197001252e-16  # Absolute and relative tolerance: the defaults of SciPy
 
 
 def root(function: Callable[[float], float], low: float, high: float, xtol: float = XTOL, rtol: float = RTOL) -> float:

@@ -9,39 +9,26 @@ from agrobot_mj.core.geometry import along_arc, to_heading, wrap
 from agrobot_mj.core.kernels import jit, shared
 from agrobot_mj.core.signals import Matrix, PathPoint, Vector
 
-STEP_M = 0.05
-"""Spacing of the samples [m]."""
-WINDOW_M = 4.0
-"""Half-width of the search window around the given arc length [m]."""
-ROUNDING_M = 1e-6
-"""Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]."""
+STEP_M = 0.05  # Spacing of the samples [m]
+WINDOW_M = 4.0  # Half-width of the search window around the given arc length [m]
+ROUNDING_M = 1e-6  # Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]
 BEND = 1.4
 """Maximum heading change of the path from the middle of the search window to each end, below a right angle [rad]."""
-T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)
-"""Column numbers of the sample array, as in `Sample`."""
+T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)  # Column numbers of the sample array, as in `Sample`
 
 
 class Sample(NamedTuple):
     """Sampled point of a path."""
 
-    t: float
-    """Time at which the reference passes the point [s]."""
-    x: float
-    """East coordinate [m]."""
-    y: float
-    """North coordinate [m]."""
-    yaw: float
-    """Heading of a tractor on the path at this point [rad]."""
-    curvature: float
-    """Curvature, positive left [1/m]."""
-    speed: float
-    """Speed along the heading, negative in reverse [m/s]."""
-    s: float = 0.0
-    """Arc length from the start [m]."""
-    turned: float = 0.0
-    """Accumulated absolute heading change from the start [rad]."""
-    direction: float = 0.0
-    """Direction of travel: 1 forward, -1 reverse, 0 unknown [-]."""
+    t: float  # Time at which the reference passes the point [s]
+    x: float  # East coordinate [m]
+    y: float  # North coordinate [m]
+    yaw: float  # Heading of a tractor on the path at this point [rad]
+    curvature: float  # Curvature, positive left [1/m]
+    speed: float  # Speed along the heading, negative in reverse [m/s]
+    s: float = 0.0  # Arc length from the start [m]
+    turned: float = 0.0  # Accumulated absolute heading change from the start [rad]
+    direction: float = 0.0  # Direction of travel: 1 forward, -1 reverse, 0 unknown [-]
 
     def offset(self, x: float, y: float) -> float:
         """Return the signed distance of (x, y) [m] from the osculating circle, positive left [m]."""

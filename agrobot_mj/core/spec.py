@@ -61,14 +61,11 @@ def _statements(module: str) -> tuple[ast.stmt, ...]:
         return ()
 
 
-HUGE = 1e9
-"""Upper limit of all quantities, in the unit of the key; larger values would overflow."""
+HUGE = 1e9  # Upper limit of all quantities, in the unit of the key; larger values would overflow
 Positive = Annotated[float, Field(gt=0, le=HUGE)]
 NonNegative = Annotated[float, Field(ge=0, le=HUGE)]
-Scale = Annotated[float, Field(ge=1e-3, le=10)]
-"""Factor on a nominal value [-]."""
-Spread = Annotated[float, Field(ge=0, le=10)]
-"""Standard deviation divided by the mean [-]."""
+Scale = Annotated[float, Field(ge=1e-3, le=10)]  # Factor on a nominal value [-]
+Spread = Annotated[float, Field(ge=0, le=10)]  # Standard deviation divided by the mean [-]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 """Stiffness of a tyre carcass divided by the vertical stiffness of the tyre [-]."""
@@ -107,8 +104,7 @@ def cone_index_in_range(kpa: float) -> float:
 
 
 ConeIndex = Annotated[float, Field(gt=0, le=HUGE), AfterValidator(cone_index_in_range)]
-Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]
-"""Delay in whole ticks [s]."""
+Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]  # Delay in whole ticks [s]
 
 
 class Spec(BaseModel):

@@ -22,34 +22,23 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import UNPRINTABLE
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-MOST_ROWS = 5_000_000
-"""Maximum number of rows of a log: three days at 20 Hz."""
-MOST_CSV_BYTES = 1_000_000_000
-"""Maximum size of a CSV file [bytes]."""
-MOST_HEADER_BYTES = 1_000_000
-"""Maximum length of a CSV header line [bytes]."""
-SHOWN = 24
-"""Maximum number of column names listed in a message."""
-LONGEST_STEP_S = 5.0
-"""Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics."""
-SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5
-"""Minimum and maximum time step of an evenly sampled log [s]."""
-UNEVEN = 0.5
-"""Maximum deviation of a time step from the median step, divided by the median step [-]."""
+MOST_ROWS = 5_000_000  # Maximum number of rows of a log: three days at 20 Hz
+MOST_CSV_BYTES = 1_000_000_000  # Maximum size of a CSV file [bytes]
+MOST_HEADER_BYTES = 1_000_000  # Maximum length of a CSV header line [bytes]
+SHOWN = 24  # Maximum number of column names listed in a message
+LONGEST_STEP_S = 5.0  # Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics
+SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5  # Minimum and maximum time step of an evenly sampled log [s]
+UNEVEN = 0.5  # Maximum deviation of a time step from the median step, divided by the median step [-]
 SAME_TIME = 1.5
 """Mean number of rows with equal time above which the times are rounded; below it, single rows are repeated [-]."""
-LATEST_STEP_S = 1e-5
-"""Median time step below which the times cannot be in seconds [s]."""
+LATEST_STEP_S = 1e-5  # Median time step below which the times cannot be in seconds [s]
 MOST_STEPS = 1e8
 """Maximum duration divided by the median time step: a year at 3 Hz. Longer durations contain a wrong time."""
-NAME = b"name"
-"""Key of the log's name in the table metadata."""
-PARQUET = b"PAR1"
-"""First bytes of a Parquet file."""
+NAME = b"name"  # Key of the log's name in the table metadata
+PARQUET = b"PAR1"  # First bytes of a Parquet file
 
 
-NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
-"""Pattern of a finite number in a CSV cell."""
+NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")  # Pattern of a finite number in a CSV cell
 
 
 class FieldLogError(ScenarioError):
@@ -59,8 +48,7 @@ class FieldLogError(ScenarioError):
         super().__init__(UNPRINTABLE.sub("?", text))
 
 
-Source: TypeAlias = Path | pa.Table
-"""Source of a log: a Parquet or CSV file, or a table in memory."""
+Source: TypeAlias = Path | pa.Table  # Source of a log: a Parquet or CSV file, or a table in memory
 
 
 def column_names(source: Source) -> list[str]:

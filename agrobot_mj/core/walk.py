@@ -40,8 +40,7 @@ SYNONYMS = {
     "time": ("duration",),
 }
 """Words used in the names of keys and kinds, by everyday synonym."""
-SHORT = 3
-"""Maximum number of letters of a search word that matches complete words only, such as `mu`."""
+SHORT = 3  # Maximum number of letters of a search word that matches complete words only, such as `mu`
 
 
 def alternatives(word: str) -> tuple[str, ...]:
@@ -68,12 +67,9 @@ def is_synonym(name: str, known: str) -> bool:
     return any(f"{known}_".startswith(f"{other}_") for other in alternatives(name.partition("_")[0])[1:])
 
 
-MOST_OFFERED = 2
-"""Maximum number of keys suggested in a message."""
-NEAR_TABLES = 2
-"""Maximum depth of a key that is suggested only because it has the same name in another table."""
-ALIKE = 0.65
-"""Minimum similarity of a suggested key name to the unknown name [-]. Assumed value."""
+MOST_OFFERED = 2  # Maximum number of keys suggested in a message
+NEAR_TABLES = 2  # Maximum depth of a key that is suggested only because it has the same name in another table
+ALIKE = 0.65  # Minimum similarity of a suggested key name to the unknown name [-]. Assumed value.
 
 
 class Key(NamedTuple):
@@ -93,8 +89,7 @@ class Key(NamedTuple):
 class TableClass(NamedTuple):
     """Class that a table of the configuration may have."""
 
-    kinds: tuple[tuple[str, str], ...]
-    """Kinds that select this class, as pairs (table, kind)."""
+    kinds: tuple[tuple[str, str], ...]  # Kinds that select this class, as pairs (table, kind)
     owner: type[Spec]
     default: Spec
 
@@ -111,10 +106,8 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
 class Index(NamedTuple):
     """All keys of a schema, in the order of traversal."""
 
-    tables: dict[str, list[Key]]
-    """Keys by the name of their table."""
-    names: dict[str, list[str]]
-    """Dotted keys by their last part, without duplicates."""
+    tables: dict[str, list[Key]]  # Keys by the name of their table
+    names: dict[str, list[str]]  # Dotted keys by their last part, without duplicates
 
 
 def index_of(root: type[Spec]) -> Index:

@@ -23,8 +23,7 @@ smoothed NIS, and outliers over 5 s add 126."""
 class Health(NamedTuple):
     """Diagnostics of an estimator that do not need the true state."""
 
-    fix_t: float = 0.0
-    """Time of the newest accepted fix [s]; start of the run before the first accepted fix."""
+    fix_t: float = 0.0  # Time of the newest accepted fix [s]; start of the run before the first accepted fix
     nis: float = 2.0
     """Smoothed normalised innovation squared (NIS) of the position [-]; the mean of a consistent filter is 2."""
 
@@ -41,18 +40,12 @@ kernel_method("after")
 class Readings(NamedTuple):
     """Measurements of a tick except the fix; a missing measurement is NaN."""
 
-    t: float
-    """Time of the measurements [s]."""
-    gyro: float
-    """Yaw rate [rad/s]."""
-    wheel: float
-    """Wheel speed [m/s]."""
-    steer: float
-    """Steering angle [rad]."""
-    roll: float
-    """Roll [rad]."""
-    pitch: float
-    """Pitch [rad]."""
+    t: float  # Time of the measurements [s]
+    gyro: float  # Yaw rate [rad/s]
+    wheel: float  # Wheel speed [m/s]
+    steer: float  # Steering angle [rad]
+    roll: float  # Roll [rad]
+    pitch: float  # Pitch [rad]
 
     @classmethod
     def of(cls, m: Measurement) -> "Readings":

@@ -27,10 +27,8 @@ from agrobot_mj.machine.tractor import TractorParameters
 class PoseEkfLaw(NamedTuple):
     """Parameters of `PoseEkf`."""
 
-    wheelbase: float
-    """Wheelbase L [m]."""
-    walks: tuple[float, float, float]
-    """Random walks of x, y [m/sqrt(s)] and yaw [rad/sqrt(s)]."""
+    wheelbase: float  # Wheelbase L [m]
+    walks: tuple[float, float, float]  # Random walks of x, y [m/sqrt(s)] and yaw [rad/sqrt(s)]
 
 
 @jit

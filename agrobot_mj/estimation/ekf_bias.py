@@ -31,23 +31,18 @@ from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, Po
 from agrobot_mj.estimation.position_ekf import FixEkf, Inputs, Linearised, corrected
 from agrobot_mj.machine.tractor import TractorParameters
 
-BIAS = 3
-"""Index of the steering bias in the state."""
+BIAS = 3  # Index of the steering bias in the state
 
 
 class Levels(NamedTuple):
     """Noise levels of the filter: process noise, and correlated part of the fix error."""
 
-    position_walk: float
-    """Random walk of the position [m/sqrt(s)]."""
-    yaw_walk: float
-    """Random walk of the course [rad/sqrt(s)]."""
-    bias_walk: float
-    """Random walk of the steering bias [rad/sqrt(s)]."""
+    position_walk: float  # Random walk of the position [m/sqrt(s)]
+    yaw_walk: float  # Random walk of the course [rad/sqrt(s)]
+    bias_walk: float  # Random walk of the steering bias [rad/sqrt(s)]
     correlated_share: float
     """Standard deviation of the time-correlated fix error, divided by the standard deviation of the total error [-]."""
-    correlation_time: float
-    """Correlation time of the time-correlated fix error [s]."""
+    correlation_time: float  # Correlation time of the time-correlated fix error [s]
 
 
 @jit
@@ -73,8 +68,7 @@ def jacobian(state: Vector, speed: float, steer: float, wheelbase: float, dt: fl
 class BiasEkfLaw(NamedTuple):
     """Parameters of `BiasEkf`."""
 
-    wheelbase: float
-    """Wheelbase L [m]."""
+    wheelbase: float  # Wheelbase L [m]
     levels: Levels
 
 

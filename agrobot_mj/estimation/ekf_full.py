@@ -42,18 +42,12 @@ COLUMNS = (
 class FullState(NamedTuple):
     """State of the estimator `EkfFull`."""
 
-    settings: Held[Settings]
-    """Constant parameters of the estimator, computed by `init`."""
-    horizon: Horizon
-    """Filter state at the newest fix, and newer measurements."""
-    health: Health
-    """Diagnostics that do not need the true state."""
-    tilt: SmoothedTilt = NO_TILT
-    """Smoothed roll and pitch of the last tick; NaN before the first tick."""
-    estimate: Estimate | None = None
-    """Estimate at the last tick; None before the first tick."""
-    errors: Errors = (nan,) * 6
-    """Logged errors and counts of the last tick; NaN before the first tick."""
+    settings: Held[Settings]  # Constant parameters of the estimator, computed by `init`
+    horizon: Horizon  # Filter state at the newest fix, and newer measurements
+    health: Health  # Diagnostics that do not need the true state
+    tilt: SmoothedTilt = NO_TILT  # Smoothed roll and pitch of the last tick; NaN before the first tick
+    estimate: Estimate | None = None  # Estimate at the last tick; None before the first tick
+    errors: Errors = (nan,) * 6  # Logged errors and counts of the last tick; NaN before the first tick
 
 
 class EkfFull(StateEstimator):

@@ -15,20 +15,13 @@ from agrobot_mj.machine.tractor import GRAVITY
 class Inputs(NamedTuple):
     """Measurements of a tick except the fix; a missing measurement is NaN."""
 
-    t: float
-    """Time of the measurements [s]."""
-    gyro: float
-    """Measured yaw rate [rad/s]."""
-    wheel: float
-    """Measured wheel speed [m/s]."""
-    steer: float
-    """Measured steering angle [rad]."""
-    roll: float
-    """Smoothed roll [rad]; 0 without terrain compensation."""
-    pitch: float
-    """Smoothed pitch [rad]; 0 without terrain compensation."""
-    lean: tuple[float, float] = (0.0, 0.0)
-    """Measured roll and pitch without smoothing [rad]."""
+    t: float  # Time of the measurements [s]
+    gyro: float  # Measured yaw rate [rad/s]
+    wheel: float  # Measured wheel speed [m/s]
+    steer: float  # Measured steering angle [rad]
+    roll: float  # Smoothed roll [rad]; 0 without terrain compensation
+    pitch: float  # Smoothed pitch [rad]; 0 without terrain compensation
+    lean: tuple[float, float] = (0.0, 0.0)  # Measured roll and pitch without smoothing [rad]
 
 
 @shared
@@ -40,31 +33,22 @@ def side_of(inputs: Inputs) -> float:
 class Gates(NamedTuple):
     """Limits for rejecting a fix as an outlier."""
 
-    nis: float
-    """NIS above which the position or the velocity of a fix is improbable [-]."""
-    position: float
-    """Position innovation up to which every fix is accepted [m]."""
-    velocity: float
-    """Velocity innovation up to which every fix is accepted [m/s]."""
-    patience: int
-    """Number of consecutive rejections before the filter restarts [ticks]."""
+    nis: float  # NIS above which the position or the velocity of a fix is improbable [-]
+    position: float  # Position innovation up to which every fix is accepted [m]
+    velocity: float  # Velocity innovation up to which every fix is accepted [m/s]
+    patience: int  # Number of consecutive rejections before the filter restarts [ticks]
 
 
 class Search(NamedTuple):
     """Search for the initial yaw: sums of wheel speed times fix velocity, in the frame of the predicted course."""
 
-    active: bool = True
-    """Whether the yaw is unknown."""
-    along: float = 0.0
-    """Sum of wheel speed times fix velocity along the predicted course [m2/s2]."""
-    across: float = 0.0
-    """Sum of wheel speed times fix velocity to the left of the predicted course [m2/s2]."""
-    weight: float = 0.0
-    """Sum of the squared wheel speeds [m2/s2]."""
+    active: bool = True  # Whether the yaw is unknown
+    along: float = 0.0  # Sum of wheel speed times fix velocity along the predicted course [m2/s2]
+    across: float = 0.0  # Sum of wheel speed times fix velocity to the left of the predicted course [m2/s2]
+    weight: float = 0.0  # Sum of the squared wheel speeds [m2/s2]
 
 
-FOUND = Search(active=False)
-"""State of the yaw search after the yaw has been found."""
+FOUND = Search(active=False)  # State of the yaw search after the yaw has been found
 
 
 class Rejections(NamedTuple):
@@ -74,78 +58,53 @@ class Rejections(NamedTuple):
     """Time of the last accepted fix, or of the start of the run before the first accepted fix [s]."""
     probation: int = 0
     """Number of consecutive consistent fixes still required after a restart before fixes count as accepted again."""
-    position: int = 0
-    """Number of consecutive fixes with a rejected position."""
-    velocity: int = 0
-    """Number of consecutive fixes with a rejected velocity."""
-    positions: int = 0
-    """Number of fixes with a rejected position since the start."""
-    velocities: int = 0
-    """Number of fixes with a rejected velocity since the start."""
-    restarts: int = 0
-    """Number of restarts of the position or of the search for the yaw."""
+    position: int = 0  # Number of consecutive fixes with a rejected position
+    velocity: int = 0  # Number of consecutive fixes with a rejected velocity
+    positions: int = 0  # Number of fixes with a rejected position since the start
+    velocities: int = 0  # Number of fixes with a rejected velocity since the start
+    restarts: int = 0  # Number of restarts of the position or of the search for the yaw
 
 
 class Seen(NamedTuple):
     """Properties of the last fix."""
 
-    t: float = -1.0
-    """Time of the last fix [s]."""
-    quality: int = Quality.FIX
-    """Quality of the last fix."""
-    speed: float = 0.0
-    """Speed of the last fix [m/s]."""
-    jumped: bool = False
-    """Whether the fix speed has jumped since its last agreement with the wheel speed."""
+    t: float = -1.0  # Time of the last fix [s]
+    quality: int = Quality.FIX  # Quality of the last fix
+    speed: float = 0.0  # Speed of the last fix [m/s]
+    jumped: bool = False  # Whether the fix speed has jumped since its last agreement with the wheel speed
 
 
 class Smooth(NamedTuple):
     """Low-pass filtered motion."""
 
-    standing: int = 0
-    """Number of consecutive ticks with the wheels at rest."""
-    cruise: float = 0.0
-    """Low-pass filtered speed of the tractor [m/s]."""
-    steady: float = 0.0
-    """Low-pass filtered modelled sideslip, positive to the right [rad]."""
-    bend: float = 0.0
-    """Low-pass filtered path curvature, without the effect of bumps [1/m]."""
+    standing: int = 0  # Number of consecutive ticks with the wheels at rest
+    cruise: float = 0.0  # Low-pass filtered speed of the tractor [m/s]
+    steady: float = 0.0  # Low-pass filtered modelled sideslip, positive to the right [rad]
+    bend: float = 0.0  # Low-pass filtered path curvature, without the effect of bumps [1/m]
 
 
 class Crab(NamedTuple):
     """Excess sideslip with a two-antenna heading: course of the fixes minus heading minus modelled sideslip."""
 
-    mean: float = 0.0
-    """Mean excess sideslip [rad]."""
-    time: float = 0.0
-    """Duration of the averaging of `mean` so far [s]."""
+    mean: float = 0.0  # Mean excess sideslip [rad]
+    time: float = 0.0  # Duration of the averaging of `mean` so far [s]
 
 
 class Core(NamedTuple):
     """Complete state of the filter after its last tick."""
 
-    mean: Vector
-    """Mean of the states, shape (14,), or (16,) after the first heading from two antennas."""
-    covariance: Matrix
-    """Covariance of `mean`, shape (n, n)."""
-    search: Search = Search()
-    """Search for the initial yaw."""
-    lever: Lever = UNKNOWN
-    """Lever arm of the antenna on the tilted tractor."""
-    rejections: Rejections = Rejections()
-    """Counts of accepted and rejected fixes."""
-    seen: Seen = Seen()
-    """Properties of the last fix."""
-    smooth: Smooth = Smooth()
-    """Low-pass filtered motion."""
-    slip: WheelSlip = WheelSlip()
-    """Estimated variation of the wheel slip."""
+    mean: Vector  # Mean of the states, shape (14,), or (16,) after the first heading from two antennas
+    covariance: Matrix  # Covariance of `mean`, shape (n, n)
+    search: Search = Search()  # Search for the initial yaw
+    lever: Lever = UNKNOWN  # Lever arm of the antenna on the tilted tractor
+    rejections: Rejections = Rejections()  # Counts of accepted and rejected fixes
+    seen: Seen = Seen()  # Properties of the last fix
+    smooth: Smooth = Smooth()  # Low-pass filtered motion
+    slip: WheelSlip = WheelSlip()  # Estimated variation of the wheel slip
     sway: SidewaysNoise = SidewaysNoise()
     """Estimated random variation of the course, independent of the modelled sideslip."""
-    crab: Crab = Crab()
-    """Excess sideslip with a two-antenna heading."""
-    nis: float = nan
-    """Normalised innovation squared of the position in the last tick; NaN without a fix [-]."""
+    crab: Crab = Crab()  # Excess sideslip with a two-antenna heading
+    nis: float = nan  # Normalised innovation squared of the position in the last tick; NaN without a fix [-]
 
 
 @jit

@@ -75,8 +75,7 @@ ALIGNMENT_SIGMA = radians(0.3)
 """Standard deviation at which the search for the yaw ends [rad]. Assumed value, reached after 1.4 m at 1.2 m/s."""
 ALIGNED_SIGMA = radians(1.0)
 """Standard deviation of the yaw after the search [rad]. Assumed value for the search error plus 2 s of gyro bias."""
-UNALIGNED_SIGMA = radians(104.0)
-"""Standard deviation of an unknown yaw: uniform over the circle [rad]."""
+UNALIGNED_SIGMA = radians(104.0)  # Standard deviation of an unknown yaw: uniform over the circle [rad]
 SEARCH_SPEED = 0.1
 """Minimum wheel speed for determining the yaw from velocities [m/s]. Assumed value, three times the velocity noise."""
 SLIPPING_SPEED = 0.3
@@ -92,28 +91,21 @@ SWAY, SWAY_S = 0.15, 5.0
 STEADY_S = 20.0
 """Time constant for changes of the modelled sideslip [s]. Assumed value, half a turn. The uncertainty of the compliance
 covers longer sideslip, as along a contour line."""
-LONGEST_GAP_S = 1.0
-"""Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver."""
+LONGEST_GAP_S = 1.0  # Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver.
 JUMP_M_S2 = 15.0
 """Maximum plausible rate of change of the fix speed [m/s2]. Assumed value, twice the limit of the tyres."""
 
-Used = tuple[bool, bool, bool]
-"""Whether position, velocity and heading of a fix are used, in this order."""
+Used = tuple[bool, bool, bool]  # Whether position, velocity and heading of a fix are used, in this order
 
 
 class FullFilter(NamedTuple):
     """Parameters of the filter: noise levels, limits and antenna position."""
 
-    levels: FullLevels
-    """Noise levels of states and measurements."""
-    noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]
-    """Position error of a fix, for each fix quality."""
-    gates: Gates
-    """Limits for rejecting a fix as an outlier."""
-    antenna: tuple[float, float, float]
-    """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
-    swing_filter: float
-    """Time constant for filtering the antenna velocity due to tilting; 0 disables the filter [s]."""
+    levels: FullLevels  # Noise levels of states and measurements
+    noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]  # Position error of a fix, for each fix quality
+    gates: Gates  # Limits for rejecting a fix as an outlier
+    antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
+    swing_filter: float  # Time constant for filtering the antenna velocity due to tilting; 0 disables the filter [s]
 
 
 @jit

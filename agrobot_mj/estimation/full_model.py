@@ -56,51 +56,37 @@ Walks = tuple[float, float, float, float, float, float, float, float, float, flo
 class FullLevels(NamedTuple):
     """Noise levels of the filter: random walks per square root of a second, and standard deviations per measurement."""
 
-    wheelbase: float
-    """Wheelbase of the tractor [m]."""
+    wheelbase: float  # Wheelbase of the tractor [m]
     walks: Walks
     """Random walks of east and north position, heading, speed, yaw rate, gyro bias, steering bias, wheel scale, tyre
     compliance, climb slip and antenna shift, in their units per square root of a second."""
-    gyro_sigma: float
-    """Standard deviation of the gyro noise [rad/s]."""
-    wheel_sigma: float
-    """Standard deviation of the wheel speed [m/s]."""
-    steer_sigma: float
-    """Standard deviation of the yaw rate derived from the steering angle [rad/s]."""
-    velocity_sigma: float
-    """Standard deviation of the GNSS velocity per axis [m/s]."""
+    gyro_sigma: float  # Standard deviation of the gyro noise [rad/s]
+    wheel_sigma: float  # Standard deviation of the wheel speed [m/s]
+    steer_sigma: float  # Standard deviation of the yaw rate derived from the steering angle [rad/s]
+    velocity_sigma: float  # Standard deviation of the GNSS velocity per axis [m/s]
     lean_slip_walk: float = 0.001
     """Random walk of the relative wheel-speed error, divided by gravity along the ground [s2/m/sqrt(s)]."""
-    heading_sigma: float = radians(0.25)
-    """Standard deviation of a two-antenna heading [rad]."""
-    sideslip_walk: float = radians(0.1)
-    """Random walk of the excess sideslip [rad/sqrt(s)]."""
+    heading_sigma: float = radians(0.25)  # Standard deviation of a two-antenna heading [rad]
+    sideslip_walk: float = radians(0.1)  # Random walk of the excess sideslip [rad/sqrt(s)]
     sideslip_sigma: float = radians(2.0)
     """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
-    turn_offset_walk: float = 0.004
-    """Random walk of the turn offset with distance [m/sqrt(m)]."""
-    roll: float = 0.0
-    """Outward roll in a bend divided by the specific side force, without compensation [rad s2/m]."""
+    turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
+    roll: float = 0.0  # Outward roll in a bend divided by the specific side force, without compensation [rad s2/m]
 
 
 class FixNoise(NamedTuple):
     """Position error of a fix of a given quality, as used by the filter."""
 
-    correlated: float
-    """Standard deviation of the time-correlated position error [m]."""
-    white: float
-    """Standard deviation of the white position error [m]."""
-    correlation_time: float
-    """Correlation time of the correlated position error [s]."""
+    correlated: float  # Standard deviation of the time-correlated position error [m]
+    white: float  # Standard deviation of the white position error [m]
+    correlation_time: float  # Correlation time of the correlated position error [s]
 
 
 class SideLoad(NamedTuple):
     """Inputs of the sideslip model in addition to the states."""
 
-    gravity: float = 0.0
-    """Gravity component of the specific side force [m/s2]."""
-    bend: float = 0.0
-    """Curvature of the bend [1/m]."""
+    gravity: float = 0.0  # Gravity component of the specific side force [m/s2]
+    bend: float = 0.0  # Curvature of the bend [1/m]
 
 
 SOFTENING = 1.1

@@ -42,71 +42,46 @@ tractor turns at up to 0.4 deg/s before its wheels rotate."""
 class FixRows(NamedTuple):
     """Linearised measurements of a fix: position (two rows), velocity along and across the course, heading."""
 
-    innovation: Vector
-    """Measured minus expected values, shape (5,)."""
-    jacobian: Matrix
-    """Derivatives with respect to the states, shape (5, n)."""
-    variance: Vector
-    """Variances of the measurement noise, shape (5,)."""
-    position_nis: float
-    """Normalised innovation squared (NIS) of the position [-]."""
-    velocity_nis: float
-    """Normalised innovation squared (NIS) of the velocity [-]."""
+    innovation: Vector  # Measured minus expected values, shape (5,)
+    jacobian: Matrix  # Derivatives with respect to the states, shape (5, n)
+    variance: Vector  # Variances of the measurement noise, shape (5,)
+    position_nis: float  # Normalised innovation squared (NIS) of the position [-]
+    velocity_nis: float  # Normalised innovation squared (NIS) of the velocity [-]
 
 
 class FixNumbers(NamedTuple):
     """Fix of the rear-axle point R, with the lever arm and the variances of its measurement rows."""
 
-    x: float
-    """East position of the rear-axle point R [m]."""
-    y: float
-    """North position of the rear-axle point R [m]."""
-    vx: float
-    """East velocity of the rear-axle point R [m/s]."""
-    vy: float
-    """North velocity of the rear-axle point R [m/s]."""
-    heading: float
-    """Heading from two antennas; NaN if not measured [rad]."""
-    lever_east: float
-    """East offset of the antenna from the rear-axle point R, which rotates with the yaw [m]."""
-    lever_north: float
-    """North offset of the antenna from the rear-axle point R [m]."""
-    velocity_variance: float
-    """Variance of the velocity per axis [m2/s2]."""
-    course_variance: float
-    """Variance of the course due to its random variation [rad2]."""
-    heading_variance: float
-    """Variance of the heading [rad2]."""
+    x: float  # East position of the rear-axle point R [m]
+    y: float  # North position of the rear-axle point R [m]
+    vx: float  # East velocity of the rear-axle point R [m/s]
+    vy: float  # North velocity of the rear-axle point R [m/s]
+    heading: float  # Heading from two antennas; NaN if not measured [rad]
+    lever_east: float  # East offset of the antenna from the rear-axle point R, which rotates with the yaw [m]
+    lever_north: float  # North offset of the antenna from the rear-axle point R [m]
+    velocity_variance: float  # Variance of the velocity per axis [m2/s2]
+    course_variance: float  # Variance of the course due to its random variation [rad2]
+    heading_variance: float  # Variance of the heading [rad2]
 
 
 class MotionReadings(NamedTuple):
     """Measurements of the motion; a missing measurement is NaN."""
 
-    steer: float = nan
-    """Measured steering angle [rad]."""
-    gyro: float = nan
-    """Yaw rate measured by the gyro [rad/s]."""
-    wheel: float = nan
-    """Measured wheel speed along the ground [m/s]."""
-    pitch: float = 0.0
-    """Pitch of the tractor [rad]."""
-    cruise: float = 0.0
-    """Low-pass filtered speed of the tractor [m/s]."""
-    standing: bool = False
-    """Whether the tractor is at standstill."""
+    steer: float = nan  # Measured steering angle [rad]
+    gyro: float = nan  # Yaw rate measured by the gyro [rad/s]
+    wheel: float = nan  # Measured wheel speed along the ground [m/s]
+    pitch: float = 0.0  # Pitch of the tractor [rad]
+    cruise: float = 0.0  # Low-pass filtered speed of the tractor [m/s]
+    standing: bool = False  # Whether the tractor is at standstill
 
 
 class MotionNoise(NamedTuple):
     """Noise levels of the motion measurements, from `FullLevels`, and wheelbase."""
 
-    wheelbase: float
-    """Wheelbase of the tractor [m]."""
-    steer: float
-    """Variance of the yaw rate derived from the steering angle [rad2/s2]."""
-    gyro: float
-    """Variance of the yaw rate from the gyro [rad2/s2]."""
-    wheel: float
-    """Variance of the wheel speed [m2/s2]."""
+    wheelbase: float  # Wheelbase of the tractor [m]
+    steer: float  # Variance of the yaw rate derived from the steering angle [rad2/s2]
+    gyro: float  # Variance of the yaw rate from the gyro [rad2/s2]
+    wheel: float  # Variance of the wheel speed [m2/s2]
 
 
 @jit

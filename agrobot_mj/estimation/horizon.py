@@ -49,12 +49,9 @@ HISTORY_TICKS = 110
 class Horizon(NamedTuple):
     """Filter state at the newest fix, measurements since then, and previous states."""
 
-    held: Held[Core]
-    """Filter state at the time of the newest fix."""
-    seen_t: float = -1.0
-    """Time of the newest fix [s]."""
-    waiting: Matrix = np.zeros((0, 8))
-    """Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)."""
+    held: Held[Core]  # Filter state at the time of the newest fix
+    seen_t: float = -1.0  # Time of the newest fix [s]
+    waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
     history: tuple[tuple[Held[Core], float, Matrix], ...] = ()
     """Core before each tick, time of its newest fix and measurements used in the tick, oldest first."""
 
@@ -84,33 +81,22 @@ class Horizon(NamedTuple):
 class Settings(NamedTuple):
     """Parameters of the estimator `ekf_full`, as numbers for compiled kernels."""
 
-    filter: FullFilter
-    """Noise levels and limits of the filter."""
-    cg: tuple[float, float, float]
-    """Position of the CG relative to the rear-axle point R: ahead, left and up [m]."""
-    tilts: bool
-    """Whether measured roll and pitch are used (terrain compensation)."""
-    body: bool
-    """Whether the gyro axis is fixed to the tractor."""
+    filter: FullFilter  # Noise levels and limits of the filter
+    cg: tuple[float, float, float]  # Position of the CG relative to the rear-axle point R: ahead, left and up [m]
+    tilts: bool  # Whether measured roll and pitch are used (terrain compensation)
+    body: bool  # Whether the gyro axis is fixed to the tractor
 
 
 class Present(NamedTuple):
     """Estimate at the current time."""
 
-    x: float
-    """East position of the rear-axle point R [m]."""
-    y: float
-    """North position of the rear-axle point R [m]."""
-    heading: float
-    """Heading of the tractor, not wrapped [rad]."""
-    sideslip: float
-    """Course of the rear-axle point R minus heading [rad]."""
-    speed: float
-    """Speed of the rear-axle point R along its course [m/s]."""
-    yaw_rate: float
-    """Estimated yaw rate [rad/s]."""
-    covariance: Matrix
-    """Covariance of x, y and heading, shape (3, 3)."""
+    x: float  # East position of the rear-axle point R [m]
+    y: float  # North position of the rear-axle point R [m]
+    heading: float  # Heading of the tractor, not wrapped [rad]
+    sideslip: float  # Course of the rear-axle point R minus heading [rad]
+    speed: float  # Speed of the rear-axle point R along its course [m/s]
+    yaw_rate: float  # Estimated yaw rate [rad/s]
+    covariance: Matrix  # Covariance of x, y and heading, shape (3, 3)
 
 
 Errors = tuple[float, float, float, float, float, float]
@@ -221,5 +207,4 @@ def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], la
     return P
 
 
-NO_TILT = SmoothedTilt(nan, nan)
-"""Tilt before the first tick: unknown."""
+NO_TILT = SmoothedTilt(nan, nan)  # Tilt before the first tick: unknown

@@ -25,28 +25,20 @@ from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned, velocity_step
 from agrobot_mj.machine.tractor import TractorParameters
 
-SOURCES = ("ekf", "kinematic", "gyro")
-"""Values of `yaw_rate_source`, in the order of their numbers."""
+SOURCES = ("ekf", "kinematic", "gyro")  # Values of `yaw_rate_source`, in the order of their numbers
 KINEMATIC, GYRO = 1, 2
-FIXED = Quality.FIX
-"""Quality of an RTK-fixed position, as a number for kernels."""
+FIXED = Quality.FIX  # Quality of an RTK-fixed position, as a number for kernels
 
 
 class PoseSettings(NamedTuple):
     """Parameters of a `PoseEstimator`, as numbers for kernels; its keys describe the fields without a description."""
 
-    cg: tuple[float, float, float]
-    """Position of the CG relative to the rear-axle point R: ahead, left and up [m]."""
-    antenna: tuple[float, float, float]
-    """Position of the antenna relative to the rear-axle point R in vehicle axes [m]."""
-    wheelbase: float
-    """Wheelbase L [m]."""
-    source: int
-    """Number of `yaw_rate_source` in `SOURCES`."""
-    tilts: bool
-    """Whether measured roll and pitch are used (terrain compensation)."""
-    turns: bool
-    """Whether the velocity estimate rotates with the yaw."""
+    cg: tuple[float, float, float]  # Position of the CG relative to the rear-axle point R: ahead, left and up [m]
+    antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
+    wheelbase: float  # Wheelbase L [m]
+    source: int  # Number of `yaw_rate_source` in `SOURCES`
+    tilts: bool  # Whether measured roll and pitch are used (terrain compensation)
+    turns: bool  # Whether the velocity estimate rotates with the yaw
     swing_filter_s: float
     yaw_rate_filter_s: float
     sigmas: tuple[float, float, float]
@@ -57,31 +49,21 @@ class PoseSettings(NamedTuple):
 class PoseState(NamedTuple):
     """Numbers of a `PoseEstimator` that change in each tick."""
 
-    motion: Vector
-    """Mean position and velocity (x, vx, y, vy) of the antenna, shape (4,) [m, m/s]."""
-    motion_covariance: Matrix
-    """Covariance of `motion`, shape (4, 4)."""
-    pose: Vector
-    """Mean x, y, yaw (not wrapped) of the rear axle and other pose-filter states, shape (n,) [m, rad, ...]."""
-    pose_covariance: Matrix
-    """Covariance of `pose`, shape (n, n)."""
-    yaw_rate: float = 0.0
-    """Low-pass filtered rate of the estimated yaw [rad/s]."""
-    lever: Lever = UNKNOWN
-    """Lever arm of the tilted antenna; NaN before the first tick and without compensation."""
-    health: Health = Health()
-    """Diagnostics that do not need the true state."""
+    motion: Vector  # Mean position and velocity (x, vx, y, vy) of the antenna, shape (4,) [m, m/s]
+    motion_covariance: Matrix  # Covariance of `motion`, shape (4, 4)
+    pose: Vector  # Mean x, y, yaw (not wrapped) of the rear axle and other pose-filter states, shape (n,) [m, rad, ...]
+    pose_covariance: Matrix  # Covariance of `pose`, shape (n, n)
+    yaw_rate: float = 0.0  # Low-pass filtered rate of the estimated yaw [rad/s]
+    lever: Lever = UNKNOWN  # Lever arm of the tilted antenna; NaN before the first tick and without compensation
+    health: Health = Health()  # Diagnostics that do not need the true state
 
 
 class EstimatorState(NamedTuple):
     """State of a `PoseEstimator`."""
 
-    settings: Held[PoseSettings]
-    """Parameters of the estimator."""
-    law: Held[Any]
-    """Parameters of the compiled pose filter."""
-    numbers: Held[PoseState]
-    """Means, covariances and diagnostics."""
+    settings: Held[PoseSettings]  # Parameters of the estimator
+    law: Held[Any]  # Parameters of the compiled pose filter
+    numbers: Held[PoseState]  # Means, covariances and diagnostics
     filters: tuple[VelocityKf, FixEkf] | None
     """Filters of velocity and pose that are evaluated in Python; None if the tick is compiled."""
 
@@ -89,16 +71,12 @@ class EstimatorState(NamedTuple):
 class Prepared(NamedTuple):
     """Inputs of the pose filter in one tick."""
 
-    fix: Fix
-    """Fix of the rear-axle point R; NaN without a fix."""
-    sigma: float
-    """Standard deviation of its position [m]."""
+    fix: Fix  # Fix of the rear-axle point R; NaN without a fix
+    sigma: float  # Standard deviation of its position [m]
     lever: Lever
     motion: Vector
-    motion_covariance: Matrix
-    """New values of the fields of `PoseState`."""
-    speed: float
-    """Velocity along the estimated heading [m/s]."""
+    motion_covariance: Matrix  # New values of the fields of `PoseState`
+    speed: float  # Velocity along the estimated heading [m/s]
 
 
 @jit

@@ -10,23 +10,17 @@ from agrobot_mj.core.signals import Array, Fix, Matrix, Vector
 from agrobot_mj.estimation.equations import applied, prior, tick
 from agrobot_mj.estimation.kalman import Filter
 
-Inputs = tuple[float, float, float]
-"""Speed [m/s], steering angle [rad] and dt [s]."""
+Inputs = tuple[float, float, float]  # Speed [m/s], steering angle [rad] and dt [s]
 
 
 class Linearised(NamedTuple):
     """Model of a pose filter with n states in one tick."""
 
-    x: Vector
-    """Predicted mean, shape (n,)."""
-    F: Matrix
-    """Transition, shape (n, n)."""
-    Q: Matrix
-    """Process noise, shape (n, n)."""
-    H: Matrix
-    """Jacobian of the position of a fix, shape (2, n)."""
-    R: Matrix
-    """Noise of this position, shape (2, 2) [m2]."""
+    x: Vector  # Predicted mean, shape (n,)
+    F: Matrix  # Transition, shape (n, n)
+    Q: Matrix  # Process noise, shape (n, n)
+    H: Matrix  # Jacobian of the position of a fix, shape (2, n)
+    R: Matrix  # Noise of this position, shape (2, 2) [m2]
 
 
 @jit

@@ -21,12 +21,9 @@ MEMORY_S = 60.0
 class SidewaysNoise(NamedTuple):
     """Course variation estimated from the fixes."""
 
-    residual: float = 0.0
-    """Low-pass filtered cross-course innovation, divided by the speed [rad]."""
-    excess: float = 0.0
-    """Mean square of the filtered innovation minus its value for white noise [rad2]."""
-    seen_s: float = LOW_PASS_S
-    """Current averaging time of `excess`, at most `MEMORY_S` [s]."""
+    residual: float = 0.0  # Low-pass filtered cross-course innovation, divided by the speed [rad]
+    excess: float = 0.0  # Mean square of the filtered innovation minus its value for white noise [rad2]
+    seen_s: float = LOW_PASS_S  # Current averaging time of `excess`, at most `MEMORY_S` [s]
 
     def after(self, residual: float, variance: float, dt: float) -> "SidewaysNoise":
         """Return the state after `dt` [s] with an innovation `residual` [rad] and its noise `variance` [rad2]."""

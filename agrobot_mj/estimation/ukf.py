@@ -17,8 +17,7 @@ from agrobot_mj.estimation.ekf import PoseEkf, f
 from agrobot_mj.estimation.pose_estimator import PoseEstimator
 from agrobot_mj.machine.tractor import TractorParameters
 
-GAUSSIAN = 2.0
-"""Parameter beta of the sigma points for a normal distribution [-] [Merwe2004]."""
+GAUSSIAN = 2.0  # Parameter beta of the sigma points for a normal distribution [-] [Merwe2004]
 
 
 class PoseUkf(PoseEkf):

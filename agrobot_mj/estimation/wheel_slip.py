@@ -13,8 +13,7 @@ from agrobot_mj.core.kernels import kernel_method
 
 RESIDUAL_S = 2.0
 """Time constant for filtering the residual [s]. Assumed value, 40 fixes; slip changes of 1 % are then significant."""
-MEMORY_S = 300.0
-"""Averaging time of the slip variation [s]. Assumed value, the duration of several swaths."""
+MEMORY_S = 300.0  # Averaging time of the slip variation [s]. Assumed value, the duration of several swaths.
 SIGNIFICANT = 9.0
 """Squared residual, divided by its variance, above which the slip has changed [-]. Assumed value (three sigma)."""
 
@@ -22,12 +21,9 @@ SIGNIFICANT = 9.0
 class WheelSlip(NamedTuple):
     """Variation of the wheel slip, estimated from fixes."""
 
-    residual: float = 0.0
-    """Low-pass filtered difference between wheel speed and fix speed, divided by the speed [-]."""
-    change: float = 0.0
-    """Current variance rate of the random walk of the wheel slip [1/s]."""
-    memory: float = 0.0
-    """Mean of `change` over `MEMORY_S` [1/s]."""
+    residual: float = 0.0  # Low-pass filtered difference between wheel speed and fix speed, divided by the speed [-]
+    change: float = 0.0  # Current variance rate of the random walk of the wheel slip [1/s]
+    memory: float = 0.0  # Mean of `change` over `MEMORY_S` [1/s]
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
         """Return the state after `dt` [s] with a relative `residual` and the variances of residual and wheel scale."""

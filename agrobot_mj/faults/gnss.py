@@ -15,8 +15,7 @@ from agrobot_mj.faults.base import Scripted
 
 Metres = Annotated[float, Field(ge=-1e4, le=1e4)]
 Rate = Annotated[float, Field(ge=-10, le=10)]
-Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]
-"""Time interval of at least one tick [s]."""
+Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]  # Time interval of at least one tick [s]
 
 
 def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
@@ -130,14 +129,10 @@ class FloatState(NamedTuple):
     """State of a `GnssFloat` between two ticks."""
 
     generator: Generator
-    floating: bool
-    """Whether the solution is float at present; always true without `flicker_s`."""
-    turns_s: float
-    """Time of the next change between float and fix [s]."""
-    jumps_s: float
-    """Time of the next jump of the offset [s]."""
-    offset: tuple[float, float]
-    """Position offset, east and north [m]."""
+    floating: bool  # Whether the solution is float at present; always true without `flicker_s`
+    turns_s: float  # Time of the next change between float and fix [s]
+    jumps_s: float  # Time of the next jump of the offset [s]
+    offset: tuple[float, float]  # Position offset, east and north [m]
 
 
 class GnssFloat(Scripted):

@@ -15,8 +15,7 @@ ScriptState = tuple[Any, ...]
 class Script(NamedTuple):
     """Faults of a scenario, with the methods `init` and `update` of a stage."""
 
-    faults: Sequence[Scripted]
-    """Faults in the order of the scenario file, which is the order of their application."""
+    faults: Sequence[Scripted]  # Faults in the order of the scenario file, which is the order of their application
     seed: int
 
     def init(self) -> ScriptState:

@@ -12,17 +12,12 @@ from agrobot_mj.machine.tractor import TractorParameters
 class Machine(NamedTuple):
     """Parameters of tractor, actuators and implement, which all plants use in addition to their own parameters."""
 
-    tractor: TractorParameters = TractorParameters()
-    """Geometry, masses and tyres of the tractor."""
-    valve: Valve = Valve()
-    """Steering valve and pump."""
+    tractor: TractorParameters = TractorParameters()  # Geometry, masses and tyres of the tractor
+    valve: Valve = Valve()  # Steering valve and pump
     cylinder: Cylinder = Cylinder()
-    driveline: Driveline = Driveline()
-    """Driveline, from the pedal to the rear wheels."""
-    implement: ImplementBase = NoImplement()
-    """Implement at the hitch."""
-    linkage: Linkage = Linkage()
-    """Kingpins and steering linkage."""
+    driveline: Driveline = Driveline()  # Driveline, from the pedal to the rear wheels
+    implement: ImplementBase = NoImplement()  # Implement at the hitch
+    linkage: Linkage = Linkage()  # Kingpins and steering linkage
 
     @property
     def steering_rate(self) -> float:

@@ -27,8 +27,7 @@ BRAKING_M_S2 = 3.55
 brake holds the tractor on a slope of 21 deg, twice the slope of 18 % required of parking brakes."""
 
 
-ReleaseDeg = Annotated[float, Field(gt=0, le=60)]
-"""Steering angle at which a lock or a drive is released [deg]."""
+ReleaseDeg = Annotated[float, Field(gt=0, le=60)]  # Steering angle at which a lock or a drive is released [deg]
 
 
 class Driveline(Spec):
@@ -128,44 +127,30 @@ def _given(value: float | None, default: float) -> float:
 class Strength(NamedTuple):
     """Limits and compliance of the driveline of a machine."""
 
-    torque: float
-    """Relief torque of the hydrostat, summed over the driven wheels [N m]."""
-    power: float
-    """Maximum driving power [W]."""
-    brake: float
-    """Brake torque, braking force times rear wheel radius [N m]."""
-    stiffness: float
-    """Stiffness of trapped oil and shafts [N m/rad]."""
-    damping: float
-    """Damping of shafts and final drives [N m s/rad]."""
+    torque: float  # Relief torque of the hydrostat, summed over the driven wheels [N m]
+    power: float  # Maximum driving power [W]
+    brake: float  # Brake torque, braking force times rear wheel radius [N m]
+    stiffness: float  # Stiffness of trapped oil and shafts [N m/rad]
+    damping: float  # Damping of shafts and final drives [N m s/rad]
 
 
 class DriveLaw(NamedTuple):
     """Parameters of a `Driveline` for the compiled kernel."""
 
-    dead_band: float
-    """Half width of the dead band about neutral [V]."""
-    gain: float
-    """Pedal rate per volt outside the dead band [1/(V s)]."""
-    rate_limit: float
-    """Maximum pedal rate [1/s]."""
-    spring: float
-    """Rate at which the return spring moves the unpowered pedal [1/s]."""
-    full_speed: float
-    """Rim speed at full pedal [m/s]."""
-    lag: float
-    """Fraction of the previous rim speed that remains after a step, exp(-dt / time constant) [-]."""
-    dt: float
-    """Time step of the physics [s]."""
+    dead_band: float  # Half width of the dead band about neutral [V]
+    gain: float  # Pedal rate per volt outside the dead band [1/(V s)]
+    rate_limit: float  # Maximum pedal rate [1/s]
+    spring: float  # Rate at which the return spring moves the unpowered pedal [1/s]
+    full_speed: float  # Rim speed at full pedal [m/s]
+    lag: float  # Fraction of the previous rim speed that remains after a step, exp(-dt / time constant) [-]
+    dt: float  # Time step of the physics [s]
 
 
 class DriveMemory(NamedTuple):
     """State of the drive between two physics steps; the arrays are written in place."""
 
-    pedal: Array
-    """Pedal position in [-1, 1], shape (1,) [-]."""
-    speed: Array
-    """Rim speed that corresponds to the oil flow, shape (1,) [m/s]."""
+    pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
+    speed: Array  # Rim speed that corresponds to the oil flow, shape (1,) [m/s]
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:

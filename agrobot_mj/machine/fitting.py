@@ -21,8 +21,7 @@ Assumed values: up to 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
 """Weight divided by the sum of diameter squared times width of the wheels, below which the wheels are too large
 [kN/m3]. Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
-HIGHEST_BAR = 250.0
-"""Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common."""
+HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
 """Minimum pull at the torque limit, and minimum pull at the power limit and path speed, divided by the weight [-].
 Assumed values: the rolling resistance is 0.05-0.07 of the weight."""

@@ -27,10 +27,8 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
-FULL_RANGE_V = 12.0
-"""Maximum voltage of a valve [V]. Paper, section V-B."""
-LITRE_PER_MINUTE = 1e-3 / 60
-"""Conversion factor from l/min to m3/s [m3/s per l/min]."""
+FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
+LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
 times 1.5 for rough ground and end stops; gives 100 bar for a cylinder of this class."""
@@ -129,40 +127,28 @@ class Cylinder(Spec):
 class OilColumn(NamedTuple):
     """Oil in the steering cylinder, hoses and linkage, referred to the kingpin of the virtual front wheel."""
 
-    relief_torque: float
-    """Maximum torque of the cylinder, at which the relief valve opens [N m]."""
-    stiffness: float
-    """Stiffness of oil column and linkage [N m/rad]."""
-    damping: float
-    """Damping of oil column and linkage [N m s/rad]."""
+    relief_torque: float  # Maximum torque of the cylinder, at which the relief valve opens [N m]
+    stiffness: float  # Stiffness of oil column and linkage [N m/rad]
+    damping: float  # Damping of oil column and linkage [N m s/rad]
 
 
 class ValveLaw(NamedTuple):
     """Parameters of a `Valve` for the compiled kernel, in SI units."""
 
-    lag: float
-    """Fraction of the spool's deviation that remains after a step, exp(-dt / time constant) [-]."""
-    dead_band: float
-    """Half width of the dead band about neutral [V]."""
-    gain_left: float
-    """Flow per volt outside the dead band, steering left [m3/(s V)]."""
-    gain_right: float
-    """Flow per volt outside the dead band, steering right [m3/(s V)]."""
-    saturation: float
-    """Maximum flow, in both directions [m3/s]."""
-    supply: float = 0.0
-    """Supply pressure of a valve without pressure compensation; 0 for a compensated valve [Pa]."""
+    lag: float  # Fraction of the spool's deviation that remains after a step, exp(-dt / time constant) [-]
+    dead_band: float  # Half width of the dead band about neutral [V]
+    gain_left: float  # Flow per volt outside the dead band, steering left [m3/(s V)]
+    gain_right: float  # Flow per volt outside the dead band, steering right [m3/(s V)]
+    saturation: float  # Maximum flow, in both directions [m3/s]
+    supply: float = 0.0  # Supply pressure of a valve without pressure compensation; 0 for a compensated valve [Pa]
 
 
 class ValveMemory(NamedTuple):
     """State of the valve between steps; the arrays are written in place."""
 
-    spool: Array
-    """Lagged voltage at the spool, shape (1,) [V]."""
-    queue: Array
-    """Ring buffer of the delayed voltages, shape (delay steps + 1,) [V]."""
-    head: Index
-    """Index of the next element to write in the ring buffer, shape (1,)."""
+    spool: Array  # Lagged voltage at the spool, shape (1,) [V]
+    queue: Array  # Ring buffer of the delayed voltages, shape (delay steps + 1,) [V]
+    head: Index  # Index of the next element to write in the ring buffer, shape (1,)
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:

@@ -58,5 +58,4 @@ class Linkage(Spec):
         return DRY_GRIP * tractor.front_axle_load * arm
 
 
-UPRIGHT = Linkage()
-"""Kingpins through the wheel centres, without play and friction."""
+UPRIGHT = Linkage()  # Kingpins through the wheel centres, without play and friction

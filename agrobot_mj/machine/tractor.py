@@ -12,8 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
 from agrobot_mj.machine.tyre_size import TyreSize, nominal_size, tyre_size
 
-GRAVITY = 9.81
-"""Gravitational acceleration, as MuJoCo's default [m/s2]."""
+GRAVITY = 9.81  # Gravitational acceleration, as MuJoCo's default [m/s2]
 Body = Literal["open", "roll_bar", "cab", "robot"]
 """Appearance of a machine: a seat without roll bar, with roll bar or in a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
@@ -23,22 +22,14 @@ WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
 class AxleWheel(NamedTuple):
     """Wheel with its tyre, left or right on an axle."""
 
-    axle: str
-    """Axle of a tractor, "front" or "rear"; "rear" for an implement."""
-    radius: float
-    """Free radius of the wheel [m]."""
-    width: float
-    """Section width of the tyre [m]."""
-    mass: float
-    """Mass of wheel and tyre [kg]."""
-    load: float
-    """Static load of the wheel on level ground [N]."""
-    stiffness: float
-    """Vertical stiffness of the tyre [N/m]."""
-    damping: float
-    """Vertical damping of the tyre [N s/m]."""
-    size: TyreSize | None = None
-    """Tyre dimensions given by a size code; None without a code."""
+    axle: str  # Axle of a tractor, "front" or "rear"; "rear" for an implement
+    radius: float  # Free radius of the wheel [m]
+    width: float  # Section width of the tyre [m]
+    mass: float  # Mass of wheel and tyre [kg]
+    load: float  # Static load of the wheel on level ground [N]
+    stiffness: float  # Vertical stiffness of the tyre [N/m]
+    damping: float  # Vertical damping of the tyre [N s/m]
+    size: TyreSize | None = None  # Tyre dimensions given by a size code; None without a code
 
     @property
     def deflection(self) -> float:
@@ -48,14 +39,10 @@ class AxleWheel(NamedTuple):
 
 DAMPING_RATIO = 0.15
 """Damping of a tyre under its static load divided by critical damping [-]. Assumed value (0.05-0.2)."""
-AntennaPlace = Annotated[float, Field(ge=-20, le=20)]
-"""Horizontal distance of an antenna from the rear axle [m]."""
-AXLES = ("front", "rear")
-"""Names of the axles of a tractor, at the beginning of their keys."""
-TyreCode = Annotated[str, Field(min_length=1, max_length=40)]
-"""Size code of a tyre, see `tyre_size`."""
-PressureBar = Annotated[float, Field(ge=0.3, le=8)]
-"""Inflation pressure [bar]."""
+AntennaPlace = Annotated[float, Field(ge=-20, le=20)]  # Horizontal distance of an antenna from the rear axle [m]
+AXLES = ("front", "rear")  # Names of the axles of a tractor, at the beginning of their keys
+TyreCode = Annotated[str, Field(min_length=1, max_length=40)]  # Size code of a tyre, see `tyre_size`
+PressureBar = Annotated[float, Field(ge=0.3, le=8)]  # Inflation pressure [bar]
 
 
 class TractorParameters(Spec):
@@ -271,5 +258,4 @@ class TractorParameters(Spec):
         return self.front_wheel, self.rear_wheel
 
 
-COMPACT = TractorParameters()
-"""Compact tractor of the paper, the reference for scaling other machines."""
+COMPACT = TractorParameters()  # Compact tractor of the paper, the reference for scaling other machines

@@ -20,10 +20,8 @@ from typing import NamedTuple
 
 from agrobot_mj.core.errors import shortened
 
-INCH = 0.0254
-"""Length of an inch [m]."""
-KGF_MM = 9806.65
-"""Stiffness of 1 kgf/mm [N/m]."""
+INCH = 0.0254  # Length of an inch [m]
+KGF_MM = 9806.65  # Stiffness of 1 kgf/mm [N/m]
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
 """Ratio of section height to section width for inch codes without a ratio, and for codes with `L` or a rim in half
 inches [-]. Assumed values: 0.82-0.91 from 9.5-24 to 20.8-38, 0.67-0.72 from 11L-15 to 28L-26."""
@@ -52,21 +50,16 @@ _FAMILIES = {
 }
 _SERVICE = re.compile(r"\s+\d{2,3}(/\d{2,3})?\s?[A-G]\d?$")
 """Pattern of the load index and speed symbol after a code, such as 158A8."""
-METRIC_FROM = 100.0
-"""Minimum section width [mm] in a metric code with a ratio; smaller numbers are in inches."""
+METRIC_FROM = 100.0  # Minimum section width [mm] in a metric code with a ratio; smaller numbers are in inches
 
 
 class TyreSize(NamedTuple):
     """Nominal dimensions of an unloaded tyre."""
 
-    width: float
-    """Section width of the tyre [m]."""
-    diameter: float
-    """Diameter of the tyre [m]."""
-    rim: float
-    """Rim diameter [m]."""
-    radial: bool
-    """Whether the carcass is radial."""
+    width: float  # Section width of the tyre [m]
+    diameter: float  # Diameter of the tyre [m]
+    rim: float  # Rim diameter [m]
+    radial: bool  # Whether the carcass is radial
 
     @property
     def section_height(self) -> float:

@@ -26,8 +26,7 @@ METRICS: list[Metric] = [
 ]
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_offset"), "m")
 """Units of the metrics of an external guidance program, for names without a unit."""
-ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}
-"""Units of metrics by the suffix of their names."""
+ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}  # Units of metrics by the suffix of their names
 
 
 def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:

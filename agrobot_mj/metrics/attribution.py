@@ -18,17 +18,14 @@ from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.machine.tractor import GRAVITY
 from agrobot_mj.metrics.base import Metric, RunView, mean, rms
 
-NEAR_M = 0.5
-"""Maximum distance between true and estimated CG for a shared osculating circle [m]. Assumed value."""
+NEAR_M = 0.5  # Maximum distance between true and estimated CG for a shared osculating circle [m]. Assumed value.
 
 
 class ErrorParts(NamedTuple):
     """Parts of the cross-track error, each of shape (ticks,), left positive [m]."""
 
-    estimator: Array
-    """Position of the true CG relative to the estimated CG, across the path [m]."""
-    guidance: Array
-    """Offset of the estimated CG from the path, the input of the guidance law [m]."""
+    estimator: Array  # Position of the true CG relative to the estimated CG, across the path [m]
+    guidance: Array  # Offset of the estimated CG from the path, the input of the guidance law [m]
 
 
 def parts_of(view: RunView) -> ErrorParts:
@@ -63,10 +60,8 @@ class Attribution(Metric):
 
 SIDEWAYS_M_S2 = 0.5
 """Maximum lateral specific force in straight driving on level ground [m/s2]. Assumed value: sideslip below 0.5 deg."""
-MOVES_M_S = 0.3
-"""Minimum speed of the ticks used for `level_sideslip` [m/s]. Assumed value."""
-LEVEL_TICKS = 200
-"""Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value."""
+MOVES_M_S = 0.3  # Minimum speed of the ticks used for `level_sideslip` [m/s]. Assumed value.
+LEVEL_TICKS = 200  # Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value.
 
 
 class Consistency(Metric):

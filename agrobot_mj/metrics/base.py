@@ -17,8 +17,7 @@ from agrobot_mj.metrics.crosstrack import BesidePath, track
 from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
-LEAST = 20
-"""Minimum number of values for a statistic: the ticks of one second. Assumed value."""
+LEAST = 20  # Minimum number of values for a statistic: the ticks of one second. Assumed value.
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 """Rows of a log: a slice, or a mask of shape (ticks,)."""

@@ -18,17 +18,14 @@ WINDOW_M = 10.0
 """Search distance before and after the previous nearest point, and offset above which the point is lost [m]."""
 FORGOTTEN_S = 5.0
 """Duration of missing positions after which the previous nearest point is discarded [s]. Assumed value."""
-FARTHEST_M = 1e7
-"""Maximum plausible distance of a position from the origin [m]: a quarter of the equator."""
+FARTHEST_M = 1e7  # Maximum plausible distance of a position from the origin [m]: a quarter of the equator
 
 
 class BesidePath(NamedTuple):
     """Positions relative to a path: arrays of n rows, NaN for points that are not finite."""
 
-    offset: Array
-    """Signed distance from the path, left positive, shape (n,) [m]."""
-    time: Array
-    """Time at which the reference passes the nearest point, shape (n,) [s]."""
+    offset: Array  # Signed distance from the path, left positive, shape (n,) [m]
+    time: Array  # Time at which the reference passes the nearest point, shape (n,) [s]
     circles: Array
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 

@@ -19,8 +19,7 @@ from agrobot_mj.metrics.base import RunView
 LEAN, UNIT, HEADING, LATENCY = "antenna lean", "error of the inertial unit", "heading error", "GNSS latency"
 GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities"
 ON_IMPLEMENT, PLACE = "antenna on the implement", "configured antenna position"
-MAIN = 0.5
-"""Minimum fraction of the error for a cause to be reported, more than all other causes together [-]."""
+MAIN = 0.5  # Minimum fraction of the error for a cause to be reported, more than all other causes together [-]
 SMALLEST_M = 1e-3
 """Root mean square error below which no cause is reported [m]. Assumed value: far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]

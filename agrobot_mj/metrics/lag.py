@@ -10,8 +10,7 @@ import numpy as np
 
 from agrobot_mj.metrics.base import LogLike
 
-LAST_S = 10.0
-"""Duration of the final part of a run over which speeds are averaged [s]."""
+LAST_S = 10.0  # Duration of the final part of a run over which speeds are averaged [s]
 LATE_M = 1.0
 """Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: 1 s at 1 m/s."""
 SLOW, LOSING_M = 0.95, 0.5
@@ -22,12 +21,9 @@ above LOSING_M [m]. Assumed values: starting from rest causes a small lag in eve
 class Lag(NamedTuple):
     """Lag of the tractor behind its reference at the end of a run."""
 
-    behind_m: float
-    """Distance of the tractor behind the reference, along the heading of the reference [m]."""
-    speed_m_s: float
-    """Mean speed of the tractor in the final part [m/s]."""
-    reference_m_s: float
-    """Mean speed of the reference in the final part [m/s]."""
+    behind_m: float  # Distance of the tractor behind the reference, along the heading of the reference [m]
+    speed_m_s: float  # Mean speed of the tractor in the final part [m/s]
+    reference_m_s: float  # Mean speed of the reference in the final part [m/s]
 
     @property
     def text(self) -> str:

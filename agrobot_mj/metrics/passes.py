@@ -19,23 +19,17 @@ from agrobot_mj.metrics.base import Metric, RunView, abs_p95, mean, rms
 from agrobot_mj.paths import Parallel
 
 LABEL = "12188-2-style"
-STATION_M = 0.1
-"""Distance between the stations of a pass [m]."""
-COMPLETE = 0.99
-"""Minimum driven fraction of a complete pass [-]."""
+STATION_M = 0.1  # Distance between the stations of a pass [m]
+COMPLETE = 0.99  # Minimum driven fraction of a complete pass [-]
 
 
 class Passed(NamedTuple):
     """Driven part of a pass. Stations lie along the first pass; errors and `line` are positive to its left."""
 
-    line: float
-    """Lateral position of the planned pass [m]."""
-    direction: int
-    """Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction."""
-    span: float
-    """Length of the pass without the run-in [m]."""
-    stations: Array
-    """Stations passed, as integer multiples of STATION_M, shape (n,) [-]."""
+    line: float  # Lateral position of the planned pass [m]
+    direction: int  # Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction
+    span: float  # Length of the pass without the run-in [m]
+    stations: Array  # Stations passed, as integer multiples of STATION_M, shape (n,) [-]
     errors: Array
     """Offset of the CG from the line at these stations, positive to the left of the first pass, shape (n,) [m]."""
 

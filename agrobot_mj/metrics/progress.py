@@ -23,14 +23,11 @@ from agrobot_mj.paths.route import SampledRoute
 
 CORRIDOR_M = 5.0
 """Distance to the path within which a segment is driven [m]. Assumed value: two swaths; error metrics are stricter."""
-ENOUGH = 0.9
-"""Minimum fraction of the path that must be driven [-]. Assumed value."""
-LATE_S = 2.0
-"""Delay behind the reference that is allowed at the end [s]. Assumed value: the tractor starts from rest."""
+ENOUGH = 0.9  # Minimum fraction of the path that must be driven [-]. Assumed value.
+LATE_S = 2.0  # Delay behind the reference that is allowed at the end [s]. Assumed value: the tractor starts from rest.
 STEP_M = 0.25
 """Spacing of the evaluated positions of the tractor, and minimum length of a path with a driven fraction [m]."""
-ASTRAY_M = 1.0
-"""Distance from the path above which the nearest point is also searched near the reference [m]."""
+ASTRAY_M = 1.0  # Distance from the path above which the nearest point is also searched near the reference [m]
 LEAP_M = 1.5
 """Maximum path length driven between two positions [m]: longer than STEP_M, for a tractor on the inside of a bend."""
 
@@ -38,12 +35,9 @@ LEAP_M = 1.5
 class PathProgress(NamedTuple):
     """Driven part of a path."""
 
-    driven: float
-    """Driven length of the path [m]."""
-    length: float
-    """Length of the path [m]."""
-    due: float
-    """Path length that the reference has covered LATE_S before the planned end [m]."""
+    driven: float  # Driven length of the path [m]
+    length: float  # Length of the path [m]
+    due: float  # Path length that the reference has covered LATE_S before the planned end [m]
 
     @property
     def share(self) -> float | None:

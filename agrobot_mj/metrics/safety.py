@@ -10,10 +10,8 @@ from agrobot_mj.control.supervisor import Mode
 from agrobot_mj.core.signals import TICK_S, Array, Column
 from agrobot_mj.metrics.base import Metric, RunView
 
-OFF_M = 1.0
-"""Distance from the path above which the tractor has left the path [m]."""
-SLOWEST_M_S = 0.5
-"""Minimum speed command used as the divisor of `safety.overspeed` [m/s]."""
+OFF_M = 1.0  # Distance from the path above which the tractor has left the path [m]
+SLOWEST_M_S = 0.5  # Minimum speed command used as the divisor of `safety.overspeed` [m/s]
 MEMORY = 40
 """Number of recent ticks whose maximum command is compared with the speed [-]: two seconds, the stopping time."""
 

@@ -12,15 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-COMPLETED = "completed"
-"""Outcome of a run that reached the end of its path."""
+COMPLETED = "completed"  # Outcome of a run that reached the end of its path
 ERRORS = (
     *("lateral_", "longitudinal_", "xte_", "yaw_rate_error_", "implement_xte_", "per_turn", "iso_12188_2_style"),
     *("acquisition", "steer_error_"),
 )
 """Prefixes of the names of tracking errors."""
-MOST_REASONS = 3
-"""Maximum number of reasons in a text."""
+MOST_REASONS = 3  # Maximum number of reasons in a text
 Row = Mapping[str, Any]
 
 

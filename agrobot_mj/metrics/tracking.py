@@ -26,8 +26,7 @@ from agrobot_mj.metrics.base import (
     rows_until,
 )
 
-COMPLETE = 0.99
-"""Minimum fraction of a turn that a run must cover for the turn to be complete [-]."""
+COMPLETE = 0.99  # Minimum fraction of a turn that a run must cover for the turn to be complete [-]
 
 
 class Tracking(Metric):
@@ -133,12 +132,9 @@ class ImplementErrors(Metric):
         }
 
 
-BAND_M = 0.05
-"""Maximum distance from an acquired path [m]. Assumed value: twice the stated accuracy of RTK guidance."""
-HELD_S = 5.0
-"""Minimum time within BAND_M of an acquired path [s]. Assumed value: longer than half an oscillation."""
-END_S = 2.0
-"""Duration of the final part of the run, in which the maximum remaining offset is measured [s]."""
+BAND_M = 0.05  # Maximum distance from an acquired path [m]. Assumed value: twice the stated accuracy of RTK guidance.
+HELD_S = 5.0  # Minimum time within BAND_M of an acquired path [s]. Assumed value: longer than half an oscillation.
+END_S = 2.0  # Duration of the final part of the run, in which the maximum remaining offset is measured [s]
 
 
 class Acquisition(Metric):

@@ -15,12 +15,10 @@ from pydantic import Field
 from agrobot_mj.core.geometry import along_arc, wrap
 from agrobot_mj.core.signals import Reference
 
-SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0
-"""Minimum and maximum speed of a reference [m/s]."""
+SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0  # Minimum and maximum speed of a reference [m/s]
 Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)]
 Ramp = Annotated[float, Field(ge=0, le=60)]
-RAMP_S = 4.0
-"""Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/s2 up to 1.2 m/s."""
+RAMP_S = 4.0  # Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/s2 up to 1.2 m/s.
 
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
 """Pairs of node and weight [-] of the five-point Gauss-Legendre rule, from the middle node outwards."""
@@ -31,23 +29,17 @@ MAX_HALF_TURN = 0.2
 class Pose(NamedTuple):
     """Point of a path and heading of the tractor at this point."""
 
-    x: float
-    """East coordinate [m]."""
-    y: float
-    """North coordinate [m]."""
-    yaw: float
-    """Heading, not wrapped [rad]."""
+    x: float  # East coordinate [m]
+    y: float  # North coordinate [m]
+    yaw: float  # Heading, not wrapped [rad]
 
 
 class Place(NamedTuple):
     """Point of a path for use in messages."""
 
-    x: float
-    """East coordinate [m]."""
-    y: float
-    """North coordinate [m]."""
-    distance: float
-    """Distance travelled from the start [m]."""
+    x: float  # East coordinate [m]
+    y: float  # North coordinate [m]
+    distance: float  # Distance travelled from the start [m]
 
 
 def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:

@@ -25,23 +25,17 @@ from agrobot_mj.core.signals import TICK_S, Array, Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
 
-MAX_SAMPLES = 1000
-"""Maximum number of samples of an outline, which are computed in a few milliseconds [-]."""
+MAX_SAMPLES = 1000  # Maximum number of samples of an outline, which are computed in a few milliseconds [-]
 
 
 class PathOutline(NamedTuple):
     """Samples of a path in order of time, shape (n,) each; a curvature step is two samples at the same point."""
 
-    t: Array
-    """Time of each sample [s]."""
-    x: Array
-    """East coordinate of each sample [m]."""
-    y: Array
-    """North coordinate of each sample [m]."""
-    curvature: Array
-    """Curvature at each sample, positive left [1/m]."""
-    speed: Array
-    """Absolute speed at each sample [m/s]."""
+    t: Array  # Time of each sample [s]
+    x: Array  # East coordinate of each sample [m]
+    y: Array  # North coordinate of each sample [m]
+    curvature: Array  # Curvature at each sample, positive left [1/m]
+    speed: Array  # Absolute speed at each sample [m/s]
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:

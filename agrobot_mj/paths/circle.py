@@ -17,8 +17,7 @@ from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, r
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.transition import Transitions
 
-ORIGIN = Pose(0.0, 0.0, 0.0)
-"""Pose at the start of every lap."""
+ORIGIN = Pose(0.0, 0.0, 0.0)  # Pose at the start of every lap
 
 
 class Circle(Transitions, ReferencePath):

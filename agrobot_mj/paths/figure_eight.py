@@ -31,13 +31,10 @@ from agrobot_mj.paths.transition import Transitions, bend
 class _Piece(NamedTuple):
     """Straight, arc or clothoid of a lap."""
 
-    start: float
-    """Arc length at the start of the segment, from the start of the lap [m]."""
+    start: float  # Arc length at the start of the segment, from the start of the lap [m]
     pose: Pose
-    curvature: float
-    """Curvature at the start of the segment [1/m]."""
-    sharpness: float
-    """Change of curvature per metre [1/m2]."""
+    curvature: float  # Curvature at the start of the segment [1/m]
+    sharpness: float  # Change of curvature per metre [1/m2]
 
 
 @lru_cache(maxsize=16)

@@ -19,37 +19,27 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import STEP_M, Course, Piece, chain
 from agrobot_mj.paths.transition import Bend, Transitions, bend
 
-ARC_FRACTION = 0.8
-"""Maximum fraction of a corner's space used by the arc [-]; the clothoids use the remainder."""
-MIN_ANGLE = 1e-9
-"""Minimum angle of a corner; smaller angles are ignored [rad]."""
-MAX_ANGLE = pi - 0.02
-"""Maximum angle of a corner; larger angles are reversals [rad]."""
-MAX_SHARPNESS = 1e6
-"""Maximum sharpness of a clothoid: the curvature is then practically a step [1/m2]."""
+ARC_FRACTION = 0.8  # Maximum fraction of a corner's space used by the arc [-]; the clothoids use the remainder
+MIN_ANGLE = 1e-9  # Minimum angle of a corner; smaller angles are ignored [rad]
+MAX_ANGLE = pi - 0.02  # Maximum angle of a corner; larger angles are reversals [rad]
+MAX_SHARPNESS = 1e6  # Maximum sharpness of a clothoid: the curvature is then practically a step [1/m2]
 
 
 class Rounding(NamedTuple):
     """Parameters for rounding corners."""
 
-    radius: float
-    """Radius of corners with a large angle [m]."""
-    tolerance: float
-    """Distance between a waypoint and its arc up to which the arc is widened beyond `radius` [m]."""
-    speed: float
-    """Maximum speed of the path [m/s]."""
-    lateral: float
-    """Maximum lateral acceleration of the path [m/s2]."""
-    transitions: Transitions
-    """Type and steering rate of the clothoids."""
+    radius: float  # Radius of corners with a large angle [m]
+    tolerance: float  # Distance between a waypoint and its arc up to which the arc is widened beyond `radius` [m]
+    speed: float  # Maximum speed of the path [m/s]
+    lateral: float  # Maximum lateral acceleration of the path [m/s2]
+    transitions: Transitions  # Type and steering rate of the clothoids
 
 
 class Corner(NamedTuple):
     """Bend that replaces a corner, with its maximum speed."""
 
     bend: Bend
-    left: float
-    """Direction of the corner: 1 left, -1 right."""
+    left: float  # Direction of the corner: 1 left, -1 right
     speed: float
 
     @property

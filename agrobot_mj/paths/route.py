@@ -34,18 +34,14 @@ from agrobot_mj.core.samples import (
 from agrobot_mj.core.signals import Array, Matrix, PathPoint, Reference, Vector
 from agrobot_mj.paths.base import ReferencePath, reference_at
 
-CHUNK_S = 20.0
-"""Time interval by which the sampled path is extended [s]."""
-BEYOND_S = 3600.0
-"""Time after the end of the path up to which samples are added to reach a required arc length [s]."""
+CHUNK_S = 20.0  # Time interval by which the sampled path is extended [s]
+BEYOND_S = 3600.0  # Time after the end of the path up to which samples are added to reach a required arc length [s]
 
-LAP_GRID_M, MIN_LAP_M = 0.05, 10.0
-"""Grid spacing for comparing headings, and minimum lap length [m]."""
+LAP_GRID_M, MIN_LAP_M = 0.05, 10.0  # Grid spacing for comparing headings, and minimum lap length [m]
 MAX_DIFFERENCE = 0.01
 """Maximum difference between the headings of two laps, one minus mean cosine, divided by its maximum over all lap
 lengths [-]. Assumed value: excludes the exit from the field after the last pass."""
-MIN_TURN = 0.8
-"""Minimum heading change of a path with laps [rad]. Assumed value (45 deg)."""
+MIN_TURN = 0.8  # Minimum heading change of a path with laps [rad]. Assumed value (45 deg).
 
 _search, _nearest, _ahead, _curvatures = (
     stage(found_nearest),

@@ -17,14 +17,10 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Place, Pose
 
-STEP_M = 0.5
-"""Maximum length of a segment after division [m]."""
-PARTS_TO_A_STOP = 8
-"""Minimum number of parts of a segment next to a cusp, for acceleration and deceleration [-]."""
-CURVE_STEP_M = 0.1
-"""Spacing of the arcs that approximate a curve [m]."""
-MAX_LENGTH_M = 50e3
-"""Maximum length of a course [m]."""
+STEP_M = 0.5  # Maximum length of a segment after division [m]
+PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp, for acceleration and deceleration [-]
+CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
+MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
 """Nodes and weights that integrate clothoids of up to 10 rad heading change to rounding accuracy."""
 
@@ -36,36 +32,24 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
 class Piece(NamedTuple):
     """Segment of a course: straight, arc or clothoid, or a pause between two segments."""
 
-    length: float
-    """Length of the segment; 0 for a pause [m]."""
-    curvature: float = 0.0
-    """Curvature at the start of the segment [1/m]."""
-    speed: float = inf
-    """Maximum speed on the segment [m/s]."""
-    sharpness: float = 0.0
-    """Change of curvature per metre travelled on the segment [1/m2]."""
-    direction: float = 1.0
-    """Direction of travel: 1 forward, -1 reverse [-]."""
-    pause: float = 0.0
-    """Duration of a pause, for segments of length 0 [s]."""
+    length: float  # Length of the segment; 0 for a pause [m]
+    curvature: float = 0.0  # Curvature at the start of the segment [1/m]
+    speed: float = inf  # Maximum speed on the segment [m/s]
+    sharpness: float = 0.0  # Change of curvature per metre travelled on the segment [1/m2]
+    direction: float = 1.0  # Direction of travel: 1 forward, -1 reverse [-]
+    pause: float = 0.0  # Duration of a pause, for segments of length 0 [s]
 
 
 class Course(NamedTuple):
     """Chain of segments that starts at `start`; the arrays have shape (segments,)."""
 
     start: Pose
-    lengths: Array
-    """Length of each segment, 0 only for pauses [m]."""
-    curvatures: Array
-    """Curvature at the start of each segment [1/m]."""
-    speeds: Array
-    """Maximum speed on each segment; infinite if only the limits of the path apply [m/s]."""
-    sharpnesses: Array
-    """Change of curvature per metre travelled on each segment [1/m2]."""
-    directions: Array
-    """Direction of travel of each segment: 1 forward, -1 reverse [-]."""
-    pauses: Array
-    """Duration of the pause of each segment [s]."""
+    lengths: Array  # Length of each segment, 0 only for pauses [m]
+    curvatures: Array  # Curvature at the start of each segment [1/m]
+    speeds: Array  # Maximum speed on each segment; infinite if only the limits of the path apply [m/s]
+    sharpnesses: Array  # Change of curvature per metre travelled on each segment [1/m2]
+    directions: Array  # Direction of travel of each segment: 1 forward, -1 reverse [-]
+    pauses: Array  # Duration of the pause of each segment [s]
     trends: Array
     """Change of curvature of the approximated curve per metre travelled, for each segment; 0 for true arcs [1/m2]."""
 

@@ -47,14 +47,10 @@ class Transitions(Spec):
 class Bend(NamedTuple):
     """Bend through an angle, symmetric about its middle; coordinates are relative to its start."""
 
-    angle: float
-    """Change of heading along the bend [rad]."""
-    radius: float
-    """Radius of the arc, or radius at the joint of the clothoids of a bend without arc [m]."""
-    sharpness: float
-    """Change of curvature per metre in the clothoids; infinite without clothoids [1/m2]."""
-    arc: float
-    """Length of the arc [m]."""
+    angle: float  # Change of heading along the bend [rad]
+    radius: float  # Radius of the arc, or radius at the joint of the clothoids of a bend without arc [m]
+    sharpness: float  # Change of curvature per metre in the clothoids; infinite without clothoids [1/m2]
+    arc: float  # Length of the arc [m]
 
     @property
     def curvature(self) -> float:

@@ -48,10 +48,8 @@ MAX_ROWS = 20_000
 class Track(NamedTuple):
     """Waypoints read from a file."""
 
-    points: Array
-    """Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
-    notes: tuple[str, ...]
-    """Sentences about omitted columns, shapes and points, and about a shift of the coordinates."""
+    points: Array  # Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]
+    notes: tuple[str, ...]  # Sentences about omitted columns, shapes and points, and about a shift of the coordinates
 
 
 @lru_cache(maxsize=8)

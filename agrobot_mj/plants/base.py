@@ -24,10 +24,8 @@ def write(arrays: tuple[AnyArray, ...], saved: tuple[AnyArray, ...]) -> None:
 class Clock(NamedTuple):
     """Duration of a physics step of a plant, and number of physics steps per tick."""
 
-    dt: float = 0.002
-    """Duration of a physics step [s]."""
-    steps: int = 25
-    """Number of physics steps per tick [-]."""
+    dt: float = 0.002  # Duration of a physics step [s]
+    steps: int = 25  # Number of physics steps per tick [-]
 
     @property
     def tick_s(self) -> float:

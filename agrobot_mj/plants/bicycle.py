@@ -39,8 +39,7 @@ from agrobot_mj.terrain.memory import AnyArray
 from agrobot_mj.tyres.linear import unlike_a_tyre
 
 CLOCK = Clock()
-CRAWL = 0.05
-"""Speed below which lateral velocity and yaw rate have their steady-state values [m/s]."""
+CRAWL = 0.05  # Speed below which lateral velocity and yaw rate have their steady-state values [m/s]
 
 
 class Bicycle(Spec):
@@ -206,10 +205,8 @@ def run_steps(
 class BicycleState(NamedTuple):
     """Saved state of a `BicyclePlant`."""
 
-    arrays: tuple[AnyArray, ...]
-    """Copies of the motion state, the samples, and the states of valve and driveline."""
-    valve: ValveLaw
-    """Valve parameters in the last tick, including wear."""
+    arrays: tuple[AnyArray, ...]  # Copies of the motion state, the samples, and the states of valve and driveline
+    valve: ValveLaw  # Valve parameters in the last tick, including wear
     ticks: int
 
 

@@ -14,13 +14,10 @@ from agrobot_mj.terrain import Flat, Ground, Terrain
 ORIGIN = Reference(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 STOCK = Machine()
 LEVEL = Flat()
-Steer = float | Callable[[Truth], float]
-"""Steering angle [rad], or a function that computes the angle from the truth."""
-FULL_SPEED = 5.0
-"""Speed of the default driveline at full pedal [m/s]."""
+Steer = float | Callable[[Truth], float]  # Steering angle [rad], or a function that computes the angle from the truth
+FULL_SPEED = 5.0  # Speed of the default driveline at full pedal [m/s]
 REST = Drive(NEUTRAL_V, NEUTRAL_V)
-STEER_TOLERANCE = 2e-6
-"""Maximum steering error at which the valve remains in neutral [rad]."""
+STEER_TOLERANCE = 2e-6  # Maximum steering error at which the valve remains in neutral [rad]
 
 
 class Trace:

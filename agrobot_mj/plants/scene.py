@@ -11,10 +11,8 @@ from agrobot_mj.core.signals import Array, Index
 class Mesh(NamedTuple):
     """Triangle mesh."""
 
-    vertices: Array
-    """Vertex positions in the frame of the geom, shape (n, 3) [m]."""
-    triangles: Index
-    """Vertex indices of each triangle, shape (m, 3)."""
+    vertices: Array  # Vertex positions in the frame of the geom, shape (n, 3) [m]
+    triangles: Index  # Vertex indices of each triangle, shape (m, 3)
 
 
 class Geom(NamedTuple):
@@ -22,22 +20,16 @@ class Geom(NamedTuple):
 
     name: str
     body: str
-    kind: str
-    """Type: box, cylinder, capsule, sphere, ellipsoid or mesh."""
-    size: tuple[float, float, float]
-    """Half sizes in the convention of MuJoCo [m]."""
-    pos: tuple[float, float, float]
-    """Centre of the geom in the frame of its body [m]."""
-    quat: tuple[float, float, float, float]
-    """Orientation of the geom in the frame of its body, quaternion w x y z."""
+    kind: str  # Type: box, cylinder, capsule, sphere, ellipsoid or mesh
+    size: tuple[float, float, float]  # Half sizes in the convention of MuJoCo [m]
+    pos: tuple[float, float, float]  # Centre of the geom in the frame of its body [m]
+    quat: tuple[float, float, float, float]  # Orientation of the geom in the frame of its body, quaternion w x y z
     rgba: tuple[float, float, float, float]
-    mesh: Mesh | None = None
-    """Triangle mesh of a geom of kind mesh; None for primitives."""
+    mesh: Mesh | None = None  # Triangle mesh of a geom of kind mesh; None for primitives
 
 
 class Scene(NamedTuple):
     """Bodies and geoms of a tractor, for drawing."""
 
-    bodies: tuple[str, ...]
-    """Names of the bodies, in the order of the rows of `RunningPlant.poses`."""
+    bodies: tuple[str, ...]  # Names of the bodies, in the order of the rows of `RunningPlant.poses`
     geoms: tuple[Geom, ...]

@@ -16,8 +16,7 @@ from agrobot_mj.recording.plots.catalogue import DRIVE, Plot
 from agrobot_mj.recording.plots.network import Map
 from agrobot_mj.recording.transport.timeline import TIMELINE
 
-FOLLOWED = "world/bodies/chassis/boxes"
-"""Entity that the following camera tracks. The entity must have geometry."""
+FOLLOWED = "world/bodies/chassis/boxes"  # Entity that the following camera tracks. The entity must have geometry.
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
 """Entities to which content is added during a run. Earlier content remains visible."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
@@ -47,22 +46,19 @@ COLUMNS, MOST_PLOTS = 3, 12
 """Number of columns of plots on a tab, and maximum number of plots on a tab. More plots continue on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
 """Heights of a state lane and of the rest of the state view, and maximum height of this view [fraction of the tab]."""
-NAMES = "world/names"
-"""Entity of the name labels in 3D. The top view hides them, because they would overlap."""
+NAMES = "world/names"  # Entity of the name labels in 3D. The top view hides them, because they would overlap.
 
 
 class Shown(NamedTuple):
     """Content of a recording that determines the layout."""
 
     plots: Sequence[Plot]
-    maps: Sequence[Map] = ()
-    """Heat maps of the neural network."""
+    maps: Sequence[Map] = ()  # Heat maps of the neural network
     lanes: int = 3
     frames: Mapping[str, Frame] = MappingProxyType({})
     """Axes and legend of each plot, by path of the plot. The viewer chooses the axes of other plots."""
     outcome: str = ""
-    size: float = 1.0
-    """Size of the tractor, including drawn implements, divided by the size of the default tractor [-]."""
+    size: float = 1.0  # Size of the tractor, including drawn implements, divided by the size of the default tractor [-]
     followed: str = FOLLOWED
 
 

@@ -35,20 +35,16 @@ from agrobot_mj.recording.world.tracks import piece_ends, strips
 from agrobot_mj.simulation.log import Log
 
 PALETTE = (ORANGE, SKY_BLUE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY)
-POSE_TICKS = 2
-"""Number of ticks between recorded poses."""
-BESIDE = 3
-"""Maximum number of plots next to the scene."""
+POSE_TICKS = 2  # Number of ticks between recorded poses
+BESIDE = 3  # Maximum number of plots next to the scene
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 """Height of the lowest track above the ground, and vertical distance between stacked tracks [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
 """Half width of the uppermost track, and increase of the half width from a track to the track below [pixels]."""
 PAINTED = 0.12
 """Minimum difference between colour channels (0-1) of geoms that get the colour of the run. Grey geoms stay grey."""
-GHOST = 0.22
-"""Opacity of the translucent tractors [-]."""
-NAME_M, NAME_STEP_M = 0.2, 0.2
-"""Height of the lowest name above the default tractor, and distance between names [m]."""
+GHOST = 0.22  # Opacity of the translucent tractors [-]
+NAME_M, NAME_STEP_M = 0.2, 0.2  # Height of the lowest name above the default tractor, and distance between names [m]
 
 
 class RecordedRun(NamedTuple):
@@ -57,12 +53,9 @@ class RecordedRun(NamedTuple):
     name: str
     entity: str
     log: Log
-    colour: int
-    """Colour as 0xRRGGBBAA."""
-    below: int
-    """Number of tracks drawn below the track of this run."""
-    above: int
-    """Number of tracks drawn above the track of this run; 0 for the run with the opaque tractor."""
+    colour: int  # Colour as 0xRRGGBBAA
+    below: int  # Number of tracks drawn below the track of this run
+    above: int  # Number of tracks drawn above the track of this run; 0 for the run with the opaque tractor
 
     values: dict[str, Array]
     """Signals of the run that are plotted, in the unit of the plot, by path of the plot in `COMPARED`."""

@@ -83,27 +83,20 @@ def _learned(scenario: Scenario) -> Iterator[str]:
 LEAVES_M = 0.15
 """Lateral offset after a change of curvature above which a hint is given [m]. Assumed value: the offset of laws without
 preview is about twice the minimum."""
-MOST_LOCK = 0.9
-"""Fraction of the steering limit above which a bend leaves no margin for control [-]. Assumed value."""
+MOST_LOCK = 0.9  # Fraction of the steering limit above which a bend leaves no margin for control [-]. Assumed value.
 EDGE_M = 0.5
 """Minimum distance between the path and the edge of the ground [m]. Assumed value: the tractor may lead the path."""
-WIDEST = 100.0
-"""Maximum factor by which the search for a feasible radius increases the radius [-]."""
+WIDEST = 100.0  # Maximum factor by which the search for a feasible radius increases the radius [-]
 
 
 class Change(NamedTuple):
     """Change of curvature along the path."""
 
-    begin: float
-    """Curvature before the change [1/m]."""
-    end: float
-    """Curvature after the change [1/m]."""
-    takes: float
-    """Duration of the change at the speed of the path [s]."""
-    speed: float
-    """Speed at the change [m/s]."""
-    place: tuple[float, float]
-    """Position of the change (east, north) [m]."""
+    begin: float  # Curvature before the change [1/m]
+    end: float  # Curvature after the change [1/m]
+    takes: float  # Duration of the change at the speed of the path [s]
+    speed: float  # Speed at the change [m/s]
+    place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
         """Return the time [s] that the wheels need in addition to the change, at the steering rate `rate` [rad/s]."""

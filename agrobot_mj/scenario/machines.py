@@ -15,8 +15,7 @@ from agrobot_mj.core.resources import absence, machine_files, stamp
 from agrobot_mj.plants.mujoco.own_body import measures
 from agrobot_mj.scenario.overrides import machine_data, names_file
 
-COMPACT = "compact"
-"""Default machine of a scenario."""
+COMPACT = "compact"  # Default machine of a scenario
 TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator", "plant", "speed", "guidance")
 """Tables that a machine file may contain, in addition to the key `title`."""
 
@@ -47,8 +46,7 @@ def machine_tables(path: Path) -> dict[str, Any]:
 TYRE_KEYS = ("pressure_bar", "stiffness_n_m", "damping_n_s_m")
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in TYRE_KEYS)
 """Keys that affect the height of the tractor body on its tyres."""
-EXACT = 1e-6
-"""Maximum relative difference between a given value and the value from the body file [-]."""
+EXACT = 1e-6  # Maximum relative difference between a given value and the value from the body file [-]
 
 
 def embody(data: dict[str, Any], source: str) -> set[str]:

@@ -14,12 +14,10 @@ from agrobot_mj.metrics import METRICS, Metric
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import Sensors
 
-CITATION = re.compile(r"[A-Z]\w*\d{4}")
-"""Pattern of a citation key in brackets. Other brackets contain a unit."""
+CITATION = re.compile(r"[A-Z]\w*\d{4}")  # Pattern of a citation key in brackets. Other brackets contain a unit.
 SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Assumed|assumed|Paper)\b.*)$", re.DOTALL)
 """Pattern of the sentence that gives the source of a value in a description."""
-SHORTEST_WORD = 3
-"""Minimum number of letters of a search word."""
+SHORTEST_WORD = 3  # Minimum number of letters of a search word
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
     "number": "number",
@@ -33,15 +31,11 @@ TYPES = {
 class Doc(NamedTuple):
     """Documentation of one key."""
 
-    text: str
-    """Description without the sentence about the source."""
-    unit: str
-    """Unit in the description; empty for a key without unit."""
-    source: str
-    """Source of the default; empty if the description gives none."""
+    text: str  # Description without the sentence about the source
+    unit: str  # Unit in the description; empty for a key without unit
+    source: str  # Source of the default; empty if the description gives none
     kind: str
-    default: str
-    """Default value as TOML text."""
+    default: str  # Default value as TOML text
 
 
 def families() -> dict[str, dict[str, type[Spec]]]:
@@ -67,10 +61,8 @@ def first_line(part: type[Spec], kind: str = "") -> str:
 class KnownKind(NamedTuple):
     """Description of one possible value of a key `kind`, or of a sensor or metric."""
 
-    table: str
-    """Dotted key of the table that contains `kind`; `sensors` for a sensor, `metric` for a metric."""
-    kind: str
-    """Value of the key `kind`, or name of the sensor or metric."""
+    table: str  # Dotted key of the table that contains `kind`; `sensors` for a sensor, `metric` for a metric
+    kind: str  # Value of the key `kind`, or name of the sensor or metric
     text: str
 
 
@@ -168,8 +160,7 @@ def explain_key(key: str) -> str:
     return "\n\n".join("\n".join([dotted, *_doc_lines(doc, having)]) for doc, having in docs.items())
 
 
-Chosen = list[tuple[str, str]]
-"""Dotted keys of tables with the kind selected for each."""
+Chosen = list[tuple[str, str]]  # Dotted keys of tables with the kind selected for each
 
 
 def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:

@@ -26,14 +26,10 @@ from agrobot_mj.scenario.machines import COMPACT
 from agrobot_mj.sensors import Sensors
 from agrobot_mj.terrain import Flat, Terrain
 
-STEP_S = 0.002
-"""Default physics step [s]."""
-SHORTEST_S = 0.001
-"""Minimum duration: one tick [s]."""
-LONGEST_S = 24 * 3600.0
-"""Maximum duration of a run [s]."""
-REASONED = ("stopped", "unfinished", "diverged")
-"""Outcomes for which a run also reports a reason."""
+STEP_S = 0.002  # Default physics step [s]
+SHORTEST_S = 0.001  # Minimum duration: one tick [s]
+LONGEST_S = 24 * 3600.0  # Maximum duration of a run [s]
+REASONED = ("stopped", "unfinished", "diverged")  # Outcomes for which a run also reports a reason
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
 """Numbers of physics steps per tick for which the step is a short decimal number."""
 

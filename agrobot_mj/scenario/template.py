@@ -15,8 +15,7 @@ from agrobot_mj.core.walk import TableClass, places
 from agrobot_mj.scenario.reference import families, first_line, usual_kind
 from agrobot_mj.scenario.schema import Scenario
 
-SKIPPED = ("name", "title", "version", "seed")
-"""Keys that the header of the template contains, or that a run writes."""
+SKIPPED = ("name", "title", "version", "seed")  # Keys that the header of the template contains, or that a run writes
 HEAD = """\
 # {name}: purpose of this experiment
 # Expected result: ...

@@ -50,10 +50,8 @@ def motion_of(truth: Truth) -> SensedMotion:
 class Noise(NamedTuple):
     """State of a compiled sensor between two ticks: random streams and numbers."""
 
-    generators: tuple[Generator, ...]
-    """Random streams, advanced in place."""
-    values: Any
-    """Named tuple of the numbers that change in each tick."""
+    generators: tuple[Generator, ...]  # Random streams, advanced in place
+    values: Any  # Named tuple of the numbers that change in each tick
 
 
 class Sensor(Reporting):

@@ -22,10 +22,8 @@ Place = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 class CanopyState(NamedTuple):
     """State of a canopy between two ticks."""
 
-    generator: Generator
-    """Random stream of the signal losses, advanced in place."""
-    lapsed: bool
-    """Whether an antenna below the canopy currently has no solution."""
+    generator: Generator  # Random stream of the signal losses, advanced in place
+    lapsed: bool  # Whether an antenna below the canopy currently has no solution
     outside_s: float = inf
     """Time since the antenna left the canopy; infinite if the antenna was never below the canopy [s]."""
 

@@ -27,16 +27,11 @@ class DualAntennaLaw(NamedTuple):
     """Parameters of the antenna pair, as numbers for compiled kernels."""
 
     enabled: bool
-    baseline: float
-    """Distance between the antennas [m]."""
-    sigma: float
-    """Standard deviation of the white noise of the relative position [m]."""
-    slow: float
-    """Standard deviation of the slow relative position error [m]."""
-    kept: Shares
-    """Weights of the last value and of white noise in the slow error [-]."""
-    mounting: float
-    """Constant mounting error of the heading [rad]."""
+    baseline: float  # Distance between the antennas [m]
+    sigma: float  # Standard deviation of the white noise of the relative position [m]
+    slow: float  # Standard deviation of the slow relative position error [m]
+    kept: Shares  # Weights of the last value and of white noise in the slow error [-]
+    mounting: float  # Constant mounting error of the heading [rad]
 
 
 @jit

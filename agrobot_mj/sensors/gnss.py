@@ -38,27 +38,19 @@ def _whole_ticks_apart(rate_hz: float) -> float:
 class GnssReading(NamedTuple):
     """Solution delivered in one tick."""
 
-    fix: Fix | None
-    """Position and velocity; None without a solution."""
-    quality: int
-    """Quality of the solution, a constant of `Quality`."""
+    fix: Fix | None  # Position and velocity; None without a solution
+    quality: int  # Quality of the solution, a constant of `Quality`
 
 
 class FixErrors(NamedTuple):
     """Correlated errors of the receiver, divided by their standard deviations [-]."""
 
-    fixed: tuple[float, float]
-    """Position error of a fixed solution, east and north."""
-    floating: tuple[float, float]
-    """Position error of a float solution, east and north."""
-    height: tuple[float, float]
-    """Height errors of a fixed and a float solution."""
-    multipath: Vector
-    """Additional multipath error of a fixed solution, east, north and up."""
-    drift: Vector
-    """Additional slower error of a fixed solution, east, north and up."""
-    aside: float
-    """Slow error of the position of the second antenna relative to the first."""
+    fixed: tuple[float, float]  # Position error of a fixed solution, east and north
+    floating: tuple[float, float]  # Position error of a float solution, east and north
+    height: tuple[float, float]  # Height errors of a fixed and a float solution
+    multipath: Vector  # Additional multipath error of a fixed solution, east, north and up
+    drift: Vector  # Additional slower error of a fixed solution, east, north and up
+    aside: float  # Slow error of the position of the second antenna relative to the first
 
 
 class Streams(NamedTuple):
@@ -76,19 +68,15 @@ class ErrorPart(NamedTuple):
     """Parameters of the errors of a fixed or a float solution."""
 
     slow: float
-    fast: float
-    """Standard deviations of the correlated (`slow`) and white (`fast`) position error per axis [m]."""
-    kept: Shares
-    """Weights of the last value and of white noise in the correlated error [-]."""
+    fast: float  # Standard deviations of the correlated (`slow`) and white (`fast`) position error per axis [m]
+    kept: Shares  # Weights of the last value and of white noise in the correlated error [-]
 
 
 class FurtherPart(NamedTuple):
     """Parameters of an additional correlated error of a fixed solution."""
 
-    sigma: float
-    """Standard deviation per axis; 0 without the error [m]."""
-    kept: Shares
-    """Weights of the last value and of white noise in the additional error [-]."""
+    sigma: float  # Standard deviation per axis; 0 without the error [m]
+    kept: Shares  # Weights of the last value and of white noise in the additional error [-]
 
 
 class GnssLaw(NamedTuple):
@@ -98,28 +86,21 @@ class GnssLaw(NamedTuple):
     floating: ErrorPart
     multipath: FurtherPart
     drift: FurtherPart
-    height_ratio: float
-    """Height error divided by horizontal error per axis [-]."""
-    velocity_sigma: float
-    """Standard deviation of the white velocity noise per axis [m/s]."""
-    dual: DualAntennaLaw
-    """Parameters of the second antenna."""
+    height_ratio: float  # Height error divided by horizontal error per axis [-]
+    velocity_sigma: float  # Standard deviation of the white velocity noise per axis [m/s]
+    dual: DualAntennaLaw  # Parameters of the second antenna
 
 
 class Sky(NamedTuple):
     """Reception conditions and faults of a solution."""
 
-    quality: int = Quality.FIX
-    """Quality of the solution, a constant of `Quality`."""
-    offset: tuple[float, float] = (0.0, 0.0)
-    """Offset of the reported position, east and north [m]."""
-    velocity_offset: tuple[float, float] = (0.0, 0.0)
-    """Offset of the reported velocity, east and north [m/s]."""
+    quality: int = Quality.FIX  # Quality of the solution, a constant of `Quality`
+    offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported position, east and north [m]
+    velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported velocity, east and north [m/s]
 
 
 CLEAR = Sky()
-Solved = tuple[float, float, float, float, float, float]
-"""Fields of a `Fix` without the heading."""
+Solved = tuple[float, float, float, float, float, float]  # Fields of a `Fix` without the heading
 
 
 @jit
@@ -168,21 +149,16 @@ def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
 class Delivery(NamedTuple):
     """State of the receiver between two ticks, except its errors."""
 
-    canopies: tuple[CanopyState, ...]
-    """State of each canopy."""
-    heading: SignalLine = SignalLine()
-    """Signal line that transmits the heading from two antennas."""
-    pending: tuple[GnssReading, ...] = ()
-    """Solutions in transit, one per tick, oldest first."""
-    last: Fix | None = None
-    """Last computed solution, which a frozen receiver repeats; None before the first solution."""
+    canopies: tuple[CanopyState, ...]  # State of each canopy
+    heading: SignalLine = SignalLine()  # Signal line that transmits the heading from two antennas
+    pending: tuple[GnssReading, ...] = ()  # Solutions in transit, one per tick, oldest first
+    last: Fix | None = None  # Last computed solution, which a frozen receiver repeats; None before the first solution
 
 
 class GnssState(NamedTuple):
     """State of the receiver between two ticks."""
 
-    noise: Noise
-    """Errors (`FixErrors`) and their random streams (`Streams`)."""
+    noise: Noise  # Errors (`FixErrors`) and their random streams (`Streams`)
     delivery: Delivery
 
 

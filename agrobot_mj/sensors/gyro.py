@@ -18,21 +18,16 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, Sense
 class GyroLaw(NamedTuple):
     """Parameters of the gyro, as numbers for compiled kernels."""
 
-    body: bool
-    """Whether the gyro tilts with the chassis."""
-    sigma: float
-    """Standard deviation of the white noise [deg/s]."""
-    bias: float
-    """Constant bias [deg/s]."""
-    step: float
-    """Standard deviation of a step of the bias random walk [deg/s]."""
+    body: bool  # Whether the gyro tilts with the chassis
+    sigma: float  # Standard deviation of the white noise [deg/s]
+    bias: float  # Constant bias [deg/s]
+    step: float  # Standard deviation of a step of the bias random walk [deg/s]
 
 
 class GyroValues(NamedTuple):
     """State of the gyro between two ticks."""
 
-    walk: float = 0.0
-    """Random-walk part of the bias [deg/s]."""
+    walk: float = 0.0  # Random-walk part of the bias [deg/s]
 
 
 @jit

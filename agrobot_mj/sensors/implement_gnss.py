@@ -18,29 +18,23 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 class ImplementFix(NamedTuple):
     """Measured position of the implement's working point."""
 
-    x: float = nan
-    """East coordinate; NaN without a receiver [m]."""
-    y: float = nan
-    """North coordinate; NaN without a receiver [m]."""
+    x: float = nan  # East coordinate; NaN without a receiver [m]
+    y: float = nan  # North coordinate; NaN without a receiver [m]
 
 
 class ImplementGnssLaw(NamedTuple):
     """Parameters of the receiver on the implement, as numbers for compiled kernels."""
 
-    sigma: float
-    """Standard deviation of the position error per axis [m]."""
+    sigma: float  # Standard deviation of the position error per axis [m]
     slow: float
-    fast: float
-    """Standard deviations of the correlated (`slow`) and white (`fast`) error, divided by `sigma` [-]."""
-    kept: Shares
-    """Weights of the last value and of white noise in the correlated error [-]."""
+    fast: float  # Standard deviations of the correlated (`slow`) and white (`fast`) error, divided by `sigma` [-]
+    kept: Shares  # Weights of the last value and of white noise in the correlated error [-]
 
 
 class ImplementGnssValues(NamedTuple):
     """State of the receiver on the implement between two ticks."""
 
-    error: tuple[float, float]
-    """Correlated error, east and north, divided by its standard deviation [-]."""
+    error: tuple[float, float]  # Correlated error, east and north, divided by its standard deviation [-]
 
 
 @jit

@@ -29,61 +29,41 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 class Attitude(NamedTuple):
     """Measurement of the inertial unit; NaN without an inertial unit."""
 
-    roll: float
-    """Roll, left side up positive [rad]."""
-    pitch: float
-    """Pitch, nose down positive [rad]."""
-    force_x: float = nan
-    """Specific force along the chassis x axis, mean over the tick, forward positive [m/s2]."""
-    force_y: float = nan
-    """Specific force along the chassis y axis, mean over the tick, left positive [m/s2]."""
-    force_z: float = nan
-    """Specific force along the chassis z axis, mean over the tick, up positive [m/s2]."""
+    roll: float  # Roll, left side up positive [rad]
+    pitch: float  # Pitch, nose down positive [rad]
+    force_x: float = nan  # Specific force along the chassis x axis, mean over the tick, forward positive [m/s2]
+    force_y: float = nan  # Specific force along the chassis y axis, mean over the tick, left positive [m/s2]
+    force_z: float = nan  # Specific force along the chassis z axis, mean over the tick, up positive [m/s2]
 
 
 class UnitMotion(NamedTuple):
     """Motion at the end of a tick, used to compute the acceleration in the next tick."""
 
-    velocity: Vector
-    """Velocity of the inertial unit, ENU [m/s]."""
-    speed: float
-    """Speed of the tractor along its heading [m/s]."""
-    yaw: float
-    """Heading of the tractor [rad]."""
+    velocity: Vector  # Velocity of the inertial unit, ENU [m/s]
+    speed: float  # Speed of the tractor along its heading [m/s]
+    yaw: float  # Heading of the tractor [rad]
 
 
 class ImuLaw(NamedTuple):
     """Parameters of the inertial unit, as numbers for compiled kernels."""
 
-    dt: float
-    """Length of a tick [s]."""
-    aided: bool
-    """Whether the unit subtracts known accelerations of the machine."""
-    inclined: bool
-    """Whether the unit is an inclinometer, without levelling by gyros."""
-    keep: float
-    """Fraction of the tilt error that remains after a tick [-]."""
-    shown: float
-    """Tilt error that a unit acceleration causes in a tick [rad s2/m]."""
-    place: Vector
-    """Position of the unit relative to the ground below the rear axle: ahead, left and up [m]."""
-    sigma: float
-    """Standard deviation of the white noise of each axis [deg]."""
-    slow: float
-    """Standard deviation of the slow error of each axis [deg]."""
-    kept: Shares
-    """Weights of the last value and of white noise in the slow error [-]."""
-    bias: tuple[float, float]
-    """Constant errors of roll and pitch [deg]."""
+    dt: float  # Length of a tick [s]
+    aided: bool  # Whether the unit subtracts known accelerations of the machine
+    inclined: bool  # Whether the unit is an inclinometer, without levelling by gyros
+    keep: float  # Fraction of the tilt error that remains after a tick [-]
+    shown: float  # Tilt error that a unit acceleration causes in a tick [rad s2/m]
+    place: Vector  # Position of the unit relative to the ground below the rear axle: ahead, left and up [m]
+    sigma: float  # Standard deviation of the white noise of each axis [deg]
+    slow: float  # Standard deviation of the slow error of each axis [deg]
+    kept: Shares  # Weights of the last value and of white noise in the slow error [-]
+    bias: tuple[float, float]  # Constant errors of roll and pitch [deg]
 
 
 class ImuValues(NamedTuple):
     """State of the inertial unit between two ticks."""
 
-    error: tuple[float, float]
-    """Slow error of roll and pitch, divided by its standard deviation [-]."""
-    tilt: tuple[float, float] = (0.0, 0.0)
-    """Error of roll and pitch from accelerations interpreted as tilt [rad]."""
+    error: tuple[float, float]  # Slow error of roll and pitch, divided by its standard deviation [-]
+    tilt: tuple[float, float] = (0.0, 0.0)  # Error of roll and pitch from accelerations interpreted as tilt [rad]
     last: UnitMotion = UnitMotion((nan, nan, nan), nan, nan)
     """Motion at the end of the last tick; NaN before the first tick."""
 

@@ -19,23 +19,17 @@ from agrobot_mj.core.signals import Array, Conditions, Index, Matrix, Truth, Vec
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.sensors.base import Sensor
 
-FULL_LOCK = pi / 4
-"""Steering angle at which the errors of a nonlinear sensor characteristic are specified [rad]."""
+FULL_LOCK = pi / 4  # Steering angle at which the errors of a nonlinear sensor characteristic are specified [rad]
 
 
 class PotentiometerLaw(NamedTuple):
     """Parameters of a potentiometer, as numbers for compiled kernels."""
 
-    before: Index
-    """Index of the physics step before each sample, shape (samples,)."""
-    shares: Matrix
-    """Interpolation weights of the physics steps before and after each sample, shape (samples, 2) [-]."""
-    weights: Vector
-    """Weight of each sample in the measurement, shape (samples,) [-]."""
-    counts: float
-    """Resolution steps (counts) per unit of the measured signal."""
-    sigma: float
-    """Standard deviation of the white noise of each sample [counts]."""
+    before: Index  # Index of the physics step before each sample, shape (samples,)
+    shares: Matrix  # Interpolation weights of the physics steps before and after each sample, shape (samples, 2) [-]
+    weights: Vector  # Weight of each sample in the measurement, shape (samples,) [-]
+    counts: float  # Resolution steps (counts) per unit of the measured signal
+    sigma: float  # Standard deviation of the white noise of each sample [counts]
 
 
 @jit

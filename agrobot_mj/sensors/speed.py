@@ -27,23 +27,17 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, OptionalSensor, Sense
 class SpeedLaw(NamedTuple):
     """Parameters of a speed sensor, as numbers for compiled kernels."""
 
-    sigma: float
-    """Standard deviation of the white noise [m/s]."""
-    scale: float
-    """One plus the constant relative error [-]."""
-    slow: float
-    """Standard deviation of the slow relative error [-]."""
-    kept: Shares
-    """Weights of the last value and of white noise in the slow error [-]."""
-    least: float
-    """Minimum speed, below which the reading is zero [m/s]."""
+    sigma: float  # Standard deviation of the white noise [m/s]
+    scale: float  # One plus the constant relative error [-]
+    slow: float  # Standard deviation of the slow relative error [-]
+    kept: Shares  # Weights of the last value and of white noise in the slow error [-]
+    least: float  # Minimum speed, below which the reading is zero [m/s]
 
 
 class SpeedValues(NamedTuple):
     """State of a speed sensor between two ticks."""
 
-    slow: float
-    """Slow error, divided by its standard deviation [-]."""
+    slow: float  # Slow error, divided by its standard deviation [-]
 
 
 @jit

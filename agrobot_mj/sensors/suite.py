@@ -101,8 +101,7 @@ class Addresses(NamedTuple):
 class SensorReadings(NamedTuple):
     """Measurements of the compiled sensors; NaN for absent sensors."""
 
-    gnss: tuple[Solved, float]
-    """Solution and heading computed in this tick."""
+    gnss: tuple[Solved, float]  # Solution and heading computed in this tick
     steering_pot: float
     pedal_pot: float
     gyro: float
@@ -155,12 +154,9 @@ class SensorState(NamedTuple):
 
     generators: Generators
     values: Held[Values]
-    delivery: Delivery
-    """State of the GNSS receiver except its errors."""
-    states: dict[str, Any]
-    """States of the sensors that are not compiled."""
-    readings: dict[str, Any]
-    """Last measurement of each sensor; empty before the first tick."""
+    delivery: Delivery  # State of the GNSS receiver except its errors
+    states: dict[str, Any]  # States of the sensors that are not compiled
+    readings: dict[str, Any]  # Last measurement of each sensor; empty before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
     """Signal lines distorted in the last tick, by name; other lines have transmitted the last measurement."""
 
@@ -221,10 +217,8 @@ class Sensors(Spec):
         return _suite(self, TICK_S).report(state)
 
 
-NOISY = Values._fields[1:]
-"""Names of the compiled sensors that may be absent."""
-KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}
-"""Classes of the compiled sensors by name."""
+NOISY = Values._fields[1:]  # Names of the compiled sensors that may be absent
+KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}  # Classes of the compiled sensors by name
 
 
 def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:

@@ -13,19 +13,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
-EVERY = 20
-"""Number of ticks between stored states [-]: one simulated second."""
-MOST_BYTES = 200_000_000
-"""Maximum total size of the stored states [bytes]: hundreds of runs, fewer on deformable soil."""
+EVERY = 20  # Number of ticks between stored states [-]: one simulated second
+MOST_BYTES = 200_000_000  # Maximum total size of the stored states [bytes]: hundreds of runs, fewer on deformable soil
 
 
 class Branch(NamedTuple):
     """Branch of a run: a tick, and the random streams used after this tick."""
 
-    tick: int
-    """Number of ticks before the branch."""
-    number: int
-    """Number of the random streams, see `Simulation.branch`."""
+    tick: int  # Number of ticks before the branch
+    number: int  # Number of the random streams, see `Simulation.branch`
 
 
 class _States:

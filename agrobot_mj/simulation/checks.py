@@ -38,8 +38,7 @@ _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """Maximum plausible distance from the origin [m] and speed [m/s] of a fix: a quarter of the equator, and Mach 3."""
-OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")
-"""Measurements that are NaN without a sensor."""
+OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")  # Measurements that are NaN without a sensor
 
 Message = TypeVar("Message", bound=tuple[Any, ...])
 
@@ -144,12 +143,9 @@ class Reception(NamedTuple):
     """State of the sensors between ticks, last valid angles, and numbers of rejected measurements."""
 
     sensors: SensorState
-    steer: float = 0.0
-    """Last finite steering angle [rad]."""
-    pedal: float = 0.0
-    """Last finite pedal position [-]."""
-    rejected: tuple[tuple[str, int], ...] = ()
-    """Number of rejected values for each field of `Measurement`."""
+    steer: float = 0.0  # Last finite steering angle [rad]
+    pedal: float = 0.0  # Last finite pedal position [-]
+    rejected: tuple[tuple[str, int], ...] = ()  # Number of rejected values for each field of `Measurement`
 
     def after(self, s: Scenario, suite: Suite, truth: Truth, conditions: Conditions) -> "tuple[Reception, Measurement]":
         """Return the new state and the measurement after a check of its numbers.

@@ -22,19 +22,13 @@ class Tick(NamedTuple):
     measured: Measurement
     estimate: Estimate
     reference: Reference
-    z_ref: float
-    """Height of the ground below the reference [m]."""
-    command: Command
-    """Command of the guidance law."""
-    steer_ref: float
-    """Setpoint of the steering loop [rad]."""
-    pedal_ref: float
-    """Pedal position commanded by the speed loop [-]."""
+    z_ref: float  # Height of the ground below the reference [m]
+    command: Command  # Command of the guidance law
+    steer_ref: float  # Setpoint of the steering loop [rad]
+    pedal_ref: float  # Pedal position commanded by the speed loop [-]
     drive: Drive
-    saturated: bool
-    """Whether the steering command is at its limit."""
-    faults: int
-    """Number of active faults."""
+    saturated: bool  # Whether the steering command is at its limit
+    faults: int  # Number of active faults
     actuation: tuple[float, float, float]
     """Oil flow [m3/s], cylinder pressure [Pa] and torque on the driven wheels [N m] at the end of the last tick."""
 
@@ -43,27 +37,21 @@ class Signal(NamedTuple):
     """Column of the log with the source of its value."""
 
     column: Column
-    value: str | None
-    """Python expression of the fields of `Tick` and `Derived`; None for a value reported by a stage."""
+    value: str | None  # Python expression of the fields of `Tick` and `Derived`; None for a value reported by a stage
 
 
 class Derived(NamedTuple):
     """Signals computed from the messages of a tick."""
 
     gnss_x: float
-    gnss_y: float
-    """Position of the antenna from GNSS, east (`gnss_x`) and north (`gnss_y`); NaN without a fix [m]."""
+    gnss_y: float  # Position of the antenna from GNSS, east (`gnss_x`) and north (`gnss_y`); NaN without a fix [m]
     ahead: float
-    left: float
-    """Position of the reference relative to the true CG, ahead and left in the frame of the reference [m]."""
+    left: float  # Position of the reference relative to the true CG, ahead and left in the frame of the reference [m]
     p_xx: float
     p_xy: float
-    p_yy: float
-    """Estimated covariance of the rear-axle position: elements `p_xx`, `p_xy` and `p_yy` [m2]."""
-    p_yaw: float
-    """Estimated variance of the heading [rad2]."""
-    nees: float
-    """Normalised error squared (NEES) of the rear-axle position; mean 2 for a consistent estimator [-]."""
+    p_yy: float  # Estimated covariance of the rear-axle position: elements `p_xx`, `p_xy` and `p_yy` [m2]
+    p_yaw: float  # Estimated variance of the heading [rad2]
+    nees: float  # Normalised error squared (NEES) of the rear-axle position; mean 2 for a consistent estimator [-]
 
 
 def _derived(k: Tick) -> Derived:
@@ -151,8 +139,7 @@ SIGNALS = (
     *_ACTUATION,
 )
 """Signals of every log, in the order of the file."""
-COLUMNS = tuple(signal.column.name for signal in SIGNALS)
-"""Names of the columns of every log."""
+COLUMNS = tuple(signal.column.name for signal in SIGNALS)  # Names of the columns of every log
 WHEEL_SIGNALS = tuple(
     Column(f"{quantity}_{wheel}", unit, f"{text}, wheel {wheel}")
     for quantity, unit, text in (

@@ -9,8 +9,7 @@ from agrobot_mj.core.signals import Command
 from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.loop import Loop
 
-LEAST_SPEED = 0.1
-"""Minimum absolute speed in the conversion of a yaw rate to a curvature [m/s]."""
+LEAST_SPEED = 0.1  # Minimum absolute speed in the conversion of a yaw rate to a curvature [m/s]
 
 
 def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Command:

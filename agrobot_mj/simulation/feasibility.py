@@ -12,8 +12,7 @@ from agrobot_mj.scenario.machines import COMPACT
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain.grid import plane
 
-LEVEL = plane(0.0, 0.0, 10.0, 10.0)
-"""Level ground for the check of a tractor."""
+LEVEL = plane(0.0, 0.0, 10.0, 10.0)  # Level ground for the check of a tractor
 
 
 def tractor_key(scenario: Scenario) -> object:

@@ -24,10 +24,8 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
 from agrobot_mj.terrain.memory import RutMap
 
-COMMON = len(COLUMNS)
-"""Number of columns of every log."""
-BLOCK = 32
-"""Number of rows in a block of a saved log."""
+COMMON = len(COLUMNS)  # Number of columns of every log
+BLOCK = 32  # Number of rows in a block of a saved log
 
 
 class SavedRows(NamedTuple):
@@ -36,8 +34,7 @@ class SavedRows(NamedTuple):
     filled: int
     blocks: tuple[tuple[Array, Array], ...]
     """Values (BLOCK, columns) and poses (BLOCK, bodies, 7) of the full blocks; read-only."""
-    rest: tuple[Array, Array]
-    """Values and poses of the remaining rows."""
+    rest: tuple[Array, Array]  # Values and poses of the remaining rows
 
 
 class Rows:
@@ -125,14 +122,10 @@ class Log:
     scenario: Scenario
     rows: Rows
     scene: Scene
-    outcome: str
-    """Outcome of the run, one of `core.signals.Outcome`."""
-    wall_s: float
-    """Wall time of the run [s]."""
-    metrics: dict[str, Any] = field(default_factory=dict)
-    """Metrics of the run, see `metrics.metrics`."""
-    ruts: RutMap | None = None
-    """Ruts at the end of the run; None on rigid ground."""
+    outcome: str  # Outcome of the run, one of `core.signals.Outcome`
+    wall_s: float  # Wall time of the run [s]
+    metrics: dict[str, Any] = field(default_factory=dict)  # Metrics of the run, see `metrics.metrics`
+    ruts: RutMap | None = None  # Ruts at the end of the run; None on rigid ground
     learned: Learned = field(default_factory=dict)
     """Learned values of guidance law and steering loop; empty without learning."""
 

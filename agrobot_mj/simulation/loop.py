@@ -82,19 +82,16 @@ class Stages:
     """States of all stages of the on-board computer between two ticks."""
 
     faults: Any
-    conditions: Conditions
-    """Faults and disturbances of the present tick."""
+    conditions: Conditions  # Faults and disturbances of the present tick
     sensors: Reception
-    receiver: MountedReceiver
-    """GNSS antenna as configured in the on-board computer."""
+    receiver: MountedReceiver  # GNSS antenna as configured in the on-board computer
     estimator: Any
     guidance: Any
     supervisor: SupervisorState
     speed: SpeedState
     steering: Any
     brake: BrakeState
-    wiring: Wiring | Drive
-    """Signal lines to the valves, or the last voltages of fault-free lines."""
+    wiring: Wiring | Drive  # Signal lines to the valves, or the last voltages of fault-free lines
 
 
 class Loop:

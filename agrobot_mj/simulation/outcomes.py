@@ -7,14 +7,10 @@ from agrobot_mj.core.signals import TICK_S, Truth
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
 
-LOST_M = 50.0
-"""Distance from the reference above which a run has diverged [m]. Assumed value."""
-STUCK_S = 10.0
-"""Time without motion after which a tractor with a command to drive is stuck [s]. Assumed value."""
-STUCK_M = 0.3
-"""Maximum displacement of a stuck tractor [m]. Assumed value, equivalent to 0.03 m/s."""
-STUCK_PEDAL = 0.05
-"""Minimum pedal position of a command to drive [-]. Assumed value, equivalent to 0.25 m/s."""
+LOST_M = 50.0  # Distance from the reference above which a run has diverged [m]. Assumed value.
+STUCK_S = 10.0  # Time without motion after which a tractor with a command to drive is stuck [s]. Assumed value.
+STUCK_M = 0.3  # Maximum displacement of a stuck tractor [m]. Assumed value, equivalent to 0.03 m/s.
+STUCK_PEDAL = 0.05  # Minimum pedal position of a command to drive [-]. Assumed value, equivalent to 0.25 m/s.
 LEFT_M = 1.0
 """Increase of the distance to the reference above which a tractor at rest is stuck [m]. Assumed value for 1 s."""
 
@@ -22,16 +18,11 @@ LEFT_M = 1.0
 class Standstill(NamedTuple):
     """Position and duration of a standstill."""
 
-    x: float = inf
-    """Position of the standstill, east; infinite before the first tick [m]."""
-    y: float = inf
-    """Position of the standstill, north; infinite before the first tick [m]."""
-    tried_s: float = 0.0
-    """Time at standstill with a measured or commanded pedal position above STUCK_PEDAL [s]."""
-    waited_s: float = 0.0
-    """Time at standstill while the tractor should follow its reference [s]."""
-    distance: float = 0.0
-    """Distance from the reference at the start of `waited_s` [m]."""
+    x: float = inf  # Position of the standstill, east; infinite before the first tick [m]
+    y: float = inf  # Position of the standstill, north; infinite before the first tick [m]
+    tried_s: float = 0.0  # Time at standstill with a measured or commanded pedal position above STUCK_PEDAL [s]
+    waited_s: float = 0.0  # Time at standstill while the tractor should follow its reference [s]
+    distance: float = 0.0  # Distance from the reference at the start of `waited_s` [m]
 
 
 class Watch:

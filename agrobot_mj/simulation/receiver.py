@@ -22,16 +22,11 @@ SLOWLY_S = 3.0
 class MountedReceiver(NamedTuple):
     """Configured antenna position, and the heading used to move the fixes to the rear axle."""
 
-    arm: tuple[float, float]
-    """Distances of the antenna ahead and to the left of the rear axle [m]."""
-    wheelbase: float
-    """Wheelbase of the tractor [m]."""
-    yaw: float
-    """Heading of the tractor [rad]."""
-    speed: float = 0.0
-    """Estimated speed of the last tick [m/s]."""
-    t: float = 0.0
-    """Time at which the heading is valid [s]."""
+    arm: tuple[float, float]  # Distances of the antenna ahead and to the left of the rear axle [m]
+    wheelbase: float  # Wheelbase of the tractor [m]
+    yaw: float  # Heading of the tractor [rad]
+    speed: float = 0.0  # Estimated speed of the last tick [m/s]
+    t: float = 0.0  # Time at which the heading is valid [s]
 
     def yaw_rate(self, measured: Measurement) -> float:
         """Return the yaw rate of the gyro or, without gyro, from steering angle and speed [rad/s]."""

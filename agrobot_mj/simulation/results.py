@@ -26,11 +26,9 @@ try:
 except ImportError:  # pragma: no cover - Windows has no such locks; simultaneous runs are not detected
     flock = None  # type: ignore[assignment]
 
-MARK = ".agrobot-mj"
-"""File name of the mark: a comment line, then one name per line."""
+MARK = ".agrobot-mj"  # File name of the mark: a comment line, then one name per line
 HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
-PATIENCE_S = 60.0
-"""Maximum time to wait for another process that prepares a shared folder [s]."""
+PATIENCE_S = 60.0  # Maximum time to wait for another process that prepares a shared folder [s]
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
 """Pattern of the names of temporary files of this and earlier versions."""
 

@@ -15,8 +15,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 1200
 """Number of new rows between calls of the observers: 60 s of simulated time. More calls would slow down recordings."""
-REPORT_S = 5.0
-"""Maximum wall time between calls of the observers [s]."""
+REPORT_S = 5.0  # Maximum wall time between calls of the observers [s]
 
 
 class Watcher(Protocol):

@@ -20,10 +20,8 @@ class LoopState(NamedTuple):
     """State of a `Loop`."""
 
     plant: Any
-    stages: dict[str, Any]
-    """States of the stages, by name in `Stages`."""
-    truth: Truth
-    """True state after the last step of the plant."""
+    stages: dict[str, Any]  # States of the stages, by name in `Stages`
+    truth: Truth  # True state after the last step of the plant
     sensed: tuple[Measurement, Situation] | None
     """Last measurement and situation, without the sampled path; None before the first measurement."""
 
@@ -32,13 +30,10 @@ class Snapshot(NamedTuple):
     """State of a `Simulation`."""
 
     scenario: Scenario
-    loop: LoopState
-    """State of plant and stages."""
+    loop: LoopState  # State of plant and stages
     rows: SavedRows
-    standstill: Standstill
-    """Position and duration of the standstill."""
-    ending: tuple[str, str]
-    """Outcome and reason of the end of the run; empty before the end."""
+    standstill: Standstill  # Position and duration of the standstill
+    ending: tuple[str, str]  # Outcome and reason of the end of the run; empty before the end
 
 
 def loop_state(loop: Loop) -> LoopState:

@@ -21,17 +21,14 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.results import claim, errors_naming, remove, temporary_path
 
-RECORDING = "run.rrd"
-"""File name of the recording of a run."""
-RUTS = "ruts.parquet"
-"""File name of the map of ruts of a run on deformable soil."""
+RECORDING = "run.rrd"  # File name of the recording of a run
+RUTS = "ruts.parquet"  # File name of the map of ruts of a run on deformable soil
 SET = (
     *("metrics.json", "identified.json", "vehicle.json", "link.parquet"),
     *(RUTS, LEARNED, "signals.parquet", "scenario.toml"),
 )
 """Files of a run except the recording; metrics.json is renamed last and marks a complete set."""
-Writer = Callable[[Path], None]
-"""Function that writes a file at the given path."""
+Writer = Callable[[Path], None]  # Function that writes a file at the given path
 
 
 @cache

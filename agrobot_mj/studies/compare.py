@@ -86,8 +86,7 @@ def _row(case: Case, piece: int, row: Row, metrics: dict[str, Any]) -> Row:
     return without_errors({**about, **{name: row[name] for name in end}, **metrics})
 
 
-NONE = "-"
-"""Text of a table cell without a value."""
+NONE = "-"  # Text of a table cell without a value
 MEANINGS = {
     "lateral MSE [m2]": "mean square of the lateral error relative to the time-based reference",
     "turn 1": "lateral MSE in the first turn of the path",

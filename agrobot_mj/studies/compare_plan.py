@@ -43,8 +43,7 @@ class Case(NamedTuple):
 
     plant: str
     law: str
-    variant: str | None
-    """Name of the variant; None without a variant."""
+    variant: str | None  # Name of the variant; None without a variant
     seed: int
     scenario: Scenario
     folder: str

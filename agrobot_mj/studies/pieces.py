@@ -11,8 +11,7 @@ from agrobot_mj.scenario.tables import LONGEST_S
 
 SAMPLES, STATIONS = 400, 50
 """Numbers of points on a path segment: points at equal times, and points at equal distances for comparing segments."""
-APART = 0.01
-"""Maximum distance between corresponding points of equal segments per segment length [-]. Assumed value."""
+APART = 0.01  # Maximum distance between corresponding points of equal segments per segment length [-]. Assumed value.
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:

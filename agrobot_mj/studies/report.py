@@ -23,14 +23,11 @@ from agrobot_mj.metrics import LogLike
 from agrobot_mj.paths import sample
 from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STYLE, law_name, save
 
-SMOOTHING_S = 1.0
-"""Window length of the moving average of noisy signals [s]."""
+SMOOTHING_S = 1.0  # Window length of the moving average of noisy signals [s]
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
 """Distance between points of a drawn path [m], and maximum number of points [-]."""
-KEY_IN, LETTER_IN = 0.45, 0.058
-"""Width of a legend entry without its text, and mean width of a letter of 8 pt [in]."""
-ZOOM_M = (6.0, 3.0)
-"""Width and height of the enlarged part of the trajectory [m]."""
+KEY_IN, LETTER_IN = 0.45, 0.058  # Width of a legend entry without its text, and mean width of a letter of 8 pt [in]
+ZOOM_M = (6.0, 3.0)  # Width and height of the enlarged part of the trajectory [m]
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
 """Limit of plotted values for each axis unit. Curves beyond the limit do not affect the axis range of a panel."""
 
@@ -39,8 +36,7 @@ class ReportedRun(NamedTuple):
     """Run of a comparison, as input of the figures."""
 
     plant: str
-    law: str
-    """Name of the law: a yaw controller, a guidance law, or a variant."""
+    law: str  # Name of the law: a yaw controller, a guidance law, or a variant
     log: LogLike
     failed: bool = False
 

@@ -9,8 +9,7 @@ import numpy as np
 PRIOR_FAILURES = 0.2
 """Second parameter of the beta distribution of success rates [-]; the first is 1. Values below 1 favour rates near 1.
 With 0.2, 12 successes confirm a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
-NEAR = 1e-12
-"""Minimum distance of an evaluated rate from 0 and 1 [-]."""
+NEAR = 1e-12  # Minimum distance of an evaluated rate from 0 and 1 [-]
 
 
 def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[float, float]:

@@ -18,8 +18,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated
 
-Bump = tuple[float, float, float]
-"""Centre (x, y) [m] and heading [rad] of a bump."""
+Bump = tuple[float, float, float]  # Centre (x, y) [m] and heading [rad] of a bump
 
 
 class Bumps(Generated):

@@ -19,26 +19,20 @@ from agrobot_mj.core.spec import HUGE
 from agrobot_mj.terrain.geotiff import HEIGHT_MODES, cell_and_corner, open_tiff, values_of
 from agrobot_mj.terrain.grid import MOST_NODES
 
-MOST_BYTES = 128 * 1024**2
-"""Maximum size of a file, sufficient for the largest grid as text [bytes]."""
+MOST_BYTES = 128 * 1024**2  # Maximum size of a file, sufficient for the largest grid as text [bytes]
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
-FINEST_M = 0.01
-"""Minimum cell size of an ESRI grid [m]. A smaller cell size is probably in degrees."""
+FINEST_M = 0.01  # Minimum cell size of an ESRI grid [m]. A smaller cell size is probably in degrees.
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
 """Keys allowed in the header of an ESRI grid."""
-LONGEST_HEAD = 2000
-"""Maximum length of the header [characters]."""
+LONGEST_HEAD = 2000  # Maximum length of the header [characters]
 
 
 class Sheet(NamedTuple):
     """Grid read from a file."""
 
-    values: Array
-    """Values of the grid, shape (rows, columns); row 0 is the south edge."""
-    cell: float | None = None
-    """Distance between nodes; None if the file does not state it [m]."""
-    white: float = 1.0
-    """Value of white pixels in an image."""
+    values: Array  # Values of the grid, shape (rows, columns); row 0 is the south edge
+    cell: float | None = None  # Distance between nodes; None if the file does not state it [m]
+    white: float = 1.0  # Value of white pixels in an image
     corner: tuple[float, float] | None = None
     """Easting and northing of the south-west node on a map; None if the file does not state them [m]."""
 

@@ -20,8 +20,7 @@ MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
 IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
 IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
 """Contents of the GeoKey directory for cells in degrees of WGS 84, and for cells in metres without a known position."""
-HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")
-"""Pillow image modes with one number per cell."""
+HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")  # Pillow image modes with one number per cell
 
 
 def open_tiff(path: Path) -> Any:

@@ -16,8 +16,7 @@ from agrobot_mj.core.kernels import jit, kernel
 from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
-MOST_NODES = 4_200_000
-"""Maximum number of nodes of a height grid: 34 MB, or a square of 200 m with a node every 0.1 m."""
+MOST_NODES = 4_200_000  # Maximum number of nodes of a height grid: 34 MB, or a square of 200 m with a node every 0.1 m
 MOST_STEPS = 1000
 """Maximum number of cells along the longer side of a rectangular plane; the shorter side is exact within 0.1 %."""
 
@@ -25,16 +24,11 @@ MOST_STEPS = 1000
 class Surface(NamedTuple):
     """Grid of ground properties, uniform in each cell; the south-west corner of cell (0, 0) is at (x0, y0)."""
 
-    x0: float
-    """West edge of the grid [m]."""
-    y0: float
-    """South edge of the grid [m]."""
-    spacing: float
-    """Side length of a cell [m]."""
-    friction: Array
-    """Factor on the tyre friction, shape (rows, columns) [-]."""
-    cone_index: Array
-    """Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]."""
+    x0: float  # West edge of the grid [m]
+    y0: float  # South edge of the grid [m]
+    spacing: float  # Side length of a cell [m]
+    friction: Array  # Factor on the tyre friction, shape (rows, columns) [-]
+    cone_index: Array  # Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]
     rolling: Array = np.empty((0, 0))
     """Rolling resistance divided by load on firm ground, same shape or empty; 0 selects the value of the tyre [-]."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
@@ -48,19 +42,13 @@ NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
 class Ground(NamedTuple):
     """Height grid with ground properties."""
 
-    x0: float
-    """East coordinate of column 0 [m]."""
-    y0: float
-    """North coordinate of row 0 [m]."""
-    spacing: float
-    """Distance between neighbouring nodes in both directions [m]."""
-    heights: Array
-    """Heights of the nodes, shape (rows, columns), at least 2 x 2 [m]."""
+    x0: float  # East coordinate of column 0 [m]
+    y0: float  # North coordinate of row 0 [m]
+    spacing: float  # Distance between neighbouring nodes in both directions [m]
+    heights: Array  # Heights of the nodes, shape (rows, columns), at least 2 x 2 [m]
     surface: Surface = NOTHING_SPECIAL
-    planar: bool = False
-    """Whether the grid was created as a plane with more than one cell."""
-    memory: SoilMemory = FORGETS
-    """Ruts in soil with plastic deformation; each plant has a separate copy."""
+    planar: bool = False  # Whether the grid was created as a plane with more than one cell
+    memory: SoilMemory = FORGETS  # Ruts in soil with plastic deformation; each plant has a separate copy
 
     @property
     def extent(self) -> tuple[float, float, float, float]:

@@ -12,12 +12,10 @@ import numpy as np
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
-TILE = 32
-"""Number of cells along the side of a tile."""
+TILE = 32  # Number of cells along the side of a tile
 MOST_TILES = 8192
 """Number of tiles in the store: with cells of 5 cm a tile is 1.6 m wide, and all tiles cover 2 ha and use 270 MB."""
-MOST_PLACES = 16_000_000
-"""Maximum number of tile positions on a field: 64 MB."""
+MOST_PLACES = 16_000_000  # Maximum number of tile positions on a field: 64 MB
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
 """Indices of the values of a cell: plastic sinkage [m], yield pressure reached [Pa], sinkage of untouched soil at that
 pressure [m], and pressure divided by yield pressure up to which the cell is elastic [-]."""
@@ -27,18 +25,12 @@ AnyArray = np.ndarray[Any, Any]
 class SoilMemory(NamedTuple):
     """Grid of soil cells in tiles, with the south-west corner at (x0, y0); the arrays are written in place."""
 
-    x0: float
-    """West edge [m]."""
-    y0: float
-    """South edge [m]."""
-    cell: float
-    """Side length of a cell [m]."""
-    tiles: AnyArray
-    """Index in `cells` of each tile, -1 for untouched ground, int32 of shape (rows, columns)."""
-    cells: AnyArray
-    """Values of the cells of each tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`."""
-    used: AnyArray
-    """Number of tiles in use, int64 of shape (1,)."""
+    x0: float  # West edge [m]
+    y0: float  # South edge [m]
+    cell: float  # Side length of a cell [m]
+    tiles: AnyArray  # Index in `cells` of each tile, -1 for untouched ground, int32 of shape (rows, columns)
+    cells: AnyArray  # Values of the cells of each tile, float64 of shape (tiles, TILE, TILE, VALUES), see `SINKAGE`
+    used: AnyArray  # Number of tiles in use, int64 of shape (1,)
 
 
 FORGETS = SoilMemory(
@@ -50,23 +42,17 @@ FORGETS = SoilMemory(
 class SavedSoil(NamedTuple):
     """Copy of a soil memory that contains only the tiles in use."""
 
-    places: AnyArray
-    """Row and column of each tile, int32 of shape (n, 2), in the order of the store."""
-    cells: AnyArray
-    """Values of the cells of each tile, float64 of shape (n, TILE, TILE, VALUES)."""
+    places: AnyArray  # Row and column of each tile, int32 of shape (n, 2), in the order of the store
+    cells: AnyArray  # Values of the cells of each tile, float64 of shape (n, TILE, TILE, VALUES)
 
 
 class RutMap(NamedTuple):
     """Ruts on a field, one entry per cell with plastic sinkage."""
 
-    cell: float
-    """Side length of a cell [m]."""
-    x: Array
-    """East coordinates of the cell centres, shape (n,) [m]."""
-    y: Array
-    """North coordinates of the cell centres, shape (n,) [m]."""
-    depth: Array
-    """Plastic sinkage, shape (n,) [m]."""
+    cell: float  # Side length of a cell [m]
+    x: Array  # East coordinates of the cell centres, shape (n,) [m]
+    y: Array  # North coordinates of the cell centres, shape (n,) [m]
+    depth: Array  # Plastic sinkage, shape (n,) [m]
 
 
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:

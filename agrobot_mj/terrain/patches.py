@@ -11,8 +11,7 @@ from agrobot_mj.terrain.grid import Surface, rounded_up
 from agrobot_mj.terrain.shapes import Bounds, CirclePatch, PicturePatch, PolygonPatch, RectanglePatch, Special
 from agrobot_mj.terrain.variation import Variation
 
-MOST_CELLS = 4_000_000
-"""Maximum number of cells in the grid of properties: 64 MB."""
+MOST_CELLS = 4_000_000  # Maximum number of cells in the grid of properties: 64 MB
 MOST_TESTS = 2e8
 """Maximum number of cells tested for coverage, summed over all patches [-]. The tests take several seconds."""
 
@@ -24,8 +23,7 @@ class Base(NamedTuple):
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """Factor on the friction [-], cone index [Pa] and rolling resistance [-]; 0 selects the value of the tyre law."""
-    variation: Variation | None = None
-    """Random variation about these properties; None for uniform ground."""
+    variation: Variation | None = None  # Random variation about these properties; None for uniform ground
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:

@@ -19,8 +19,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Positive
 from agrobot_mj.terrain.generated import Generated, Node
 
-LEVEL_SHARE = 0.3
-"""Length of a level crest, and of a level trough, divided by the spacing [-]. Assumed value."""
+LEVEL_SHARE = 0.3  # Length of a level crest, and of a level trough, divided by the spacing [-]. Assumed value.
 
 
 class Ridges(Generated):

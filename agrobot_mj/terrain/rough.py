@@ -28,14 +28,11 @@ from agrobot_mj.core.randomness import stream
 from agrobot_mj.core.signals import Array
 from agrobot_mj.terrain.generated import Generated
 
-REFERENCE_WAVE_NUMBER = 0.1
-"""Reference wave number n_0 [cycle/m] [ISO8608]."""
+REFERENCE_WAVE_NUMBER = 0.1  # Reference wave number n_0 [cycle/m] [ISO8608]
 ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
 """Roughness G_d(n_0) of the classes, geometric means [m3] [ISO8608]."""
-HIGHEST_WAVE_NUMBER = 2.83
-"""Maximum wave number of the standard [cycle/m] [ISO8608]."""
-ROLL_OFF = 0.7
-"""Wave number at which the roll-off starts, divided by the maximum wave number [-]. Assumed value."""
+HIGHEST_WAVE_NUMBER = 2.83  # Maximum wave number of the standard [cycle/m] [ISO8608]
+ROLL_OFF = 0.7  # Wave number at which the roll-off starts, divided by the maximum wave number [-]. Assumed value.
 
 
 class Rough(Generated):

@@ -12,8 +12,7 @@ from agrobot_mj.core.spec import HUGE, ConeIndex, Positive, Scale, Spec, cone_in
 from agrobot_mj.terrain.files import read_picture
 from agrobot_mj.terrain.variation import NAMED, SurfaceName
 
-Bounds = tuple[float, float, float, float]
-"""Bounding box (x_min, x_max, y_min, y_max) [m]."""
+Bounds = tuple[float, float, float, float]  # Bounding box (x_min, x_max, y_min, y_max) [m]
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 

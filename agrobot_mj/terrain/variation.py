@@ -21,12 +21,9 @@ SurfaceName = Literal["concrete", "stubble", "tilled", "sand"]
 class SurfaceProperties(NamedTuple):
     """Properties of a named surface."""
 
-    cone_index_kpa: float
-    """Cone index [kPa]."""
-    rolling_resistance: float
-    """Rolling resistance divided by the load, for tyres on firm ground [-]."""
-    friction: float
-    """Factor on the tyre friction [-]."""
+    cone_index_kpa: float  # Cone index [kPa]
+    rolling_resistance: float  # Rolling resistance divided by the load, for tyres on firm ground [-]
+    friction: float  # Factor on the tyre friction [-]
 
 
 NAMED: dict[str, SurfaceProperties] = {
@@ -39,10 +36,8 @@ NAMED: dict[str, SurfaceProperties] = {
 (mobility numbers B_n = 55, 40 and 20) are from [ASAE2003], quoted from memory. Assumed values: concrete (resistance
 0.015-0.025, the maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
 
-LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
-"""Minimum and maximum of the random friction factor [-]. Assumed values."""
-CELLS_PER_LENGTH = 4
-"""Default number of cells per correlation length [-]."""
+LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0  # Minimum and maximum of the random friction factor [-]. Assumed values.
+CELLS_PER_LENGTH = 4  # Default number of cells per correlation length [-]
 EDGE_LENGTHS = 6
 """Width of the margin of the embedding grid, in correlation lengths [-]. The correlation over this width is 0.25 %."""
 

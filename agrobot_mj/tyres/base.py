@@ -26,17 +26,14 @@ ADHERES, SLIDES = 1.0, 3.0
 
 BREAKAWAY_SPEED = 0.1
 """Rolling speed that doubles the normalised slip at which bristles break away [m/s]. Assumed value."""
-VANISHING = 1e-150
-"""Minimum slip divided by peak force whose square does not underflow [1/N]."""
+VANISHING = 1e-150  # Minimum slip divided by peak force whose square does not underflow [1/N]
 
 
 class Footing(NamedTuple):
     """Properties of the ground under a tyre."""
 
-    grip: float
-    """Factor on the friction [-]."""
-    cone_index: float
-    """Cone index of the soil [Pa]."""
+    grip: float  # Factor on the friction [-]
+    cone_index: float  # Cone index of the soil [Pa]
     rolling: float = 0.0
     """Rolling resistance of a named firm surface divided by load; 0 selects the value of the tyre [-]."""
 
@@ -44,45 +41,31 @@ class Footing(NamedTuple):
 class Slip(NamedTuple):
     """State of one tyre on the ground: the input of a tyre law."""
 
-    x: float
-    """Longitudinal slip, sliding speed divided by `v_roll`; driving forward is negative, braking positive [-]."""
-    y: float
-    """Lateral slip, positive sliding left; for a rolling wheel the tangent of the slip angle [-]."""
-    load: float
-    """Load normal to the ground [N]."""
-    deflection: float
-    """Vertical deflection [m]."""
-    v_roll: float
-    """Reference speed of the slips: the ground speed, or half the rim speed if larger; not negative [m/s]."""
+    x: float  # Longitudinal slip, sliding speed divided by `v_roll`; driving forward is negative, braking positive [-]
+    y: float  # Lateral slip, positive sliding left; for a rolling wheel the tangent of the slip angle [-]
+    load: float  # Load normal to the ground [N]
+    deflection: float  # Vertical deflection [m]
+    v_roll: float  # Reference speed of the slips: the ground speed, or half the rim speed if larger; not negative [m/s]
     footing: Footing
-    travel: float = 1.0
-    """Direction of travel: 1 forward, 0 at rest, -1 in reverse, with a smooth transition [-]."""
-    area: float = 0.0
-    """Contact area on yielding soil, otherwise 0 [m2]."""
-    length: float = 0.0
-    """Contact length on yielding soil, otherwise 0 [m]."""
+    travel: float = 1.0  # Direction of travel: 1 forward, 0 at rest, -1 in reverse, with a smooth transition [-]
+    area: float = 0.0  # Contact area on yielding soil, otherwise 0 [m2]
+    length: float = 0.0  # Contact length on yielding soil, otherwise 0 [m]
 
 
 class TyreForce(NamedTuple):
     """Force returned by a tyre law."""
 
-    x: float
-    """Longitudinal force, forward positive [N]."""
-    y: float
-    """Lateral force, left positive [N]."""
-    held: float
-    """Fraction of the bristle deflection that the available friction holds [-]."""
-    used: float
-    """Used fraction of the available friction [-]."""
+    x: float  # Longitudinal force, forward positive [N]
+    y: float  # Lateral force, left positive [N]
+    held: float  # Fraction of the bristle deflection that the available friction holds [-]
+    used: float  # Used fraction of the available friction [-]
 
 
 class Direction(NamedTuple):
     """Direction of a slip or force in the contact plane."""
 
-    x: float
-    """Component forward [-]."""
-    y: float
-    """Component to the left [-]."""
+    x: float  # Component forward [-]
+    y: float  # Component to the left [-]
 
 
 class TyreLaw(Protocol):
@@ -147,18 +130,14 @@ class Structure(NamedTuple):
     bristle_damping_s: float = 0.02
     """Damping of the carcass divided by its stiffness [s]. Without `carcass_share` the value applies to a relaxation
     length of 1.5 radii and scales with the relaxation length."""
-    rolling_resistance: float = 0.0
-    """Rolling resistance moment divided by load times rolling radius [-]."""
+    rolling_resistance: float = 0.0  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length_m: float | None = 0.0
     """Half of the contact length [m]; 0 for no scrubbing moment, None for a value from the static deflection."""
-    trail_m: float = 0.0
-    """Pneumatic trail at small slip [m]."""
-    cone_index_pa: float = 0.0
-    """Cone index where the ground has no value; 0 for laws without a cone index [Pa]."""
+    trail_m: float = 0.0  # Pneumatic trail at small slip [m]
+    cone_index_pa: float = 0.0  # Cone index where the ground has no value; 0 for laws without a cone index [Pa]
     carcass_share: tuple[float, float] = (0.0, 0.0)
     """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0 selects `relaxation_radii` [-]."""
-    bearing: Bearing = FIRM
-    """Parameters of soil with plastic sinkage. Default: firm ground."""
+    bearing: Bearing = FIRM  # Parameters of soil with plastic sinkage. Default: firm ground.
     load_follows: bool = False
     """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
 
@@ -166,10 +145,8 @@ class Structure(NamedTuple):
 class NativeContact(NamedTuple):
     """Settings of MuJoCo's contact between wheels and ground."""
 
-    friction: float = 0.8
-    """Sliding friction coefficient [-]."""
-    impratio: float = 1.0
-    """Friction stiffness divided by normal contact stiffness [-]."""
+    friction: float = 0.8  # Sliding friction coefficient [-]
+    impratio: float = 1.0  # Friction stiffness divided by normal contact stiffness [-]
 
 
 class TyreBase(Spec):

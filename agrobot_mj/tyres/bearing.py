@@ -28,8 +28,7 @@ from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, AnyArray, SoilMemory, tile_of
 
-ITERATIONS = 8
-"""Maximum number of Newton steps for the pressure on yielding soil."""
+ITERATIONS = 8  # Maximum number of Newton steps for the pressure on yielding soil
 NEAR = 0.05
 """Relative change of the yield pressure below which one Newton step suffices (error 4e-4, corrected in the next physics
 step) and a cubic polynomial approximates the power function (error 2e-6) [-]."""
@@ -39,76 +38,52 @@ Assumed value: a load that decreases by less than half and increases again is no
 MOST_SLIP = 0.8
 """Slip above which the sinkage is constant, 3 times that without slip [-]. Assumed value, end of published curves."""
 
-Cell = tuple[int, int, int]
-"""Tile, row and column of a stored cell."""
+Cell = tuple[int, int, int]  # Tile, row and column of a stored cell
 
 
 class Bearing(NamedTuple):
     """Pressure-sinkage parameters of soil."""
 
-    k_c: float
-    """Cohesive modulus k_c, which is divided by the contact width [Pa/m^(n-1)]."""
-    k_phi: float
-    """Frictional modulus k_phi; 0 for firm ground [Pa/m^n]."""
-    n: float
-    """Exponent n of the sinkage [-]."""
-    rebound: float
-    """Elastic stiffness K_e [Pa/m]."""
-    multipass: float
-    """Exponent a of the multipass law [-]."""
-    crown_share: float
-    """Radius of the tread crown divided by the tyre width [-]."""
-    cell: float
-    """Side length of a cell [m]."""
+    k_c: float  # Cohesive modulus k_c, which is divided by the contact width [Pa/m^(n-1)]
+    k_phi: float  # Frictional modulus k_phi; 0 for firm ground [Pa/m^n]
+    n: float  # Exponent n of the sinkage [-]
+    rebound: float  # Elastic stiffness K_e [Pa/m]
+    multipass: float  # Exponent a of the multipass law [-]
+    crown_share: float  # Radius of the tread crown divided by the tyre width [-]
+    cell: float  # Side length of a cell [m]
 
 
-FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)
-"""Parameters of firm ground, which has no sinkage."""
+FIRM = Bearing(0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0)  # Parameters of firm ground, which has no sinkage
 
 
 class Tread(NamedTuple):
     """Geometry and stiffness of a tyre on soil."""
 
-    radius: float
-    """Free radius R [m]."""
-    width: float
-    """Section width b [m]."""
-    crown: float
-    """Crown radius r_c [m]."""
-    stiffness: float
-    """Carcass stiffness per area kappa [Pa/m]."""
+    radius: float  # Free radius R [m]
+    width: float  # Section width b [m]
+    crown: float  # Crown radius r_c [m]
+    stiffness: float  # Carcass stiffness per area kappa [Pa/m]
 
 
 class SoilCell(NamedTuple):
     """State of one soil cell under pressure."""
 
-    pressure: float
-    """Pressure [Pa]."""
-    sinkage: float
-    """Plastic sinkage z [m]."""
-    yielded: float
-    """Yield pressure q [Pa]."""
-    hardened: float
-    """Sinkage z_q of untouched soil at this yield pressure [m]."""
-    level: float
-    """Pressure divided by yield pressure up to which the cell is elastic [-]."""
+    pressure: float  # Pressure [Pa]
+    sinkage: float  # Plastic sinkage z [m]
+    yielded: float  # Yield pressure q [Pa]
+    hardened: float  # Sinkage z_q of untouched soil at this yield pressure [m]
+    level: float  # Pressure divided by yield pressure up to which the cell is elastic [-]
 
 
 class Pressed(NamedTuple):
     """Reaction of the soil on one wheel."""
 
-    load: float
-    """Force along the ground normal [N]."""
-    push: float
-    """Compaction resistance at the wheel centre, forward positive: negative in forward travel [N]."""
-    edge: float
-    """Force to the left, from rut walls and from sliding down into a rut [N]."""
-    area: float
-    """Contact area [m2]."""
-    length: float
-    """Contact length [m]."""
-    deflection: float
-    """Maximum deflection of the carcass [m]."""
+    load: float  # Force along the ground normal [N]
+    push: float  # Compaction resistance at the wheel centre, forward positive: negative in forward travel [N]
+    edge: float  # Force to the left, from rut walls and from sliding down into a rut [N]
+    area: float  # Contact area [m2]
+    length: float  # Contact length [m]
+    deflection: float  # Maximum deflection of the carcass [m]
 
 
 @kernel

@@ -32,61 +32,41 @@ END, COLUMN, ROW = range(3)
 class WheelPlane(NamedTuple):
     """Plane of a wheel: height of the centre, directions, and the horizontal line on which the ground is evaluated."""
 
-    x: float
-    """East coordinate of the origin of the line, below the lowest point of the wheel [m]."""
-    y: float
-    """North coordinate of the origin of the line [m]."""
-    z: float
-    """Height of the wheel centre [m]."""
-    ahead: tuple[float, float]
-    """Horizontal unit vector along the line."""
-    level: float
-    """Cosine of the camber [-]."""
-    camber: float
-    """Sine of the camber, positive with the left side up [-]."""
-    offset: float
-    """Distance of the line from the wheel centre, to the left [m]."""
+    x: float  # East coordinate of the origin of the line, below the lowest point of the wheel [m]
+    y: float  # North coordinate of the origin of the line [m]
+    z: float  # Height of the wheel centre [m]
+    ahead: tuple[float, float]  # Horizontal unit vector along the line
+    level: float  # Cosine of the camber [-]
+    camber: float  # Sine of the camber, positive with the left side up [-]
+    offset: float  # Distance of the line from the wheel centre, to the left [m]
 
 
 class Node(NamedTuple):
     """End of a straight ground segment in the wheel plane, relative to the wheel centre."""
 
-    s: float
-    """Distance ahead of the wheel centre [m]."""
-    w: float
-    """Distance above the wheel centre, in the wheel plane [m]."""
-    s_left: float
-    """Derivative of `s` with respect to a displacement of the wheel along its axle [-]."""
-    w_left: float
-    """Derivative of `w` with respect to a displacement of the wheel along its axle [-]."""
+    s: float  # Distance ahead of the wheel centre [m]
+    w: float  # Distance above the wheel centre, in the wheel plane [m]
+    s_left: float  # Derivative of `s` with respect to a displacement of the wheel along its axle [-]
+    w_left: float  # Derivative of `w` with respect to a displacement of the wheel along its axle [-]
 
 
 class Spot(NamedTuple):
     """Point on the polyline of the ground."""
 
-    distance: float
-    """Distance D from the wheel centre [m]."""
-    s: float
-    """Distance ahead of the wheel centre [m]."""
-    w: float
-    """Distance above the wheel centre, in the wheel plane [m]."""
-    left: float
-    """Derivative of the distance with respect to a displacement of the wheel along its axle [-]."""
+    distance: float  # Distance D from the wheel centre [m]
+    s: float  # Distance ahead of the wheel centre [m]
+    w: float  # Distance above the wheel centre, in the wheel plane [m]
+    left: float  # Derivative of the distance with respect to a displacement of the wheel along its axle [-]
 
 
 class Places(NamedTuple):
     """Candidate contact points found so far along the polyline."""
 
-    best: Spot
-    """Point nearest to the wheel centre."""
-    beside: Spot
-    """Second nearest local minimum, adjacent to `best`."""
-    ridge: Spot
-    """Farthest point between `best` and `beside`."""
-    last: Spot
-    """Last local minimum found."""
-    gap: Spot
-    """Local maximum of the distance that follows `last`."""
+    best: Spot  # Point nearest to the wheel centre
+    beside: Spot  # Second nearest local minimum, adjacent to `best`
+    ridge: Spot  # Farthest point between `best` and `beside`
+    last: Spot  # Last local minimum found
+    gap: Spot  # Local maximum of the distance that follows `last`
 
 
 NOWHERE = Spot(inf, 0.0, -1.0, 0.0)

@@ -28,10 +28,8 @@ def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
 class LinearLaw(NamedTuple):
     """Coefficients of a linear tyre."""
 
-    C_x: float
-    """Longitudinal slip stiffness [N]."""
-    C_alpha: float
-    """Cornering stiffness [N/rad]."""
+    C_x: float  # Longitudinal slip stiffness [N]
+    C_alpha: float  # Cornering stiffness [N/rad]
 
     def force(self, slip: Slip) -> TyreForce:
         """Return the force for a slip. Friction is unlimited: the bristle keeps its deflection; used friction is 0."""

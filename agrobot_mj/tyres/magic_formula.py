@@ -27,8 +27,7 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 
 LEAST_SHARE = 0.2
 """Lower limit of friction and stiffness relative to their values at the reference load [-]. Assumed value."""
-LINEAR = 1e-4
-"""Normalised slip below which the force is that of the slip stiffness, within 1e-8 [-]."""
+LINEAR = 1e-4  # Normalised slip below which the force is that of the slip stiffness, within 1e-8 [-]
 KNOWN_LOADS = (0.5, 2.0)
 """Minimum and maximum load divided by reference load for the linear change with load [-]. Assumed value: the range of a
 tyre of one size and pressure."""
@@ -63,14 +62,11 @@ def pure_force(s: float, D: float, K: float, C: float, E: float) -> float:
 class MagicLaw(NamedTuple):
     """Coefficients of a Magic Formula tyre."""
 
-    F_z0: float
-    """Reference load [N]."""
+    F_z0: float  # Reference load [N]
     along: CurveLaw
     across: CurveLaw
-    rho_peak: float
-    """Normalised slip at the peak of the curve that peaks first [-]."""
-    anisotropy: float
-    """Sliding anisotropy, see `MagicFormula` [-]."""
+    rho_peak: float  # Normalised slip at the peak of the curve that peaks first [-]
+    anisotropy: float  # Sliding anisotropy, see `MagicFormula` [-]
 
     def force(self, slip: Slip) -> TyreForce:
         """Return the force for a combined slip; the friction factor of the ground scales the peak forces."""

@@ -50,18 +50,12 @@ def rebound_in_range(mpa_m: float) -> float:
 class RutsLaw(NamedTuple):
     """Strength of the soil under one tyre, and tyre dimensions."""
 
-    cohesion: float
-    """Cohesion c [Pa]."""
-    tan_phi: float
-    """Tangent of the friction angle [-]."""
-    K: float
-    """Shear deformation modulus K: displacement at 63 % of the strength [m]."""
-    radius: float
-    """Free radius of the tyre [m]."""
-    crown: float
-    """Crown radius of the tyre [m]."""
-    anisotropy: float
-    """Sliding anisotropy, see `Ruts` [-]."""
+    cohesion: float  # Cohesion c [Pa]
+    tan_phi: float  # Tangent of the friction angle [-]
+    K: float  # Shear deformation modulus K: displacement at 63 % of the strength [m]
+    radius: float  # Free radius of the tyre [m]
+    crown: float  # Crown radius of the tyre [m]
+    anisotropy: float  # Sliding anisotropy, see `Ruts` [-]
 
     def force(self, slip: Slip) -> TyreForce:
         """Return the force for a combined slip."""

@@ -29,8 +29,7 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 
 SATURATED = 3.0
 """Normalised slip rho at which bristles break away at rest: 1 - exp(-3) = 95 % of the friction is used [-]."""
-OWN_LOSS = 0.04
-"""Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987]."""
+OWN_LOSS = 0.04  # Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987].
 SOFTEST = 3.0
 """Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: at this number B_n is about 8,
 the pull of a driven tyre is half of the pull on firm soil, and the lateral peak is 0.84."""
@@ -64,16 +63,11 @@ def lateral_shape(
 class SoilLaw(NamedTuple):
     """Dimensions and carcass of one tyre."""
 
-    b: float
-    """Section width [m]."""
-    d: float
-    """Diameter [m]."""
-    h: float
-    """Section height [m]."""
-    radial: float
-    """Carcass type: 1 radial, 0 bias [-]."""
-    anisotropy: float
-    """Sliding anisotropy, see `Soil` [-]."""
+    b: float  # Section width [m]
+    d: float  # Diameter [m]
+    h: float  # Section height [m]
+    radial: float  # Carcass type: 1 radial, 0 bias [-]
+    anisotropy: float  # Sliding anisotropy, see `Soil` [-]
 
     def force(self, slip: Slip) -> TyreForce:
         """Return the force for a combined slip; the friction factor scales the peak forces, not the slip stiffness."""

@@ -34,8 +34,7 @@ CERTAIN += ("valve_voltage", "e_lateral")
 """Columns that contain finite numbers in all rows of a run with exit status 0."""
 POWERED, STATE = "pedal_voltage", "supervisor_state"
 """Column with finite numbers unless the column `STATE` shows that the supervisor is stopping the tractor."""
-KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}
-"""Folders to which commands may write."""
+KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}  # Folders to which commands may write
 
 
 def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> str:

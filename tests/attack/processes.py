@@ -15,10 +15,8 @@ import time
 from pathlib import Path
 
 FILES = {"signals.parquet", "metrics.json", "scenario.toml"}
-LONGEST_S = 120.0
-"""Time in which a command ends after a signal, on a busy machine [s]."""
-STALE = re.compile(r"\..*\.[0-9a-z_]{8}(\.part)?")
-"""Pattern of the names of temporary files."""
+LONGEST_S = 120.0  # Time in which a command ends after a signal, on a busy machine [s]
+STALE = re.compile(r"\..*\.[0-9a-z_]{8}(\.part)?")  # Pattern of the names of temporary files
 SWEEP = """
 base = "circle"
 seeds = 6

@@ -16,8 +16,7 @@ from agrobot_mj import Simulation, load_scenario, run
 STATES = ("hills", "circle", "figure_eight", "ruts", "plough", "steering_backlash", "furrows_across")
 """Names of the simulated scenarios."""
 SETTLING = {"plant.settle_s": 0.1}
-ACKNOWLEDGED_S = 20.0
-"""Time in which an interrupt is received, on a busy machine [s]."""
+ACKNOWLEDGED_S = 20.0  # Time in which an interrupt is received, on a busy machine [s]
 
 
 def interrupts(chance: random.Random) -> str:

@@ -19,8 +19,7 @@ from agrobot_mj.core.agopengps.messages import (
 )
 from agrobot_mj.core.agopengps.wire import Rejected, Unknown, check, decode, encode, frame
 
-HALF = 0.5 * radians(0.01)
-"""Half a count of a steering angle [rad]."""
+HALF = 0.5 * radians(0.01)  # Half a count of a steering angle [rad]
 GOLDEN = {
     "254 on": (
         SteerData(4.3 / 3.6, 1, radians(3.25), 0x7F),

@@ -40,8 +40,7 @@ OTHERS = {
     **dict.fromkeys(("export", "source", ".", "mkdir", "cp"), "the shell's own"),
 }
 """Programs that these tests leave alone, and why."""
-QUICK = ("list", "explain", "init", "schema", "run")
-"""Verbs that are executed by default."""
+QUICK = ("list", "explain", "init", "schema", "run")  # Verbs that are executed by default
 UNATTENDED = {
     "view": "opens a viewer; tests/recording has its own tests",
     "snapshot": "needs a Vulkan driver; tests/recording/test_snapshot_renders.py",
@@ -75,16 +74,14 @@ SHORT = {
     "sweep": "--jobs 1 --quiet",
 }
 """What is appended to a command, by its verb, so that it ends soon."""
-GLIMPSE = ("--set", "duration_s=0.5", "--quiet", "--no-rrd")
-"""What is appended to a run that is only to begin and end."""
+GLIMPSE = ("--set", "duration_s=0.5", "--quiet", "--no-rrd")  # What is appended to a run that is only to begin and end
 
 
 class Printed(NamedTuple):
     """A command as a page prints it."""
 
     page: str
-    folder: Path
-    """Folder of the tree in which it is to be run, after the block's `cd`."""
+    folder: Path  # Folder of the tree in which it is to be run, after the block's `cd`
     words: list[str]
 
     @property

@@ -24,8 +24,7 @@ BESIDE = {
     *("kirkyedi", "kirksekiz", "kirkdokuz", "elliiki", "elliuc", "ellidort", "eq48"),
 }
 """The paper's other labelled equations: derivations, general forms, conditions and proofs."""
-GUARDED = {"16", "16ek", "enyeni1", "fij", "q_q", "Rahib2_6"}
-"""Equations that a guard of the network changes."""
+GUARDED = {"16", "16ek", "enyeni1", "fij", "q_q", "Rahib2_6"}  # Equations that a guard of the network changes
 
 
 def functions(tree, prefix=""):

@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-BOUND = 30_850
-"""Two and a half hours of reading."""
+BOUND = 30_850  # Two and a half hours of reading
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
@@ -21,8 +20,7 @@ READING_PATH = (
     *("docs/extensions/links/link.md", "docs/extensions/logs/replay.md"),
 )
 """Pages that a user reads in order, or as far as the extensions are there."""
-PATH_BOUND = 14_500
-"""Words of these pages, tables, generated blocks and code included."""
+PATH_BOUND = 14_500  # Words of these pages, tables, generated blocks and code included
 BLOCK = re.compile(r"^<!-- (.+?) -->\n.*?^<!-- end of \1 -->$", re.MULTILINE | re.DOTALL)
 
 

@@ -13,8 +13,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 DT = 0.05
 TRACTOR = TractorParameters()
-STEER_NOISE = radians(0.06)
-"""Standard deviation of the filtered potentiometer measurement [rad]."""
+STEER_NOISE = radians(0.06)  # Standard deviation of the filtered potentiometer measurement [rad]
 
 
 class Step(NamedTuple):

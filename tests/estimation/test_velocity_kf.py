@@ -7,8 +7,7 @@ from agrobot_mj.estimation.velocity_kf import VelocityKf, process_noise, transit
 
 DT, WALK = 0.05, 0.1
 NOISE = np.diag(np.square([0.02, 0.03, 0.02, 0.03]))
-RATES = np.kron(np.eye(2), [[0.0, 1.0], [0.0, 0.0]])
-"""System matrix of the continuous-time dynamics of (x, vx, y, vy)."""
+RATES = np.kron(np.eye(2), [[0.0, 1.0], [0.0, 0.0]])  # System matrix of the continuous-time dynamics of (x, vx, y, vy)
 
 
 def fixes(ticks, seed=0):

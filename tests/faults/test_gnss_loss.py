@@ -9,8 +9,7 @@ from agrobot_mj import load_scenario, run
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.machine.hydraulics import LITRE_PER_MINUTE
 
-LOST, FOUND = 500, 600
-"""First tick without and first tick with a solution again."""
+LOST, FOUND = 500, 600  # First tick without and first tick with a solution again
 LOSS = {"kind": "gnss_loss", "start_s": LOST * TICK_S, "end_s": FOUND * TICK_S}
 CIRCLE = {"duration_s": 40.0, "fault": [LOSS], "gains": "paper"}
 """With the tuned gains the noise of the derivative moves the reference faster than the valve at times."""

@@ -10,8 +10,7 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width, headland_turn
 from agrobot_mj.paths.track import chain
 
-R, C = 3.0, 0.187
-"""Radius [m], and sharpness for 15 deg/s at 1 m/s [1/m2]."""
+R, C = 3.0, 0.187  # Radius [m], and sharpness for 15 deg/s at 1 m/s [1/m2]
 
 
 def end(pieces):

@@ -18,8 +18,7 @@ from agrobot_mj.scenario.hints import hints
 ORIGIN = Origin(52.31, 6.72)
 BEND = np.array([(-40.0, -10.0), (0.0, -10.0), (30.0, 0.0), (40.0, 30.0)])
 """Track [m], whose bounding box has its middle at (0, 10)."""
-DEGREES = np.array([to_geodetic(ORIGIN, *point)[::-1] for point in BEND])
-"""Longitude and latitude of the track [deg]."""
+DEGREES = np.array([to_geodetic(ORIGIN, *point)[::-1] for point in BEND])  # Longitude and latitude of the track [deg]
 PAIRS = [f"{lon:.9f},{lat:.9f}" for lon, lat in DEGREES]
 
 

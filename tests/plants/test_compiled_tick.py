@@ -139,8 +139,7 @@ def test_drive_torque_uses_the_mean_of_both_driven_wheels():
     assert torque == pytest.approx(3000.0)
 
 
-HELD = Linkage(friction_n_m=2e4)
-"""Kingpins that no steering cylinder moves."""
+HELD = Linkage(friction_n_m=2e4)  # Kingpins that no steering cylinder moves
 
 
 def pushed_against_held_wheels(valve, seconds=2.0, volts=12.0, back_s=0.0):

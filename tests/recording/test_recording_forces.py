@@ -10,8 +10,7 @@ from agrobot_mj.tyres.patch import WheelMotion, find_patch
 WHEELS = ("fl", "fr", "rl", "rr")
 LARGE = {"mass_kg": 6000.0, "wheelbase_m": 2.8}
 CALM, HARD = 0x4DF08AFF, 0xE02010FF
-N_PER_M = 1000.0
-"""Of the arrows along the ground; those of the loads are half as long."""
+N_PER_M = 1000.0  # Of the arrows along the ground; those of the loads are half as long
 
 
 def grid(values):

@@ -12,8 +12,7 @@ from agrobot_mj.recording.world.scene import followed, reference_line, shapes
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.terrain.grid import heights
 
-TILT = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)
-"""0.6 rad about y."""
+TILT = (np.cos(0.3), 0.0, np.sin(0.3), 0.0)  # 0.6 rad about y
 
 
 def points(values):

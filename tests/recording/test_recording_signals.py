@@ -20,8 +20,7 @@ UNITS = {
     **{"deg": ("rad", DEG), "deg/s": ("rad/s", DEG), "deg/s2": ("rad/s2", DEG)},
 }
 """For each plot unit that differs from the unit in the log: the log unit and the conversion factor."""
-NEGATIVE = ("e_longitudinal", "e_lateral", "tau_n")
-"""Columns that a plot shows with the opposite sign."""
+NEGATIVE = ("e_longitudinal", "e_lateral", "tau_n")  # Columns that a plot shows with the opposite sign
 
 
 def scalars(recorded, path):

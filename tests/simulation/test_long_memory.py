@@ -14,8 +14,7 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.log import PIECE, Log
 from agrobot_mj.simulation.storage import write_log
 
-ROWS = 300_000
-"""Four hours of work."""
+ROWS = 300_000  # Four hours of work
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,7 @@ from agrobot_mj.terrain import Ground, Ridges, Rough
 from agrobot_mj.terrain.grid import height_and_gradient, heights, plane
 from agrobot_mj.tyres.patch import contact_plane
 
-EAST = (0.0, 1.0, 0.0)
-"""Axle (to the left) of a wheel that rolls east."""
+EAST = (0.0, 1.0, 0.0)  # Axle (to the left) of a wheel that rolls east
 
 
 def stand(ground, radius, x, y=0.0, axle=EAST):

@@ -28,8 +28,7 @@ from agrobot_mj.tyres.patch import (
 FLAT, R, DT = Flat().ground(), 0.42, 0.002
 LAWS = [law for law in every(Tyre) if law().judged]
 TYRE = TractorParameters().rear_wheel
-REAR = 2
-"""Index of the left rear tyre, whose free radius is R."""
+REAR = 2  # Index of the left rear tyre, whose free radius is R
 UP = (0.0, 0.0, 1.0)
 STILL = (0.0, 0.0, 0.0)
 unhurried = settings(deadline=None)  # the first call compiles

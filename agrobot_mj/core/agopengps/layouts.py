@@ -27,20 +27,16 @@ from agrobot_mj.core.agopengps.messages import (
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.nmea import to_compass
 
-KMH = 3.6
-"""Conversion factor from m/s to km/h [km/h per m/s]."""
-NO_HEADING, NO_ROLL = 9999, 8888
-"""Heading and roll that a steer module without an inertial unit sends [0.1 deg]."""
-LINE_VALID = 0x10
-"""Status bit of AgOpenWeb for a valid cross-track error."""
+KMH = 3.6  # Conversion factor from m/s to km/h [km/h per m/s]
+NO_HEADING, NO_ROLL = 9999, 8888  # Heading and roll that a steer module without an inertial unit sends [0.1 deg]
+LINE_VALID = 0x10  # Status bit of AgOpenWeb for a valid cross-track error
 
 
 class Codec(NamedTuple):
     """Sender, minimum length, encoder and decoder of a message."""
 
     source: int
-    least: int
-    """Minimum number of data bytes; further bytes are ignored."""
+    least: int  # Minimum number of data bytes; further bytes are ignored
     pack: Callable[[Any], bytes]
     unpack: Callable[[bytes], Message]
 

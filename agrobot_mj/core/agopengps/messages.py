@@ -9,44 +9,30 @@ a reserved number in the frame.
 from math import nan
 from typing import NamedTuple
 
-HOST, STEER, IMU = 127, 126, 121
-"""Module numbers of the host, the steer module and the inertial unit."""
-NO_LINE = 255
-"""Cross-track byte of a host without a guidance line."""
+HOST, STEER, IMU = 127, 126, 121  # Module numbers of the host, the steer module and the inertial unit
+NO_LINE = 255  # Cross-track byte of a host without a guidance line
 
 
 class SteerData(NamedTuple):
     """Message 254: steering command of the host."""
 
-    speed: float
-    """Speed estimated by the host, without sign [m/s]."""
-    status: int
-    """Status bits; the bit for "engaged" depends on the host program."""
-    steer: float
-    """Setpoint of the steering angle, left positive; valid also while steering is not engaged [rad]."""
-    cross_track: int = NO_LINE
-    """Cross-track byte in the encoding of the host program."""
-    sections: int = 0
-    """Bit mask of the implement sections 1-16."""
+    speed: float  # Speed estimated by the host, without sign [m/s]
+    status: int  # Status bits; the bit for "engaged" depends on the host program
+    steer: float  # Setpoint of the steering angle, left positive; valid also while steering is not engaged [rad]
+    cross_track: int = NO_LINE  # Cross-track byte in the encoding of the host program
+    sections: int = 0  # Bit mask of the implement sections 1-16
 
 
 class SteerSettings(NamedTuple):
     """Message 252: gains and limits of the steering loop on the board."""
 
-    kp: int
-    """Proportional gain [PWM counts/deg]."""
-    high_pwm: int
-    """PWM limit at steering errors of 3 deg or more [PWM counts]."""
-    low_pwm: int
-    """PWM limit near zero error; boards compute it from `min_pwm` [PWM counts]."""
-    min_pwm: int
-    """Minimum PWM that moves the wheels [PWM counts]."""
-    counts_per_degree: int
-    """Scale of the angle sensor [counts/deg]."""
-    offset: int
-    """Offset added to the output of the angle sensor [counts]; the host AgOpenWeb subtracts this offset."""
-    ackermann: int
-    """Scale of left steering angles [%]."""
+    kp: int  # Proportional gain [PWM counts/deg]
+    high_pwm: int  # PWM limit at steering errors of 3 deg or more [PWM counts]
+    low_pwm: int  # PWM limit near zero error; boards compute it from `min_pwm` [PWM counts]
+    min_pwm: int  # Minimum PWM that moves the wheels [PWM counts]
+    counts_per_degree: int  # Scale of the angle sensor [counts/deg]
+    offset: int  # Offset added to the output of the angle sensor [counts]; the host AgOpenWeb subtracts this offset
+    ackermann: int  # Scale of left steering angles [%]
 
 
 class SteerConfig(NamedTuple):
@@ -54,14 +40,11 @@ class SteerConfig(NamedTuple):
 
     set0: int
     """Flag bits: 0 inverted angle sensor, 1 relay active high, 2 inverted motor, 5 steer switch, 6 steer button."""
-    pulse_count_max: int = 0
-    """Encoder counts of the steering wheel that indicate a manual override [counts]."""
-    min_speed: int = 0
-    """Minimum speed for steering [0.1 km/h]."""
+    pulse_count_max: int = 0  # Encoder counts of the steering wheel that indicate a manual override [counts]
+    min_speed: int = 0  # Minimum speed for steering [0.1 km/h]
     set1: int = 0
     """Flag bits: 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 y axis of the inertial unit for roll."""
-    angular_velocity: int = 0
-    """Field ignored by boards."""
+    angular_velocity: int = 0  # Field ignored by boards
 
 
 class Hello(NamedTuple):
@@ -75,29 +58,20 @@ class Scan(NamedTuple):
 class SteerState(NamedTuple):
     """Message 253: state reported by a steer module."""
 
-    steer: float
-    """Measured steering angle, left positive [rad]."""
-    yaw: float = nan
-    """Yaw; NaN without an inertial unit [rad]."""
-    roll: float = nan
-    """Roll, left side up positive; NaN without an inertial unit [rad]."""
-    switches: int = 0
-    """Bits of the switches: 0 work, 1 steer, 2 remote."""
-    pwm: int = 0
-    """Magnitude of the motor output, for display only [PWM counts]."""
+    steer: float  # Measured steering angle, left positive [rad]
+    yaw: float = nan  # Yaw; NaN without an inertial unit [rad]
+    roll: float = nan  # Roll, left side up positive; NaN without an inertial unit [rad]
+    switches: int = 0  # Bits of the switches: 0 work, 1 steer, 2 remote
+    pwm: int = 0  # Magnitude of the motor output, for display only [PWM counts]
 
 
 class HelloReply(NamedTuple):
     """Message 126 or 121: reply of a module to a hello message."""
 
-    module: int
-    """Number of the module, which is also the number of the message."""
-    steer: float = 0.0
-    """Measured steering angle, left positive [rad]."""
-    counts: int = 0
-    """Raw value of the angle sensor [counts]."""
-    switches: int = 0
-    """Switch bits as in `SteerState`."""
+    module: int  # Number of the module, which is also the number of the message
+    steer: float = 0.0  # Measured steering angle, left positive [rad]
+    counts: int = 0  # Raw value of the angle sensor [counts]
+    switches: int = 0  # Switch bits as in `SteerState`
 
 
 class ScanReply(NamedTuple):
@@ -105,8 +79,7 @@ class ScanReply(NamedTuple):
 
     module: int
     address: tuple[int, ...]
-    subnet: tuple[int, ...]
-    """Subnet of the querying host, three numbers."""
+    subnet: tuple[int, ...]  # Subnet of the querying host, three numbers
 
 
 Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply

@@ -13,22 +13,17 @@ from typing import NamedTuple
 from agrobot_mj.core.agopengps.layouts import from_compass, int16
 from agrobot_mj.core.nmea import KNOTS, Solution, clock, degrees_of, fields_of, place, sentence, to_compass
 
-NO_HEADING = 65535
-"""Heading in PANDA sentences without an inertial unit [0.1 deg]."""
+NO_HEADING = 65535  # Heading in PANDA sentences without an inertial unit [0.1 deg]
 FIELDS = 16
 
 
 class BoardAttitude(NamedTuple):
     """Attitude from the inertial unit or the second antenna; NaN if the tractor has neither."""
 
-    yaw: float = nan
-    """Yaw [rad]."""
-    roll: float = nan
-    """Roll, left side up positive [rad]."""
-    pitch: float = nan
-    """Pitch, nose down positive [rad]."""
-    yaw_rate: float = nan
-    """Yaw rate, left positive [rad/s]."""
+    yaw: float = nan  # Yaw [rad]
+    roll: float = nan  # Roll, left side up positive [rad]
+    pitch: float = nan  # Pitch, nose down positive [rad]
+    yaw_rate: float = nan  # Yaw rate, left positive [rad/s]
 
 
 def panda(s: Solution, a: BoardAttitude) -> bytes:
@@ -59,8 +54,7 @@ def _common(s: Solution) -> tuple[object, ...]:
 class Position(NamedTuple):
     """Position sentence as decoded by a host."""
 
-    dual: bool
-    """Whether the heading comes from two antennas."""
+    dual: bool  # Whether the heading comes from two antennas
     solution: Solution
     attitude: BoardAttitude
 

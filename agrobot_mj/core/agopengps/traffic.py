@@ -16,8 +16,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import absence
 from agrobot_mj.core.signals import TICK_S
 
-MOST = 2_000_000
-"""Maximum number of recorded datagrams; additional datagrams are only counted."""
+MOST = 2_000_000  # Maximum number of recorded datagrams; additional datagrams are only counted
 SCHEMA = pa.schema(
     {"t": pa.float64(), "wall_s": pa.float64(), "direction": pa.string(), "address": pa.string(), "bytes": pa.binary()}
 )
@@ -29,12 +28,9 @@ SCENARIO = b"scenario"
 class Datagram(NamedTuple):
     """Recorded datagram of a link."""
 
-    turn: int
-    """Index of the link cycle in which the datagram could first take effect."""
-    wall: float
-    """Wall time since the link opened [s]."""
-    direction: str
-    """Direction: `in` from the host, `out` to the host."""
+    turn: int  # Index of the link cycle in which the datagram could first take effect
+    wall: float  # Wall time since the link opened [s]
+    direction: str  # Direction: `in` from the host, `out` to the host
     address: str
     data: bytes
 

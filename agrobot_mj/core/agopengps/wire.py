@@ -13,8 +13,7 @@ from agrobot_mj.core.agopengps.layouts import CODECS, NUMBERS
 from agrobot_mj.core.agopengps.messages import HelloReply, Message
 
 PREAMBLE = b"\x80\x81"
-OVERHEAD = 6
-"""Length of a frame without its data [bytes]."""
+OVERHEAD = 6  # Length of a frame without its data [bytes]
 UNCHECKED = frozenset({200, 201, 202})
 """Numbers of the messages whose checksum is ignored: hello, subnet change and scan."""
 
@@ -22,8 +21,7 @@ UNCHECKED = frozenset({200, 201, 202})
 class Rejected(NamedTuple):
     """Datagram that is not a valid frame."""
 
-    reason: str
-    """Reason for the rejection: `preamble`, `length`, `checksum`, `source` or `data`."""
+    reason: str  # Reason for the rejection: `preamble`, `length`, `checksum`, `source` or `data`
 
 
 class Unknown(NamedTuple):

@@ -43,16 +43,14 @@ QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
 """Rates at which the slope increases, below and above the slope `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
 """Fraction of the initial speed below which a machine fails to climb [-], because its wheels slip too much."""
-STEADY_S = 10.0
-"""Time at constant pedal position until oscillations of the crawling machine have decayed [s]."""
+STEADY_S = 10.0  # Time at constant pedal position until oscillations of the crawling machine have decayed [s]
 
 
 class Measured(NamedTuple):
     """Measured quantity, which is one line of a data sheet."""
 
     name: str
-    value: float
-    """Measured value [`unit`]."""
+    value: float  # Measured value [`unit`]
     unit: str
 
     @property
@@ -176,8 +174,7 @@ SAYS = {
 }
 """Patterns of the start of a comment, by basis of the value."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
-UNKNOWN = "not stated"
-"""Basis of a value for which the machine file has no comment."""
+UNKNOWN = "not stated"  # Basis of a value for which the machine file has no comment
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")
 
 
@@ -185,10 +182,8 @@ class Basis(NamedTuple):
     """Value of a machine parameter with its basis."""
 
     key: str
-    value: float
-    """Value in the unit of the key."""
-    basis: str
-    """Basis of the value: a key of `SAYS`, or `UNKNOWN`."""
+    value: float  # Value in the unit of the key
+    basis: str  # Basis of the value: a key of `SAYS`, or `UNKNOWN`
 
 
 def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:

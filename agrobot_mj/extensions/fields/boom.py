@@ -15,26 +15,19 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
 
-THIN_M, THIN_RAD = 0.5, 0.02
-"""Minimum distance [m] or heading change [rad] between edge points of a worked area."""
+THIN_M, THIN_RAD = 0.5, 0.02  # Minimum distance [m] or heading change [rad] between edge points of a worked area
 Times = tuple[float, float]
 
 
 class Boom(NamedTuple):
     """Working width, sections and section control of an implement."""
 
-    width: float
-    """Working width [m]."""
-    sections: int = 1
-    """Number of equal sections."""
-    on_delay: float = 0.0
-    """Delay from the switch-on command until a section works [s]."""
-    off_delay: float = 0.0
-    """Delay from the switch-off command until a section stops working [s]."""
-    on_ahead: float = 0.0
-    """Look-ahead time of the switch-on command [s]."""
-    off_ahead: float = 0.0
-    """Look-ahead time of the switch-off command [s]."""
+    width: float  # Working width [m]
+    sections: int = 1  # Number of equal sections
+    on_delay: float = 0.0  # Delay from the switch-on command until a section works [s]
+    off_delay: float = 0.0  # Delay from the switch-off command until a section stops working [s]
+    on_ahead: float = 0.0  # Look-ahead time of the switch-on command [s]
+    off_ahead: float = 0.0  # Look-ahead time of the switch-off command [s]
 
     def edges(self, section: int) -> tuple[float, float]:
         """Return the offsets of the left and right edge of a section, numbered from the left; left positive [m]."""
@@ -45,16 +38,11 @@ class Boom(NamedTuple):
 class ImplementMotion(NamedTuple):
     """Motion of the working point of the implement, as arrays of shape (n,)."""
 
-    t: Array
-    """Time [s]."""
-    x: Array
-    """East coordinate [m]."""
-    y: Array
-    """North coordinate [m]."""
-    yaw: Array
-    """Heading of the implement, without jumps of full turns [rad]."""
-    s: Array
-    """Arc length on the plan at the position of the implement, as estimated by the guidance computer [m]."""
+    t: Array  # Time [s]
+    x: Array  # East coordinate [m]
+    y: Array  # North coordinate [m]
+    yaw: Array  # Heading of the implement, without jumps of full turns [rad]
+    s: Array  # Arc length on the plan at the position of the implement, as estimated by the guidance computer [m]
 
     def at(self, times: Array) -> "ImplementMotion":
         """Return the motion at the times `times` [s], linearly interpolated."""

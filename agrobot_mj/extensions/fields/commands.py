@@ -7,8 +7,7 @@ from agrobot_mj.cli.panels import listed
 from agrobot_mj.extensions.fields.commands_drive import COMMANDS as FIELD_WORK
 from agrobot_mj.extensions.fields.options import Crs, FieldFile, FieldName
 
-MAP = "map.png"
-"""File name of the image with the map."""
+MAP = "map.png"  # File name of the image with the map
 
 
 def field_show(file: FieldFile, crs: Crs = "", name: FieldName = "", out: Out = None, quiet: Quiet = False) -> Answer:

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
     from agrobot_mj.extensions.fields.planner.rig import FieldMachine
     from agrobot_mj.scenario.schema import Scenario
 
-MOST_OVERLAP = 0.5
-"""Maximum planned overlap of passes divided by the working width [-]."""
+MOST_OVERLAP = 0.5  # Maximum planned overlap of passes divided by the working width [-]
 PLAN_FILES = ("field_plan.json", "plan.geojson", "plan.png", "scenario.toml")
 
 

@@ -14,8 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
 
-SLIVER_M2 = 1e-3
-"""Area below which a gap or an overlap is omitted in maps and lists [m2]."""
+SLIVER_M2 = 1e-3  # Area below which a gap or an overlap is omitted in maps and lists [m2]
 SIDES = ("east", "north", "west", "south")
 
 
@@ -23,18 +22,12 @@ SIDES = ("east", "north", "west", "south")
 class FieldCoverage:
     """Coverage of a field by passes, as polygons."""
 
-    field: BaseGeometry
-    """Area of the field without obstacles."""
-    body: BaseGeometry
-    """Body of the field: the area inside the headland laps."""
-    passes: Sequence[BaseGeometry]
-    """Ground worked in each pass, one polygon per pass."""
-    union: BaseGeometry
-    """Ground worked at least once, including ground outside the field."""
-    missed: BaseGeometry
-    """Ground inside the field that no pass has worked."""
-    overlapped: BaseGeometry
-    """Ground inside the field that more than one pass has worked."""
+    field: BaseGeometry  # Area of the field without obstacles
+    body: BaseGeometry  # Body of the field: the area inside the headland laps
+    passes: Sequence[BaseGeometry]  # Ground worked in each pass, one polygon per pass
+    union: BaseGeometry  # Ground worked at least once, including ground outside the field
+    missed: BaseGeometry  # Ground inside the field that no pass has worked
+    overlapped: BaseGeometry  # Ground inside the field that more than one pass has worked
 
     @property
     def regions(self) -> dict[str, BaseGeometry]:

@@ -16,10 +16,8 @@ from agrobot_mj.extensions.fields.field import Field
 
 SHARP_DEG = 60.0
 """Change of direction above which a corner is sharp [deg]. Assumed value: headland laps cannot follow sharper ones."""
-CORNER_M = 1.0
-"""Tolerance for simplifying a boundary before its corners are counted [m]."""
-SIDE_IN = 5.0
-"""Length of the longer side of the map of a field [in]."""
+CORNER_M = 1.0  # Tolerance for simplifying a boundary before its corners are counted [m]
+SIDE_IN = 5.0  # Length of the longer side of the map of a field [in]
 
 
 def described(field: Field) -> dict[str, Any]:

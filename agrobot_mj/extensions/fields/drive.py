@@ -10,14 +10,10 @@ from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.scenario.schema import Scenario, resolve
 
 PLAN_FILE = "field_plan.json"
-EDGE_M = 50.0
-"""Width of the simulated ground beyond the boundary of the field [m]."""
-LARGEST_M = 500.0
-"""Default distance from the origin to the edges of the ground [m]."""
-GUIDANCE = "lqr"
-"""Default guidance law. The default law of scenarios may leave the path where a plan reverses."""
-WIDEST_M = 20.0
-"""Maximum width of the implement body in the simulation [m]."""
+EDGE_M = 50.0  # Width of the simulated ground beyond the boundary of the field [m]
+LARGEST_M = 500.0  # Default distance from the origin to the edges of the ground [m]
+GUIDANCE = "lqr"  # Default guidance law. The default law of scenarios may leave the path where a plan reverses.
+WIDEST_M = 20.0  # Maximum width of the implement body in the simulation [m]
 Overrides = Mapping[str, Any]
 
 

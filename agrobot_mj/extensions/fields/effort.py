@@ -8,25 +8,19 @@ import numpy as np
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.simulation.log import Log
 
-SLOWEST_M_S = 0.2
-"""Minimum speed at which slip is evaluated [m/s]."""
-DRIVEN = ("rl", "rr")
-"""Driven wheels of all machines."""
+SLOWEST_M_S = 0.2  # Minimum speed at which slip is evaluated [m/s]
+DRIVEN = ("rl", "rr")  # Driven wheels of all machines
 
 
 class Prices(NamedTuple):
     """Prices for evaluating a drive, in any currency."""
 
-    input_ha: float = 0.0
-    """Cost of seed, fertiliser or product [1/ha of worked area]."""
-    yield_ha: float = 0.0
-    """Value of the yield lost on missed ground [1/ha]."""
-    hour: float = 0.0
-    """Cost of machine and driver [1/h]."""
+    input_ha: float = 0.0  # Cost of seed, fertiliser or product [1/ha of worked area]
+    yield_ha: float = 0.0  # Value of the yield lost on missed ground [1/ha]
+    hour: float = 0.0  # Cost of machine and driver [1/h]
 
 
-NO_PRICES = Prices()
-"""Prices of zero, with which the cost of a drive is not evaluated."""
+NO_PRICES = Prices()  # Prices of zero, with which the cost of a drive is not evaluated
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:

@@ -31,15 +31,12 @@ class FieldDrive:
 
     log: Log
     plan: Plan
-    field: BaseGeometry
-    """Area of the field without obstacles."""
-    body: BaseGeometry
-    """Body of the field: the area inside the headland laps."""
+    field: BaseGeometry  # Area of the field without obstacles
+    body: BaseGeometry  # Body of the field: the area inside the headland laps
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
-    view: RunView | None = None
-    """View of the log with positions relative to the path, if it has been computed."""
+    view: RunView | None = None  # View of the log with positions relative to the path, if it has been computed
 
     @cached_property
     def motion(self) -> ImplementMotion:

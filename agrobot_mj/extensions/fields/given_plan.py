@@ -20,8 +20,7 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.fillet import rounded
 from agrobot_mj.paths.track import Piece
 
-SAME_M = 1e-6
-"""Maximum difference between equal working widths [m]."""
+SAME_M = 1e-6  # Maximum difference between equal working widths [m]
 APART_M, APART_RAD = 0.05, 0.02
 """Distance [m] and heading change [rad] between successive legs above which a connection is needed."""
 

@@ -17,8 +17,7 @@ from agrobot_mj.recording.world.outlines import send_outlines
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log, Rows
 
-SMALLEST_M2 = 0.01
-"""Area below which a gap or an overlap has no outline in a recording [m2]."""
+SMALLEST_M2 = 0.01  # Area below which a gap or an overlap has no outline in a recording [m2]
 
 
 class WorkRecording(Recording):

@@ -13,8 +13,7 @@ from agrobot_mj.extensions.fields.field import Leg
 from agrobot_mj.paths.imports import Polyline
 from agrobot_mj.paths.imports.cleaning import distinct
 
-BEYOND_M = 1000.0
-"""Length by which a line is extended at both ends before it is cut at the field boundary [m]."""
+BEYOND_M = 1000.0  # Length by which a line is extended at both ends before it is cut at the field boundary [m]
 TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
 """Values of the property `type` of a line on which the implement does not work."""
 

@@ -17,8 +17,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
 
-WIDTH_IN, TALLEST_IN = 7.0, 8.0
-"""Width and maximum height of a map [in]."""
+WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 
 
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:

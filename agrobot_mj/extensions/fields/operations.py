@@ -13,21 +13,16 @@ import shapely
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import ImplementMotion
 
-STATION_M = 0.1
-"""Distance between the points along a pass at which neighbouring passes are compared [m]."""
-LEAST = 20
-"""Minimum number of points for a statistical result."""
+STATION_M = 0.1  # Distance between the points along a pass at which neighbouring passes are compared [m]
+LEAST = 20  # Minimum number of points for a statistical result
 
 
 class StraightPass(NamedTuple):
     """Planned straight pass on the body of the field, with the motion of the implement along it."""
 
-    along: tuple[float, float]
-    """Unit vector in the direction of the swaths (east, north)."""
-    motion: ImplementMotion
-    """Motion of the working point of the implement while the implement works."""
-    planned: float
-    """Planned offset of the pass from the origin, to the left of the swath direction [m]."""
+    along: tuple[float, float]  # Unit vector in the direction of the swaths (east, north)
+    motion: ImplementMotion  # Motion of the working point of the implement while the implement works
+    planned: float  # Planned offset of the pass from the origin, to the left of the swath direction [m]
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:

@@ -16,8 +16,7 @@ Crs = Annotated[str, typer.Option("--crs", metavar="EPSG:N", help="Coordinate sy
 FieldName = Annotated[
     str, typer.Option("--field", metavar="NAME", help="Name of a field in the file. Default: the largest.")
 ]
-DEFAULT_WIDTH_M = 3.0
-"""Default working width [m]."""
+DEFAULT_WIDTH_M = 3.0  # Default working width [m]
 Width = Annotated[float, typer.Option(min=0.3, max=60, callback=finite, help="Working width [m].")]
 PlanWidth = Annotated[
     float | None,

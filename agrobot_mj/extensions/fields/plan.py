@@ -16,22 +16,17 @@ from agrobot_mj.core.resources import Stamp, refuse
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Course, Piece, chain
 
-FORMAT = "agrobot_mj plan 1"
-"""Format name at the start of a plan file."""
-SUFFIXES, MAX_BYTES = (".json",), 50_000_000
-"""File name endings and maximum size [bytes] of a plan file."""
+FORMAT = "agrobot_mj plan 1"  # Format name at the start of a plan file
+SUFFIXES, MAX_BYTES = (".json",), 50_000_000  # File name endings and maximum size [bytes] of a plan file
 Part = Literal["headland", "body"]
 
 
 class PlannedPass(NamedTuple):
     """Part of a plan in which the implement works."""
 
-    part: Part
-    """Part of the field in which the pass is: a headland lap, or a swath of the body."""
-    start: float
-    """Travelled distance at which the implement reaches the pass [m]."""
-    end: float
-    """Travelled distance at which the implement leaves the pass [m]."""
+    part: Part  # Part of the field in which the pass is: a headland lap, or a swath of the body
+    start: float  # Travelled distance at which the implement reaches the pass [m]
+    end: float  # Travelled distance at which the implement leaves the pass [m]
     sections: tuple[tuple[float, float], ...]
     """Travelled distances at which each section is switched on and off [m], for sections from left to right."""
 
@@ -40,32 +35,20 @@ class PlannedPass(NamedTuple):
 class Plan:
     """Plan of field work, with the machine data on which it is based."""
 
-    name: str
-    """Name of the field."""
-    width: float
-    """Working width [m]."""
-    behind: float
-    """Distance of the working point of the implement behind the CG [m]."""
-    start: Pose
-    """Initial pose of the CG."""
-    pieces: tuple[Piece, ...]
-    """Path segments of the course."""
-    passes: tuple[PlannedPass, ...]
-    """Passes in the order of driving."""
-    pause_s: float = 2.0
-    """Duration of the standstill at each cusp [s]."""
+    name: str  # Name of the field
+    width: float  # Working width [m]
+    behind: float  # Distance of the working point of the implement behind the CG [m]
+    start: Pose  # Initial pose of the CG
+    pieces: tuple[Piece, ...]  # Path segments of the course
+    passes: tuple[PlannedPass, ...]  # Passes in the order of driving
+    pause_s: float = 2.0  # Duration of the standstill at each cusp [s]
     angle_deg: float | None = None
     """Direction of the swaths, counter-clockwise from east [deg]; None for a plan of another program."""
-    headlands: int = 0
-    """Number of headland laps; 0 for a plan of another program."""
-    margin: float = 0.0
-    """Width of the strip along the boundary that is not worked [m]."""
-    overlap: float = 0.0
-    """Planned overlap between neighbouring passes [m]."""
-    ground: str = ""
-    """Area of the field without obstacles, as well-known text [m]."""
-    warnings: tuple[str, ...] = ()
-    """Warnings about places at which the plan leaves the field or crosses worked ground."""
+    headlands: int = 0  # Number of headland laps; 0 for a plan of another program
+    margin: float = 0.0  # Width of the strip along the boundary that is not worked [m]
+    overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
+    ground: str = ""  # Area of the field without obstacles, as well-known text [m]
+    warnings: tuple[str, ...] = ()  # Warnings about places at which the plan leaves the field or crosses worked ground
 
     @cached_property
     def course(self) -> Course:

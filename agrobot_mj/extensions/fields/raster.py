@@ -17,10 +17,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import FieldCoverage
 from agrobot_mj.terrain.geotiff import write_tiff
 
-CELL_M, MOST_CELLS = 0.25, 2000
-"""Minimum size of a cell [m], and maximum number of cells along each side of the map."""
-OUTSIDE = 255
-"""Value of cells outside the field."""
+CELL_M, MOST_CELLS = 0.25, 2000  # Minimum size of a cell [m], and maximum number of cells along each side of the map
+OUTSIDE = 255  # Value of cells outside the field
 
 
 def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None:

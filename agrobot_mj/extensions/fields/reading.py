@@ -21,8 +21,7 @@ from agrobot_mj.extensions.fields.sources import field_shapes, plan_shapes
 from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_shapes
 from agrobot_mj.paths.imports.plane import FAR_M
 
-INNER = ("hole", "obstacle", "headland")
-"""Roles of rings that belong to the preceding boundary."""
+INNER = ("hole", "obstacle", "headland")  # Roles of rings that belong to the preceding boundary
 SAME, APART = 1e-9, 0.05
 """Distance between the ends of a line, divided by its extent [-]: maximum of a closed ring, minimum of an open line."""
 

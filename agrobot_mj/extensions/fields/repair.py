@@ -9,12 +9,10 @@ from shapely import LineString, Polygon
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers, thinned
 
-LEAST_M2 = 10.0
-"""Minimum area of a field [m2]. Assumed value: smaller than a machine."""
+LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
 MOST_POINTS, WITHIN_M = 20_000, 0.02
 """Number of points above which a ring is simplified, and tolerance of the simplification [m]."""
-SLIVER_M2 = 0.01
-"""Area of removed parts of a polygon below which there is no note [m2]."""
+SLIVER_M2 = 0.01  # Area of removed parts of a polygon below which there is no note [m2]
 
 
 def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:

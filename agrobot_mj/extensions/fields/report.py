@@ -13,8 +13,7 @@ from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line, read_signals, run_page
 from agrobot_mj.studies.pages.report import Reports
 
-SMALLEST_M2 = 0.01
-"""Area below which a gap or an overlap is not drawn in the report [m2]."""
+SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in the report [m2]
 COLOURS = {"overlapped": ORANGE, "missed": VERMILION}
 EFFORT = (
     ("energy_wheels_mj", "energy at the driven wheels", "MJ"),
@@ -23,8 +22,7 @@ EFFORT = (
     ("rut_depth_max_m", "maximum depth of ruts", "m"),
 )
 """Key, text and unit of each table row about effort."""
-HEAD = 2
-"""Number of elements that precede the coverage section of a page: title and facts."""
+HEAD = 2  # Number of elements that precede the coverage section of a page: title and facts
 
 
 def field_page(folder: Path) -> Document:

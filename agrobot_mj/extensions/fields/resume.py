@@ -18,10 +18,8 @@ from agrobot_mj.simulation.results import atomic
 from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
-EVERY_S = 300.0
-"""Wall-clock time between two stored states [s]."""
-KEPT = 2
-"""Number of runs whose states are kept in the folder."""
+EVERY_S = 300.0  # Wall-clock time between two stored states [s]
+KEPT = 2  # Number of runs whose states are kept in the folder
 
 
 class Interrupted:

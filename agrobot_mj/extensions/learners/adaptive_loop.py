@@ -39,8 +39,7 @@ NOISE = radians(0.1)
 MOVING, SHIFT = radians(1.0), 0.2
 """Mean rate above which the wheels turned during the complete segment [rad/s]. Otherwise the dead band is shifted by
 this fraction of the prediction error [-]. Assumed values: twice the noise of the rate."""
-MOST = radians(6.0)
-"""Maximum rate error used in an update, which limits the effect of outliers [rad/s]. Assumed value."""
+MOST = radians(6.0)  # Maximum rate error used in an update, which limits the effect of outliers [rad/s]. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
 """Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""
 SIDES = ("left", "right")
@@ -49,10 +48,8 @@ SIDES = ("left", "right")
 class Side(NamedTuple):
     """Learned parameters of one side of the valve."""
 
-    gain: float
-    """Gain g [rad/(s V)]."""
-    offset: float
-    """Product of gain and dead band, g d [rad/s]."""
+    gain: float  # Gain g [rad/(s V)]
+    offset: float  # Product of gain and dead band, g d [rad/s]
     P: tuple[float, float, float]
     """Covariance of (gain, offset) per variance of an equation: (gain, gain), (gain, offset), (offset, offset)."""
 
@@ -69,35 +66,24 @@ class Side(NamedTuple):
 class Stretch(NamedTuple):
     """Time segment in which the spool stayed on one side, and either inside or outside the dead band."""
 
-    side: int = 0
-    """Side of the valve: 1 left, -1 right, 0 none."""
-    beyond: bool = False
-    """Whether the spool was outside the estimated dead band."""
-    time: float = 0.0
-    """Duration of the time segment [s]."""
-    volts: float = 0.0
-    """Time integral of the spool voltage towards the side [V s]."""
-    turned: float = 0.0
-    """Change of the steering angle towards the side [rad]."""
+    side: int = 0  # Side of the valve: 1 left, -1 right, 0 none
+    beyond: bool = False  # Whether the spool was outside the estimated dead band
+    time: float = 0.0  # Duration of the time segment [s]
+    volts: float = 0.0  # Time integral of the spool voltage towards the side [V s]
+    turned: float = 0.0  # Change of the steering angle towards the side [rad]
 
 
 class AdaptiveState(NamedTuple):
     """State of `AdaptiveLoop`."""
 
-    sides: tuple[Side, Side]
-    """Learned parameters of the left and the right side."""
-    reference: float = 0.0
-    """Present setpoint of the steering angle [rad]."""
+    sides: tuple[Side, Side]  # Learned parameters of the left and the right side
+    reference: float = 0.0  # Present setpoint of the steering angle [rad]
     under_way: tuple[float, ...] = ()
     """Voltages that were commanded and are still delayed in the valve, relative to neutral, oldest first [V]."""
-    spool: float = 0.0
-    """Voltage at the spool relative to neutral [V]."""
-    mean: float = 0.0
-    """Mean spool voltage over the last tick [V]."""
-    steer: float | None = None
-    """Last measured steering angle [rad]; None before the first tick."""
-    piece: Stretch = Stretch()
-    """Time segment in progress."""
+    spool: float = 0.0  # Voltage at the spool relative to neutral [V]
+    mean: float = 0.0  # Mean spool voltage over the last tick [V]
+    steer: float | None = None  # Last measured steering angle [rad]; None before the first tick
+    piece: Stretch = Stretch()  # Time segment in progress
     misses: tuple[float, float] = (0.0, 0.0)
     """Mean squared errors of the steering rates predicted by the learned map and by the initial map [rad2/s2]."""
     resets: int = 0

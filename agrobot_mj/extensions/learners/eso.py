@@ -28,8 +28,7 @@ from agrobot_mj.core.signals import Column
 
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
 """Maximum crab angle [rad] and disturbance curvature [1/m]. Assumed values: side slope of 20 deg, half of full lock."""
-MOVING_M_S = 0.3
-"""Speed below which the observer is not updated [m/s]."""
+MOVING_M_S = 0.3  # Speed below which the observer is not updated [m/s]
 
 
 class EsoState(NamedTuple):
@@ -38,10 +37,8 @@ class EsoState(NamedTuple):
     inner: Any
     seen: tuple[float, float] | None = None
     """Observed cross-track error [m] and heading error [rad]; None before the first tick."""
-    crab: float = 0.0
-    """Estimated crab angle b [rad]."""
-    curvature: float = 0.0
-    """Estimated disturbance curvature d [1/m]."""
+    crab: float = 0.0  # Estimated crab angle b [rad]
+    curvature: float = 0.0  # Estimated disturbance curvature d [1/m]
 
 
 class Eso(Following):

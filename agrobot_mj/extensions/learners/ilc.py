@@ -31,18 +31,12 @@ class IlcState(NamedTuple):
 
     inner: Any
     lap: LapState = LapState()
-    s: float | None = None
-    """Arc length of the nearest point of the path [m]; None before the first tick."""
-    length: float = inf
-    """Length of a lap [m]."""
-    steer: float = 0.0
-    """Last commanded steering angle [rad]."""
-    ahead: float = 0.0
-    """Steering angle of the map in the last tick [rad]."""
-    feedback: float = 0.0
-    """Steering angle added by the feedback law [rad]."""
-    learning: bool = False
-    """Whether the last tick was used for learning."""
+    s: float | None = None  # Arc length of the nearest point of the path [m]; None before the first tick
+    length: float = inf  # Length of a lap [m]
+    steer: float = 0.0  # Last commanded steering angle [rad]
+    ahead: float = 0.0  # Steering angle of the map in the last tick [rad]
+    feedback: float = 0.0  # Steering angle added by the feedback law [rad]
+    learning: bool = False  # Whether the last tick was used for learning
     settled: float = 0.0
     """Distance travelled since the last tick with saturated steering, a large offset or an uncertain position [m]."""
 

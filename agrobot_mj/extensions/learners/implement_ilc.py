@@ -35,11 +35,9 @@ class Moved(NamedTuple):
     """Route with a lateral offset from another route, given by a map over arc length."""
 
     route: Route
-    map_: LapMap
-    """Map of the lateral offset of the line over arc length."""
+    map_: LapMap  # Map of the lateral offset of the line over arc length
     state: LapState
-    length: float
-    """Length of one lap [m]."""
+    length: float  # Length of one lap [m]
 
     def at(self, t: float) -> Reference:
         """Return the reference at time `t` [s]."""
@@ -98,18 +96,12 @@ class ImplementIlcState(NamedTuple):
 
     inner: Any
     lap: LapState = LapState()
-    s: float | None = None
-    """Arc length of the path point nearest to the implement [m]; None before the first tick."""
-    length: float = inf
-    """Length of one lap [m]."""
-    yaw: float = nan
-    """Heading of the implement from the tractrix [rad]; NaN before the first tick."""
-    offset: float = nan
-    """Offset of the implement from the path, left positive [m]."""
-    beside: float = 0.0
-    """Offset of the shifted line of the tractor from the path, left positive [m]."""
-    learning: bool = False
-    """Whether the last tick is used for learning."""
+    s: float | None = None  # Arc length of the path point nearest to the implement [m]; None before the first tick
+    length: float = inf  # Length of one lap [m]
+    yaw: float = nan  # Heading of the implement from the tractrix [rad]; NaN before the first tick
+    offset: float = nan  # Offset of the implement from the path, left positive [m]
+    beside: float = 0.0  # Offset of the shifted line of the tractor from the path, left positive [m]
+    learning: bool = False  # Whether the last tick is used for learning
 
 
 class ImplementIlc(PlaceLearner):

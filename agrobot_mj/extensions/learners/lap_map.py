@@ -26,8 +26,7 @@ from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.spec import Spec
 
-GRID_M = 0.25
-"""Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter."""
+GRID_M = 0.25  # Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter.
 WINDOW_M, FADE_M = 2.0, 2.0
 """Distances over which the error is averaged, and over which a new map replaces the last one [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
@@ -37,58 +36,40 @@ WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
 """Maximum factor and margin of the error over `WINDOW_M` relative to the best lap [-, m]. Assumed values."""
 GIVE_UP = 4
 """Number of returns to the best map after which learning ends. Assumed value: the gain is then 1/16 of the first."""
-COMPLETE = 0.9
-"""Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]."""
-UNKNOWN_M = 1e3
-"""Value that represents an unknown error of the best lap in a file [m]."""
+COMPLETE = 0.9  # Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]
+UNKNOWN_M = 1e3  # Value that represents an unknown error of the best lap in a file [m]
 NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
     """Sums over the ticks at one location in the current lap."""
 
-    ticks: float = 0.0
-    """Number of ticks."""
-    square: float = 0.0
-    """Sum of the squared errors [m2]."""
-    learnt: float = 0.0
-    """Number of ticks used for learning."""
-    correction: float = 0.0
-    """Sum of the corrections in the ticks used for learning [unit of the map]."""
+    ticks: float = 0.0  # Number of ticks
+    square: float = 0.0  # Sum of the squared errors [m2]
+    learnt: float = 0.0  # Number of ticks used for learning
+    correction: float = 0.0  # Sum of the corrections in the ticks used for learning [unit of the map]
 
 
 class LapState(NamedTuple):
     """State of a `LapMap`. Arrays have shape (locations,) and are empty before the first tick."""
 
     lap: int = 0
-    s: float = 0.0
-    """Arc length along the path [m]."""
-    map_: Array = NOTHING
-    """Map in use [unit of the map]."""
-    before: Array = NOTHING
-    """Previous map, which is faded out [unit of the map]."""
-    since: float = inf
-    """Distance travelled since the current map was first used [m]."""
-    best: Array = NOTHING
-    """Map of the best lap [unit of the map]."""
-    best_square: Array = NOTHING
-    """Squared error of the best lap, averaged over about WINDOW_M [m2]."""
-    best_rms: float = inf
-    """RMS error of the best lap [m]; infinite before the first complete lap."""
-    cells: Array = NOTHING
-    """Sums at each location in the present lap, columns as in `Cell`, shape (locations, 4)."""
-    here: Array = NOTHING
-    """Squared error of the present lap, averaged over about WINDOW_M [m2]."""
-    cell: tuple[int, Cell] = (0, Cell())
-    """Index of the present location, and the sums of its ticks."""
-    square: float = 0.0
-    """Present squared error, averaged over about WINDOW_M [m2]."""
+    s: float = 0.0  # Arc length along the path [m]
+    map_: Array = NOTHING  # Map in use [unit of the map]
+    before: Array = NOTHING  # Previous map, which is faded out [unit of the map]
+    since: float = inf  # Distance travelled since the current map was first used [m]
+    best: Array = NOTHING  # Map of the best lap [unit of the map]
+    best_square: Array = NOTHING  # Squared error of the best lap, averaged over about WINDOW_M [m2]
+    best_rms: float = inf  # RMS error of the best lap [m]; infinite before the first complete lap
+    cells: Array = NOTHING  # Sums at each location in the present lap, columns as in `Cell`, shape (locations, 4)
+    here: Array = NOTHING  # Squared error of the present lap, averaged over about WINDOW_M [m2]
+    cell: tuple[int, Cell] = (0, Cell())  # Index of the present location, and the sums of its ticks
+    square: float = 0.0  # Present squared error, averaged over about WINDOW_M [m2]
     wanted: Array = NOTHING
     """Map plus correction after the last lap used for learning [unit of the map]; zero without such a lap."""
     whole: bool = False
     """Whether a single map has been used since the start of the lap, so that its error is known at the end."""
-    returns: int = 0
-    """Number of returns to the best map."""
+    returns: int = 0  # Number of returns to the best map
 
     @property
     def share(self) -> float:

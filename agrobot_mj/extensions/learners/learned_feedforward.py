@@ -42,8 +42,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 
-Q = 0.5
-"""Weight q of the lower firing in the output [-]."""
+Q = 0.5  # Weight q of the lower firing in the output [-]
 LEAST_TRACE = 0.01
 """Minimum of trace . trace in the update, used while the trace builds up [-]. N rules with equal firing give 1/N."""
 
@@ -51,21 +50,16 @@ LEAST_TRACE = 0.01
 class PathInput(NamedTuple):
     """Inputs from the path and the ground."""
 
-    curvature: float
-    """Curvature of the path ahead, left positive [1/m]."""
-    speed: float
-    """Speed of the reference [m/s]."""
-    roll: float = 0.0
-    """Roll of the ground, left side up positive [rad]."""
+    curvature: float  # Curvature of the path ahead, left positive [1/m]
+    speed: float  # Speed of the reference [m/s]
+    roll: float = 0.0  # Roll of the ground, left side up positive [rad]
 
 
 class PathNetworkState(NamedTuple):
     """Learned consequents of the network and traces of its rules."""
 
-    f: Array
-    """Consequents, shape (rules,), with curvature as the slowest and roll as the fastest index [rad]."""
-    trace: Array
-    """Trace of each rule, which is its lagged weight w, shape (rules,) [-]."""
+    f: Array  # Consequents, shape (rules,), with curvature as the slowest and roll as the fastest index [rad]
+    trace: Array  # Trace of each rule, which is its lagged weight w, shape (rules,) [-]
 
 
 class PathNetwork(Spec):
@@ -123,12 +117,9 @@ class PathNetwork(Spec):
 class Sets(NamedTuple):
     """Fuzzy sets of one input of the network."""
 
-    centres: Array
-    """Centres of the sets [unit of the input]."""
-    lower: Array
-    """Widths of the lower sets [unit of the input]."""
-    upper: Array
-    """Widths of the upper sets [unit of the input]."""
+    centres: Array  # Centres of the sets [unit of the input]
+    lower: Array  # Widths of the lower sets [unit of the input]
+    upper: Array  # Widths of the upper sets [unit of the input]
 
 
 @lru_cache(maxsize=16)
@@ -149,16 +140,11 @@ class LearnedState(NamedTuple):
     """State of `LearnedFeedforward`."""
 
     inner: Any
-    network: PathNetworkState
-    """State of the network after the learning step of the last tick."""
-    steer: float = 0.0
-    """Last commanded steering angle [rad]."""
-    feedforward: float = 0.0
-    """Learned steering angle in the last tick [rad]."""
-    feedback: float = 0.0
-    """Steering angle added by the feedback law [rad]."""
-    learning: bool = False
-    """Whether the last tick was used for learning."""
+    network: PathNetworkState  # State of the network after the learning step of the last tick
+    steer: float = 0.0  # Last commanded steering angle [rad]
+    feedforward: float = 0.0  # Learned steering angle in the last tick [rad]
+    feedback: float = 0.0  # Steering angle added by the feedback law [rad]
+    learning: bool = False  # Whether the last tick was used for learning
 
 
 class LearnedFeedforward(AngleLearner):

@@ -65,10 +65,8 @@ class Corrected(NamedTuple):
     inner: Any
     command: Command
     """Command whose steering angle is the angle of the inner law plus the learned angle, within the steering limit."""
-    feedback: float
-    """Steering angle added by the inner law [rad]."""
-    learning: bool
-    """Whether the tick may be used for learning."""
+    feedback: float  # Steering angle added by the inner law [rad]
+    learning: bool  # Whether the tick may be used for learning
 
 
 class AngleLearner(LearningLaw):

@@ -16,8 +16,7 @@ from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.signals import NEUTRAL_V, Column, Command
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
-Byte = Annotated[int, Field(ge=0, le=255)]
-"""Setting stored in one byte."""
+Byte = Annotated[int, Field(ge=0, le=255)]  # Setting stored in one byte
 
 
 class BoardSettings(Spec):
@@ -42,8 +41,7 @@ class Actuation(NamedTuple):
     """Steering output of the steer module in one tick."""
 
     engaged: bool = False
-    steer: float = 0.0
-    """Setpoint for the steering loop of the tractor, left positive [rad]."""
+    steer: float = 0.0  # Setpoint for the steering loop of the tractor, left positive [rad]
     voltage: float | None = NEUTRAL_V
     """Valve voltage that replaces the output of the steering loop [V]; None if the steering loop controls the valve."""
     asked: float = nan

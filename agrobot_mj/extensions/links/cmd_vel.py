@@ -20,12 +20,9 @@ from agrobot_mj.core.spec import Positive
 class VelocityRequest(NamedTuple):
     """Last velocity command on /cmd_vel."""
 
-    speed: float = nan
-    """Velocity along the heading (`linear.x`), negative in reverse [m/s]."""
-    yaw_rate: float = nan
-    """Yaw rate (`angular.z`), left positive [rad/s]."""
-    age: float = inf
-    """Time since the command arrived [s]."""
+    speed: float = nan  # Velocity along the heading (`linear.x`), negative in reverse [m/s]
+    yaw_rate: float = nan  # Yaw rate (`angular.z`), left positive [rad/s]
+    age: float = inf  # Time since the command arrived [s]
 
 
 class CmdVel(GuidanceLaw):

@@ -40,10 +40,8 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
 """Fraction of the longest latency in the search [-]. An estimate above it may be limited by the search."""
-LEAST_WINDOWS = 3
-"""Minimum number of windows for a calibration: 15 s of driving at speed."""
-SEEN_IN_SPEED = 0.9
-"""Minimum squared correlation of speed and positions for identifying the latency of the speed [-]."""
+LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of driving at speed
+SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
 """Maximum half width of the interval of an identified quantity [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
@@ -52,10 +50,8 @@ slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m, bends of
 LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
 """Half widths of the interval of a latency, relative to a gyro and relative to the steering, due to lag of tyres and
 body sway [s]. For a distance ahead it is the first value times the speed. Assumed values, from the simulator."""
-TWO_SIGMA = 2.0
-"""Minimum difference between the scales of both sides, divided by its standard error [-]."""
-RIGHT_SIGMA = 0.3
-"""Prior standard deviation of the scale to the right, divided by the scale to the left [-]."""
+TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
+RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
 """Factor on intervals if the log has one speed: scale, tyres and antenna are then confounded [-]. Assumed value."""
 SPREAD = {"speed.delay_s": 1.4}
@@ -70,34 +66,24 @@ Assumed value (tyres on firm ground: 1/60)."""
 class _Drive(NamedTuple):
     """Properties of a log that limit the identifiability of parameters, independent of the fit."""
 
-    wander: float
-    """Half width of the interval of the mean heading drift of two antennas [rad]."""
-    bends: bool
-    """Whether latencies and antenna positions are identifiable."""
-    steady: bool
-    """Whether the machine drives at one speed throughout the log."""
-    scrub: float
-    """Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]."""
-    slip_lead: float
-    """Half width of the interval of a wheel speed's latency due to slip [s]."""
-    gyro: bool
-    """Whether latencies are relative to a gyro."""
-    lag_m: float
-    """Half width of the interval of the antenna's distance ahead, due to lag of tyres and body sway [m]."""
+    wander: float  # Half width of the interval of the mean heading drift of two antennas [rad]
+    bends: bool  # Whether latencies and antenna positions are identifiable
+    steady: bool  # Whether the machine drives at one speed throughout the log
+    scrub: float  # Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]
+    slip_lead: float  # Half width of the interval of a wheel speed's latency due to slip [s]
+    gyro: bool  # Whether latencies are relative to a gyro
+    lag_m: float  # Half width of the interval of the antenna's distance ahead, due to lag of tyres and body sway [m]
 
 
 class Calibration(NamedTuple):
     """Calibration of the sensors of a log, together with the fitted vehicle parameters."""
 
-    found: dict[str, Quantity]
-    """Quantities by map key, in the units of the keys."""
+    found: dict[str, Quantity]  # Quantities by map key, in the units of the keys
     log_map: LogMap
-    pieces: Pieces
-    """Segments of the log; their wheel angles are computed with `rough` [rad]."""
+    pieces: Pieces  # Segments of the log; their wheel angles are computed with `rough` [rad]
     rough: RoughSteering
     data: VehicleData
-    fit: VehicleFit
-    """Fitted parameters, relative to the values of `rough` and of the map."""
+    fit: VehicleFit  # Fitted parameters, relative to the values of `rough` and of the map
     centres: tuple[float, ...]
     """Sensor reading straight ahead in the first and in the second half of the log [unit of the sensor]."""
 

@@ -19,10 +19,8 @@ position may explain [-]. Assumed values."""
 AGREED = 0.5
 """Minimum correlation of two measured yaw rates of one machine, even with a wrong sign or unit [-]. Assumed value:
 consistent sensors have 0.9."""
-OTHER_UNIT = 5.0
-"""Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57."""
-LEAST_HZ = 2.5
-"""Minimum rate at which positions and headings resolve yaw dynamics [Hz]."""
+OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57
+LEAST_HZ = 2.5  # Minimum rate at which positions and headings resolve yaw dynamics [Hz]
 COARSE_M_S = 0.12
 """Resolution of recorded speed above which rounding biases a fitted scale [m/s]. Assumed value: 1 km/h gives 5 %."""
 

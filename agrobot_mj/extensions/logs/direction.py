@@ -18,14 +18,11 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import TimeSeries
 
-SIGNED = -0.1
-"""A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest."""
+SIGNED = -0.1  # A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest.
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
 """Minimum length of a section driven in reverse [m], and minimum length per standard deviation of the positions [-]."""
-AROUND_S = 2.0
-"""Time before and after a change of direction in which the minimum speed is searched [s]."""
-LONGEST_STEP_S = 2.0
-"""Maximum time between two fixes whose displacement is used [s]."""
+AROUND_S = 2.0  # Time before and after a change of direction in which the minimum speed is searched [s]
+LONGEST_STEP_S = 2.0  # Maximum time between two fixes whose displacement is used [s]
 STANDING_M_S = 0.1
 """Speed below which a machine is at rest [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
@@ -33,20 +30,16 @@ LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
 increase of this fraction [-]. Assumed values: larger than for noise."""
 MOST_TURN = 3.0
 """Yaw rate above which a value is an outlier, divided by the 80 % quantile of all yaw rates [-]. Assumed value."""
-MOST_LEGS = 200
-"""Maximum number of sections whose directions the steering can determine."""
+MOST_LEGS = 200  # Maximum number of sections whose directions the steering can determine
 
 
 class Directed(NamedTuple):
     """Recording whose speed is negative in reverse."""
 
     recording: FieldRecording
-    reverse_m: float
-    """Distance driven in reverse, if detected [m]; 0 for a signed recorded speed."""
-    mounting: float | None
-    """Mean angle from the course to the recorded heading [rad]; None if not identified."""
-    how: str = ""
-    """Quantity that determined the direction. Empty if no reverse is detected."""
+    reverse_m: float  # Distance driven in reverse, if detected [m]; 0 for a signed recorded speed
+    mounting: float | None  # Mean angle from the course to the recorded heading [rad]; None if not identified
+    how: str = ""  # Quantity that determined the direction. Empty if no reverse is detected.
 
 
 def is_signed(recording: FieldRecording) -> bool:

@@ -20,16 +20,13 @@ from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
 
-WHEELBASE_M = 2.0
-"""Wheelbase in the regression [m]. Assumed value, which only affects the scale."""
+WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
 PART_S, MOST_PARTS = 15.0, 6
 """Minimum driving time of each part of a log with its own steering centre [s], and maximum number of parts."""
-MOVED_DEG = 1.0
-"""Minimum change of the steering centre that is reported [deg]."""
+MOVED_DEG = 1.0  # Minimum change of the steering centre that is reported [deg]
 TOLD = 0.5
 """Minimum fraction of the yaw-rate variance that the steering must explain for a steering centre [-]. Assumed value."""
-SIGMAS = 3.0
-"""Number of standard errors above which a difference is reported [-]."""
+SIGMAS = 3.0  # Number of standard errors above which a difference is reported [-]
 CHORD_S, MOST_ALIKE = 0.5, 20.0
 """Minimum time between fixes used for the antenna position [s], and maximum condition number of its regression [-]."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
@@ -41,20 +38,17 @@ class CentrePart(NamedTuple):
 
     start: float
     end: float
-    centre: float
-    """Sensor reading with the wheels straight ahead [unit of the sensor]."""
+    centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
 
 
 class LogHealth(NamedTuple):
     """Properties of a log that need no fit; None for properties that are not identified."""
 
     name: str
-    scatter_m: float | None
-    """Standard deviation of white noise in each coordinate of the positions [m]."""
+    scatter_m: float | None  # Standard deviation of white noise in each coordinate of the positions [m]
     bursts: Bursts | None
     steering: RoughSteering | None
-    parts: tuple[CentrePart, ...]
-    """Steering centre in each part of the log, in order of time."""
+    parts: tuple[CentrePart, ...]  # Steering centre in each part of the log, in order of time
     ahead_m: tuple[float, float] | None
     """Distance of the antenna ahead of the rear axle, and the standard error of this distance [m]."""
 

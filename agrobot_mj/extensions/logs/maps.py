@@ -15,8 +15,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.scenario.overrides import read_spec, read_toml
 
-Delay = Annotated[float, Field(ge=-5, le=5)]
-"""Latency of a value [s]; negative if the logger assigns too early a time."""
+Delay = Annotated[float, Field(ge=-5, le=5)]  # Latency of a value [s]; negative if the logger assigns too early a time
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7)]
 Accepted = Annotated[tuple[int | str, ...], Field(min_length=1)]

@@ -72,20 +72,16 @@ class Finding(NamedTuple):
     """Result of one part of the analysis."""
 
     lines: Iterable[str]
-    content: Mapping[str, Any] = MappingProxyType({})
-    """Content of the JSON file; empty if there is no result."""
-    write: Callable[[Path], object] = lambda folder: None
-    """Function that writes the other files to a results folder."""
-    failed: str = ""
-    """Reason why the result is missing or incomplete; otherwise empty."""
+    content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file; empty if there is no result
+    write: Callable[[Path], object] = lambda folder: None  # Function that writes the other files to a results folder
+    failed: str = ""  # Reason why the result is missing or incomplete; otherwise empty
 
 
 class LogPart(NamedTuple):
     """Definition of one part of the analysis."""
 
     run: Callable[[Job], Finding]
-    file: str
-    """Name of the JSON file."""
+    file: str  # Name of the JSON file
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
     """Function that returns the names of the other files for a scenario."""
 

@@ -17,16 +17,11 @@ from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, read_recording
 from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, longest_pause
 
-STANDING_S = 2.0
-"""Duration of a standstill above which it separates segments [s]."""
-SHORTEST_S = 5.0
-"""Minimum duration of a segment [s]: one window of the fit, half a window of the replay."""
-FEWEST_BURSTS = 4
-"""Minimum number of parts between gaps for a recording that was written in bursts."""
-TWO_SPEEDS = 1.5
-"""Minimum ratio of fast to slow speed in a log that contains two speeds [-]."""
-TURNED_DEG = 15.0
-"""Minimum angle between heading and course that is reported [deg]."""
+STANDING_S = 2.0  # Duration of a standstill above which it separates segments [s]
+SHORTEST_S = 5.0  # Minimum duration of a segment [s]: one window of the fit, half a window of the replay
+FEWEST_BURSTS = 4  # Minimum number of parts between gaps for a recording that was written in bursts
+TWO_SPEEDS = 1.5  # Minimum ratio of fast to slow speed in a log that contains two speeds [-]
+TURNED_DEG = 15.0  # Minimum angle between heading and course that is reported [deg]
 
 
 class Span(NamedTuple):
@@ -85,10 +80,8 @@ class Bursts(NamedTuple):
     """Bursts of a recording, which are its parts between gaps of the inputs."""
 
     number: int
-    length: float
-    """Median duration of a burst [s]."""
-    period: float
-    """Median time from the start of one burst to the start of the next [s]."""
+    length: float  # Median duration of a burst [s]
+    period: float  # Median time from the start of one burst to the start of the next [s]
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:

@@ -19,8 +19,7 @@ class Quantity(NamedTuple):
     value: float
     low: float
     high: float
-    identified: bool
-    """Whether the log identifies the quantity."""
+    identified: bool  # Whether the log identifies the quantity
 
     @property
     def half(self) -> float:
@@ -47,10 +46,8 @@ class Quantity(NamedTuple):
         return not self.low <= value <= self.high
 
 
-Found = Mapping[str, Quantity]
-"""Identified quantities by key."""
-HEAD = ("quantity", "value", "from", "to", "unit", "identified")
-"""Column heads of the table of quantities."""
+Found = Mapping[str, Quantity]  # Identified quantities by key
+HEAD = ("quantity", "value", "from", "to", "unit", "identified")  # Column heads of the table of quantities
 UNITS = dict.fromkeys((f"{axle}_cornering_stiffness_n_rad" for axle in ("front", "rear")), "N/rad")
 UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "steer.offset": "reading"}
 """Units of quantities whose key does not contain the unit."""

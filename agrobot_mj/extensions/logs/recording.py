@@ -52,52 +52,33 @@ from agrobot_mj.extensions.logs.series import (
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600, "mph": 0.44704}
 ANGLES = {"deg": pi / 180, "rad": 1.0, "deg/s": pi / 180, "rad/s": 1.0}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-LONGEST_GAP_S = 1.0
-"""Maximum gap of an input that is bridged by interpolation [s]. Assumed value: shorter than a turn."""
+LONGEST_GAP_S = 1.0  # Maximum gap of an input that is bridged by interpolation [s]. Assumed value: shorter than a turn.
 LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Maximum plausible steering angle [rad] and speed [m/s] of a tractor. Larger values indicate a wrong unit."""
-LARGEST_FIELD_M = 100e3
-"""Maximum extent of the positions [m]. A larger extent indicates invalid fixes."""
-FARTHEST_M = 50e3
-"""Maximum east or north coordinate [m]. Coordinates of a map grid (UTM) are larger."""
-MOST_JUMPS = 0.2
-"""Fraction of positions with jumps above which all positions are rejected [-]. Assumed value."""
+LARGEST_FIELD_M = 100e3  # Maximum extent of the positions [m]. A larger extent indicates invalid fixes.
+FARTHEST_M = 50e3  # Maximum east or north coordinate [m]. Coordinates of a map grid (UTM) are larger.
+MOST_JUMPS = 0.2  # Fraction of positions with jumps above which all positions are rejected [-]. Assumed value.
 
 
 class FieldRecording(NamedTuple):
     """Recording of a machine in SI units, converted with a map."""
 
     name: str
-    start: float
-    """First time at which all inputs are available [s]."""
-    end: float
-    """Last time at which all inputs are available [s]."""
-    speed: TimeSeries
-    """Speed along the heading of the tractor [m/s]."""
-    wheel_speed: bool
-    """Whether the speed is that of the driven wheels, which slip."""
-    antenna_speed: bool
-    """Whether the recorded speed is the speed of the recorded point (antenna), not of the rear axle."""
-    steer: TimeSeries | None
-    """Wheel angle, left positive [rad]."""
-    voltage: TimeSeries | None
-    """Voltage of the steering valve [V]."""
-    yaw_rate: TimeSeries | None
-    """Yaw rate, left positive [rad/s]."""
-    yaw_rate_source: str
-    """Source of the yaw rate: `gyro`, `heading`, `course`, or `none`."""
-    heading: TimeSeries | None
-    """Heading from east, counter-clockwise, unwrapped [rad]."""
-    position: TimeSeries | None
-    """East and north coordinates of the recorded point, shape (n, 2) [m]."""
-    left_out: tuple[str, ...]
-    """Descriptions of implausible values that were omitted."""
-    arm: tuple[float, float, float]
-    """Position of the recorded point relative to R: ahead, to the left and up [m]."""
-    inputs: dict[str, str]
-    """Columns of the inputs: `speed`, and `steer` or `voltage`."""
-    signed: bool
-    """Whether the map declares the speed as negative in reverse."""
+    start: float  # First time at which all inputs are available [s]
+    end: float  # Last time at which all inputs are available [s]
+    speed: TimeSeries  # Speed along the heading of the tractor [m/s]
+    wheel_speed: bool  # Whether the speed is that of the driven wheels, which slip
+    antenna_speed: bool  # Whether the recorded speed is the speed of the recorded point (antenna), not of the rear axle
+    steer: TimeSeries | None  # Wheel angle, left positive [rad]
+    voltage: TimeSeries | None  # Voltage of the steering valve [V]
+    yaw_rate: TimeSeries | None  # Yaw rate, left positive [rad/s]
+    yaw_rate_source: str  # Source of the yaw rate: `gyro`, `heading`, `course`, or `none`
+    heading: TimeSeries | None  # Heading from east, counter-clockwise, unwrapped [rad]
+    position: TimeSeries | None  # East and north coordinates of the recorded point, shape (n, 2) [m]
+    left_out: tuple[str, ...]  # Descriptions of implausible values that were omitted
+    arm: tuple[float, float, float]  # Position of the recorded point relative to R: ahead, to the left and up [m]
+    inputs: dict[str, str]  # Columns of the inputs: `speed`, and `steer` or `voltage`
+    signed: bool  # Whether the map declares the speed as negative in reverse
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
         """Limit the interval from `start` to `end` [s] to the recording. Raises `FieldLogError` below 1 s."""
@@ -184,10 +165,8 @@ class _Reader(NamedTuple):
     name: str
     t: Array
     data: dict[str, Array]
-    good: dict[str, Mask]
-    """Masks of the rows with an accepted quality, by quality column."""
-    left_out: list[str]
-    """Descriptions of implausible values that were omitted."""
+    good: dict[str, Mask]  # Masks of the rows with an accepted quality, by quality column
+    left_out: list[str]  # Descriptions of implausible values that were omitted
 
     def steer(self, c: SteerColumn, largest: float) -> TimeSeries:
         sign = 1.0 if c.positive == "left" else -1.0

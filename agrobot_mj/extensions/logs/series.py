@@ -13,10 +13,8 @@ from agrobot_mj.core.table_columns import Mask
 
 Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
-FEWEST = 4
-"""Minimum number of values that interpolation needs [-]."""
-SMOOTHING_S = 1.0
-"""Length of the local cubics that differentiate headings [s]."""
+FEWEST = 4  # Minimum number of values that interpolation needs [-]
+SMOOTHING_S = 1.0  # Length of the local cubics that differentiate headings [s]
 COURSE_S = 2.0
 """Length of the local cubics for the course rate [s]. They are long because second derivatives are noisy."""
 LOST_S = 2.0
@@ -31,17 +29,14 @@ AWAY_S = 5.0
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
 """Minimum ratio of the deviation of an outlier to the deviations near it [-], and quantile of all deviations [-]. The
 deviations near it count as at least this quantile. Assumed values."""
-LEAST_SPEED = 0.3
-"""Speed below which the course is undefined and the dynamics are not excited [m/s]."""
+LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
 class TimeSeries(NamedTuple):
     """Time series of values."""
 
-    t: Array
-    """Increasing times, shape (n,) [s]."""
-    value: Array
-    """Values in SI units, shape (n,) or (n, 2)."""
+    t: Array  # Increasing times, shape (n,) [s]
+    value: Array  # Values in SI units, shape (n,) or (n, 2)
 
     def at(self, t: Array) -> Array:
         """Return the values at times `t` (m,) by Akima interpolation; constant beyond both ends."""

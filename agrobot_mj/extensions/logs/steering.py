@@ -18,38 +18,29 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries
 
-AGES_S = np.arange(-0.5, 1.5, 0.02)
-"""Evaluated latencies of the yaw rate relative to the steering [s]."""
+AGES_S = np.arange(-0.5, 1.5, 0.02)  # Evaluated latencies of the yaw rate relative to the steering [s]
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the variance of the angle that a line explains [-]. Assumed value: sensors give > 0.9."""
-LEAST_SAMPLES = 50
-"""Minimum number of yaw-rate samples for a regression."""
-OUTLIER = 3.0
-"""Distance from the line above which a sample is an outlier [robust standard deviations]."""
+LEAST_SAMPLES = 50  # Minimum number of yaw-rate samples for a regression
+OUTLIER = 3.0  # Distance from the line above which a sample is an outlier [robust standard deviations]
 SIDES_DIFFER, SURELY = 0.05, 4.0
 """Minimum relative difference between the scales of both sides, and minimum difference divided by its standard error,
 for two lines [-]. Assumed values: scales of linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
 """Minimum fraction of samples on each side, beyond this wheel angle [rad], for two lines [-]. Assumed values."""
-BLOCKS = 6
-"""Number of blocks into which a log is divided for standard errors by the jackknife."""
-CENTRES = 101
-"""Number of steering centres that a search evaluates."""
+BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
+CENTRES = 101  # Number of steering centres that a search evaluates
 
 
 class RoughSteering(NamedTuple):
     """Relation between sensor reading and wheel angle: one line, or two lines that meet at the centre."""
 
-    centre: float
-    """Sensor reading with the wheels straight ahead [unit of the sensor]."""
+    centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
     scale: float
     """Wheel angle per unit of the reading when steering left [rad/unit]; negative if readings increase to the right."""
-    age: float
-    """Latency of the yaw rate relative to the steering [s]."""
-    explained: float
-    """Fraction of the variance of the wheel angle that the relation explains [-]."""
-    right: float = 1.0
-    """Scale to the right divided by the scale to the left [-]; 1 for one line."""
+    age: float  # Latency of the yaw rate relative to the steering [s]
+    explained: float  # Fraction of the variance of the wheel angle that the relation explains [-]
+    right: float = 1.0  # Scale to the right divided by the scale to the left [-]; 1 for one line
 
     def wheel(self, reading: Array) -> Array:
         """Return the wheel angle [rad] for sensor readings."""
@@ -70,12 +61,9 @@ class RoughSteering(NamedTuple):
 class TurningSamples(NamedTuple):
     """Samples of sensor readings, and of the wheel angle without slip as computed from the yaw rate."""
 
-    reading: Array
-    """Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]."""
-    angle: Array
-    """Wheel angle without slip, shape (n,) [rad]."""
-    weight: Array
-    """Weights of the samples, shape (n,)."""
+    reading: Array  # Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
+    angle: Array  # Wheel angle without slip, shape (n,) [rad]
+    weight: Array  # Weights of the samples, shape (n,)
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:

@@ -12,20 +12,15 @@ from agrobot_mj.scenario.schema import Scenario
 class Adjustment(NamedTuple):
     """Quantity that the driver can adjust during a drive. A new value acts from the next tick, as a recorded fault."""
 
-    label: str
-    """Text of the slider, with the unit."""
+    label: str  # Text of the slider, with the unit
     low: float
     high: float
-    neutral: float
-    """Value at which there is no fault."""
-    kind: str
-    """Kind of the faults that apply the adjustment."""
-    key: str
-    """Key of the adjusted value in the table of the fault."""
+    neutral: float  # Value at which there is no fault
+    kind: str  # Kind of the faults that apply the adjustment
+    key: str  # Key of the adjusted value in the table of the fault
     others: tuple[Mapping[str, Any], ...] = ({},)
     """Additional keys for the faults of this adjustment. There is one fault for each item."""
-    step: float = 0.001
-    """Resolution of the slider."""
+    step: float = 0.001  # Resolution of the slider
 
     def faults(self, value: float) -> list[dict[str, Any]]:
         """Return the faults, without times, that apply a value limited to the range; none for the neutral value."""
@@ -45,21 +40,16 @@ ADJUSTMENTS = {
     "latency": Adjustment("receiver latency [+s]", 0.0, 1.0, 0.0, "gnss_latency", "latency_s", step=TICK_S),
 }
 """Adjustments by name, in the order of the panel."""
-FAULT_S = 5.0
-"""Default duration of an injected fault [s]."""
-STEEPEST_DEG = 40.0
-"""Maximum slope grade that the panel can set [deg]."""
+FAULT_S = 5.0  # Default duration of an injected fault [s]
+STEEPEST_DEG = 40.0  # Maximum slope grade that the panel can set [deg]
 
 
 class NextStart(NamedTuple):
     """Settings that need a new start."""
 
-    grade_deg: float
-    """Grade of the slope [deg]; level ground becomes a slope."""
-    tyre: str = ""
-    """Kind of the tyre law; empty to keep it."""
-    pressure_bar: float | None = None
-    """Pressure of all tyres [bar]; None to keep it."""
+    grade_deg: float  # Grade of the slope [deg]; level ground becomes a slope
+    tyre: str = ""  # Kind of the tyre law; empty to keep it
+    pressure_bar: float | None = None  # Pressure of all tyres [bar]; None to keep it
 
 
 def fault_kinds() -> list[str]:

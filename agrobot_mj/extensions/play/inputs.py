@@ -15,22 +15,17 @@ from typing import NamedTuple
 
 from agrobot_mj.core.resources import checked, refuse, stamp
 
-INPUTS = "inputs.csv"
-"""Name of the CSV file in the results folder of a drive."""
+INPUTS = "inputs.csv"  # Name of the CSV file in the results folder of a drive
 HEADER = ("tick", "law", "steer_rad", "speed_m_s")
-MOST_BYTES = 20_000_000
-"""Maximum size of a CSV file [bytes], sufficient for several hours with a change in each tick."""
+MOST_BYTES = 20_000_000  # Maximum size of a CSV file [bytes], sufficient for several hours with a change in each tick
 
 
 class PlayInput(NamedTuple):
     """Input of one tick. By default, the driver is in control and the tractor stops."""
 
-    law: int = 0
-    """Number of the law that steers, from 1; 0 for the driver."""
-    steer: float = 0.0
-    """Steering angle of the driver, left positive [rad]."""
-    speed: float = 0.0
-    """Speed, negative in reverse [m/s]; NaN for a law that uses the speed of the path."""
+    law: int = 0  # Number of the law that steers, from 1; 0 for the driver
+    steer: float = 0.0  # Steering angle of the driver, left positive [rad]
+    speed: float = 0.0  # Speed, negative in reverse [m/s]; NaN for a law that uses the speed of the path
 
 
 class PlayTable(NamedTuple):

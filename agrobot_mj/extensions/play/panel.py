@@ -46,10 +46,8 @@ WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
 """Width and maximum height of the panel, and its distance from the border of the page [pixels]."""
 CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
 """Height of the curves divided by the height of the page [-], and their minimum height [pixels]."""
-LABEL = 125.0
-"""Width of the sliders in the panel [pixels]."""
-SHOWN_S = 20.0
-"""Duration of the signals shown by the curves [s]."""
+LABEL = 125.0  # Width of the sliders in the panel [pixels]
+SHOWN_S = 20.0  # Duration of the signals shown by the curves [s]
 FLAG = imgui.WindowFlags
 FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
 """Flags of windows that cannot be closed or moved, and whose widgets ignore keys."""
@@ -96,14 +94,12 @@ class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
     law: int = 0
     chosen: int = 1
     paused: bool = False
-    rate: float = 1.0
-    """Simulated time divided by wall-clock time [-]."""
+    rate: float = 1.0  # Simulated time divided by wall-clock time [-]
     message: str = ""
     values: dict[str, float] = field(default_factory=dict)
     grade: float = 0.0
     tyre: int = 0
-    pressure: float = 0.0
-    """Pressure of the rear tyres [bar]."""
+    pressure: float = 0.0  # Pressure of the rear tyres [bar]
     times: Sequence[float] = ()
     cross_tracks: Sequence[float] = ()
     rolls: Sequence[float] = ()

@@ -32,26 +32,19 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.results import results
 from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 
-SHOW_S = 0.04
-"""Maximum time between two message exchanges with the viewer [s]."""
-BEHIND_S = 0.25
-"""Delay above which a drive no longer catches up with real time, but continues with the delay [s]."""
-CLOSE_S = 1.0
-"""Maximum time to wait for the viewer to exit after the files are written [s]."""
-RATE_S = 1.0
-"""Time over which the ratio of simulated to wall-clock time is measured [s]."""
+SHOW_S = 0.04  # Maximum time between two message exchanges with the viewer [s]
+BEHIND_S = 0.25  # Delay above which a drive no longer catches up with real time, but continues with the delay [s]
+CLOSE_S = 1.0  # Maximum time to wait for the viewer to exit after the files are written [s]
+RATE_S = 1.0  # Time over which the ratio of simulated to wall-clock time is measured [s]
 
 
 class PlayOptions(NamedTuple):
     """Options of `agrobot-mj play`."""
 
     port: int = 0
-    network: bool = False
-    """Whether other computers can reach the page."""
-    seconds: float | None = None
-    """Wall-clock time after which the program ends [s]; None for no limit."""
-    recorded: bool = True
-    """Whether each drive is recorded for Rerun."""
+    network: bool = False  # Whether other computers can reach the page
+    seconds: float | None = None  # Wall-clock time after which the program ends [s]; None for no limit
+    recorded: bool = True  # Whether each drive is recorded for Rerun
 
 
 class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]

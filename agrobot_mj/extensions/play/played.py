@@ -19,23 +19,17 @@ from agrobot_mj.core.signals import TICK_S, Column, Command
 from agrobot_mj.core.spec import HUGE, Spec
 from agrobot_mj.extensions.play.inputs import PlayInput, read_inputs
 
-COARSE_S, FINE_S = 1.0, 0.05
-"""Steps of the search for the nearest point of the path [s]."""
-LEAST_SPEED_M_S = 0.05
-"""Path speed below which the time on the path advances in real time [m/s]."""
+COARSE_S, FINE_S = 1.0, 0.05  # Steps of the search for the nearest point of the path [s]
+LEAST_SPEED_M_S = 0.05  # Path speed below which the time on the path advances in real time [m/s]
 
 
 class PlayState(NamedTuple):
     """State of the guidance law `Played`."""
 
-    given: PlayInput = PlayInput()
-    """Input of the current tick."""
-    law: int = 0
-    """Number of the law to which `inner` belongs; 0 for the driver."""
-    inner: Any = None
-    """State of the law given by `law`."""
-    time: float = 0.0
-    """Time on the path of the law that steers [s]."""
+    given: PlayInput = PlayInput()  # Input of the current tick
+    law: int = 0  # Number of the law to which `inner` belongs; 0 for the driver
+    inner: Any = None  # State of the law given by `law`
+    time: float = 0.0  # Time on the path of the law that steers [s]
 
 
 class PlayRecord(Spec):

@@ -21,8 +21,7 @@ from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation
 
-LONGEST_S = 3600.0
-"""Maximum duration of a drive [s]."""
+LONGEST_S = 3600.0  # Maximum duration of a drive [s]
 
 
 class Mark(NamedTuple):

@@ -17,10 +17,8 @@ PATH_PIECES, PATH_RADIUS_M, ABOVE_M = 150, 0.03, 0.03
 PATH_RGBA = (0.95, 0.75, 0.1, 1.0)
 SKY = ((0.60, 0.80, 1.0), (0.75, 0.88, 1.0))
 FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))
-SUN, HEADLIGHT = (0.6, 0.6, 0.6), (0.15, 0.15, 0.15)
-"""Colours of the lights. MuJoCo Studio adds light from the sky."""
-SQUARE_M = 4.0
-"""Period of the ground pattern [m]."""
+SUN, HEADLIGHT = (0.6, 0.6, 0.6), (0.15, 0.15, 0.15)  # Colours of the lights. MuJoCo Studio adds light from the sky.
+SQUARE_M = 4.0  # Period of the ground pattern [m]
 CAMERA = (9.0, -18.0, 35.0)
 """Distance [m], elevation [deg], and azimuth relative to the initial heading [deg] of the camera."""
 

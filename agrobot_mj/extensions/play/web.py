@@ -19,12 +19,9 @@ from websockets.asyncio.server import ServerConnection
 from agrobot_mj.core.errors import ScenarioError
 
 LOOPBACK, EVERYWHERE = "127.0.0.1", "::"
-START_S = 20.0
-"""Maximum start-up time of the viewer [s]. Assumed value, sufficient for a busy computer."""
-SERVE = web_server.serve
-"""Function of MuJoCo Studio that starts its server. The server accepts pages of any site."""
-STATE = "/state"
-"""URL path of the stream of poses, to which each page that shows the tractor is connected."""
+START_S = 20.0  # Maximum start-up time of the viewer [s]. Assumed value, sufficient for a busy computer.
+SERVE = web_server.serve  # Function of MuJoCo Studio that starts its server. The server accepts pages of any site.
+STATE = "/state"  # URL path of the stream of poses, to which each page that shows the tractor is connected
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]

@@ -47,8 +47,7 @@ SIGNALS: dict[str, Callable[[RunView], Array]] = {
 class Closeness:
     """Function that returns the margin of a run to a failure condition."""
 
-    until: str
-    """Failure condition as text, see `Condition`."""
+    until: str  # Failure condition as text, see `Condition`
     signal: str | None = None
     """Column whose magnitude is the margin. Default: the margin is computed from the metrics in the condition."""
 
@@ -68,8 +67,7 @@ class Rises:
     """Function that returns the ticks at which the margin of a run reaches a new maximum, at which runs are split."""
 
     closeness: Closeness
-    ahead_s: float = 0.0
-    """Time by which an increase of the margin is extrapolated [s]."""
+    ahead_s: float = 0.0  # Time by which an increase of the margin is extrapolated [s]
 
     def __call__(self, log: Log) -> dict[str, Any]:
         """Return `rises`, a list of (tick number, margin) for each new maximum, and `ticks`, the number of ticks."""

@@ -16,11 +16,9 @@ from agrobot_mj.studies import Row, Task
 from agrobot_mj.studies.engine.resume import RowFiles, Study
 from agrobot_mj.studies.style import PANEL_WIDTH_IN
 
-MOST_STRETCHED = 20.0
-"""Ratio of length to width of a plotted path above which the width is stretched [-]."""
+MOST_STRETCHED = 20.0  # Ratio of length to width of a plotted path above which the width is stretched [-]
 
-COLUMNS = ("t", "x", "y", "x_ref", "y_ref")
-"""Signals that describe a trajectory."""
+COLUMNS = ("t", "x", "y", "x_ref", "y_ref")  # Signals that describe a trajectory
 
 
 @dataclass(frozen=True)

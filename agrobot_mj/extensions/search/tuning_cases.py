@@ -79,8 +79,7 @@ class TuningCase(NamedTuple):
     """One run of the objective."""
 
     name: str
-    measure: str
-    """Cost of the case: `tracking` or `acquisition`."""
+    measure: str  # Cost of the case: `tracking` or `acquisition`
     seed: int
     scenario: Scenario
 

@@ -11,91 +11,68 @@ from agrobot_mj.core.spec import Spec
 from agrobot_mj.machine.implements.draught import ToolLaw
 from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
-Place = tuple[float, float, float]
-"""Position relative to the hitch: x ahead, y left, z up [m]."""
+Place = tuple[float, float, float]  # Position relative to the hitch: x ahead, y left, z up [m]
 
 
 class Joint(NamedTuple):
     """Hinge between tractor and implement."""
 
     name: str
-    axis: Place
-    """Unit vector of the hinge axis [-]."""
-    at: Place
-    """Point on the hinge axis, relative to the hitch of the tractor [m]."""
-    limit: float
-    """Maximum angle of the hinge in both directions [rad]."""
+    axis: Place  # Unit vector of the hinge axis [-]
+    at: Place  # Point on the hinge axis, relative to the hitch of the tractor [m]
+    limit: float  # Maximum angle of the hinge in both directions [rad]
 
 
 class Axle(NamedTuple):
     """Axle of an implement, with two wheels."""
 
-    at: Place
-    """Midpoint between the wheel centres at static load, relative to the hitch of the tractor [m]."""
-    track: float
-    """Distance between the centre planes of the wheels [m]."""
-    wheel: AxleWheel
-    """Properties of each wheel."""
-    slip_stiffness: float
-    """Slip stiffness divided by the slip stiffness of the plant's tyre law [-]."""
-    rolling: float
-    """Rolling resistance divided by the rolling resistance of the plant's tyre law [-]."""
+    at: Place  # Midpoint between the wheel centres at static load, relative to the hitch of the tractor [m]
+    track: float  # Distance between the centre planes of the wheels [m]
+    wheel: AxleWheel  # Properties of each wheel
+    slip_stiffness: float  # Slip stiffness divided by the slip stiffness of the plant's tyre law [-]
+    rolling: float  # Rolling resistance divided by the rolling resistance of the plant's tyre law [-]
 
 
 class DepthWheel(NamedTuple):
     """Wheel that carries the frame of a floating implement."""
 
-    at: Place = (0.0, 0.0, 0.0)
-    """Lowest point of the unloaded wheel in contact with the ground [m]."""
-    stiffness: float = 0.0
-    """Vertical stiffness of the wheel; 0 without a depth wheel [N/m]."""
-    damping: float = 0.0
-    """Vertical damping of the wheel [N s/m]."""
-    rolling: float = 0.0
-    """Rolling resistance divided by the load of the wheel [-]."""
+    at: Place = (0.0, 0.0, 0.0)  # Lowest point of the unloaded wheel in contact with the ground [m]
+    stiffness: float = 0.0  # Vertical stiffness of the wheel; 0 without a depth wheel [N/m]
+    damping: float = 0.0  # Vertical damping of the wheel [N s/m]
+    rolling: float = 0.0  # Rolling resistance divided by the load of the wheel [-]
 
 
 class Unevenness(NamedTuple):
     """Variation of the draught along the path."""
 
-    share: float = 0.0
-    """Standard deviation of the draught divided by its mean [-]."""
-    length: float = 1.0
-    """Correlation length of the draught along the path [m]."""
+    share: float = 0.0  # Standard deviation of the draught divided by its mean [-]
+    length: float = 1.0  # Correlation length of the draught along the path [m]
 
 
 class Shape(NamedTuple):
     """Box that represents a part of an implement in images."""
 
     name: str
-    half: Place
-    """Half lengths of the edges of the box [m]."""
-    at: Place
-    """Position of the centre of the box, relative to the hitch of the tractor [m]."""
-    paint: str
-    """Name of the material of the box in `models/tractor.xml`."""
+    half: Place  # Half lengths of the edges of the box [m]
+    at: Place  # Position of the centre of the box, relative to the hitch of the tractor [m]
+    paint: str  # Name of the material of the box in `models/tractor.xml`
 
 
 class HitchedBody(NamedTuple):
     """Body of an implement at the hitch of the tractor."""
 
-    mass: float
-    """Mass of the implement without wheels [kg]."""
-    centre: Place
-    """Centre of mass of the implement without wheels, relative to the hitch of the tractor [m]."""
-    inertia: tuple[float, float, float]
-    """Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]."""
+    mass: float  # Mass of the implement without wheels [kg]
+    centre: Place  # Centre of mass of the implement without wheels, relative to the hitch of the tractor [m]
+    inertia: tuple[float, float, float]  # Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]
     joints: tuple[Joint, ...]
     """Hinges between tractor and implement; empty for an implement fixed rigidly to the tractor."""
-    point: Place
-    """Working point on the ground, for which the cross-track error is evaluated [m]."""
+    point: Place  # Working point on the ground, for which the cross-track error is evaluated [m]
     antenna: Place | None
     """Position of the GNSS antenna, relative to the hitch [m]; None if the antenna is on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
-    tool_at: Place = (0.0, 0.0, 0.0)
-    """Position of the tool tip, relative to the hitch of the tractor [m]."""
+    tool_at: Place = (0.0, 0.0, 0.0)  # Position of the tool tip, relative to the hitch of the tractor [m]
     unevenness: Unevenness = Unevenness()
     shapes: tuple[Shape, ...] = ()
 
@@ -105,8 +82,7 @@ class TowedImplement(NamedTuple):
 
     length: float = 0.0
     """Distance of the implement axle behind the rear axle of the tractor; 0 without a drawn implement [m]."""
-    working: bool = False
-    """Whether the tool is in the soil."""
+    working: bool = False  # Whether the tool is in the soil
     antenna: float = 0.0
     """Distance of the GNSS antenna behind the rear axle, in line; 0 if the antenna is on the tractor [m]."""
 

@@ -18,8 +18,7 @@ ToolType = Literal[
 ]
 """Tools in `TOOLS`."""
 Texture = Literal["fine", "medium", "coarse"]
-TEXTURES = ("fine", "medium", "coarse")
-"""Soil textures in the order of the factors F_1, F_2, F_3 of D497."""
+TEXTURES = ("fine", "medium", "coarse")  # Soil textures in the order of the factors F_1, F_2, F_3 of D497
 DEEPEST = 2.0
 """Ratio of depth to intended depth above which the draught is constant, as the frame slides [-]. Assumed value."""
 
@@ -27,18 +26,12 @@ DEEPEST = 2.0
 class Draught(NamedTuple):
     """Draught parameters of a tool, a row of the table in ASABE D497."""
 
-    a: float
-    """Coefficient A of the speed-independent draught [N per unit of width, for tillage also per cm of depth]."""
-    b: float
-    """Coefficient B of the draught proportional to the speed [unit of A per km/h]."""
-    c: float
-    """Coefficient C of the draught proportional to the squared speed [unit of A per (km/h)^2]."""
-    textures: tuple[float, float, float]
-    """Factors of the soil texture for fine, medium and coarse soil [-]."""
-    by_depth: bool
-    """Whether the draught is proportional to the depth: True for tillage, False for seeding."""
-    spread: float
-    """Maximum relative deviation of fields from the formula, in both directions [-]."""
+    a: float  # Coefficient A of the speed-independent draught [N per unit of width, for tillage also per cm of depth]
+    b: float  # Coefficient B of the draught proportional to the speed [unit of A per km/h]
+    c: float  # Coefficient C of the draught proportional to the squared speed [unit of A per (km/h)^2]
+    textures: tuple[float, float, float]  # Factors of the soil texture for fine, medium and coarse soil [-]
+    by_depth: bool  # Whether the draught is proportional to the depth: True for tillage, False for seeding
+    spread: float  # Maximum relative deviation of fields from the formula, in both directions [-]
 
 
 TOOLS: dict[str, Draught] = {
@@ -57,24 +50,15 @@ for planter (mounted, seeding only) and drill (press wheels, below 2.4 m). Assum
 class ToolLaw(NamedTuple):
     """Coefficients of a tool in its soil for the compiled kernel."""
 
-    a: float
-    """Speed-independent draught of the tool in its soil [N, per cm of depth for tillage]."""
-    b: float
-    """Draught per speed of the tool in its soil [N h/km, per cm of depth for tillage]."""
-    c: float
-    """Draught per squared speed of the tool in its soil [N h2/km2, per cm of depth for tillage]."""
-    by_depth: float
-    """1 if the draught is proportional to the depth, otherwise 0."""
-    depth: float
-    """Intended depth of the tool [m]."""
-    cornering: float
-    """Lateral force of the tool divided by its slip angle, at the intended depth [N/rad]."""
-    relaxation: float
-    """Relaxation length of the lateral force [m]."""
-    side_limit: float
-    """Maximum lateral force of the tool at the intended depth [N]."""
-    suction: float
-    """Downward force of the soil divided by the draught [-]."""
+    a: float  # Speed-independent draught of the tool in its soil [N, per cm of depth for tillage]
+    b: float  # Draught per speed of the tool in its soil [N h/km, per cm of depth for tillage]
+    c: float  # Draught per squared speed of the tool in its soil [N h2/km2, per cm of depth for tillage]
+    by_depth: float  # 1 if the draught is proportional to the depth, otherwise 0
+    depth: float  # Intended depth of the tool [m]
+    cornering: float  # Lateral force of the tool divided by its slip angle, at the intended depth [N/rad]
+    relaxation: float  # Relaxation length of the lateral force [m]
+    side_limit: float  # Maximum lateral force of the tool at the intended depth [N]
+    suction: float  # Downward force of the soil divided by the draught [-]
 
 
 @kernel

@@ -33,14 +33,10 @@ class Springs(NamedTuple):
     and the damping ratio at the carried load is constant.
     """
 
-    load: float
-    """Static load of the reference tyre [N]."""
-    radius: float
-    """Free radius of the reference tyre [m]."""
-    stiffness: float
-    """Vertical stiffness of the reference tyre [N/m]."""
-    damping: float
-    """Vertical damping of the reference tyre [N s/m]."""
+    load: float  # Static load of the reference tyre [N]
+    radius: float  # Free radius of the reference tyre [m]
+    stiffness: float  # Vertical stiffness of the reference tyre [N/m]
+    damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
         """Return vertical stiffness [N/m] and damping [N s/m]: given values, or values for a static load [N] and free

@@ -26,8 +26,7 @@ from agrobot_mj.machine.implements.draught import Tool
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
-TRAVEL = radians(15.0)
-"""Maximum angle of the floating links in both directions [rad]. Assumed value."""
+TRAVEL = radians(15.0)  # Maximum angle of the floating links in both directions [rad]. Assumed value.
 
 
 class Mounted(ImplementBase):

@@ -25,10 +25,8 @@ HEADS = {
     "$RecPath": "recorded",
 }
 """Role of the shapes in a file, by the first line of the file."""
-LINE_M = 1000.0
-"""Length of an AB line on each side of its points [m], as in exports of AgOpenGPS."""
-AB_LINE, PIVOT = 2, 64
-"""Modes of tracks: straight line through two points, and circle."""
+LINE_M = 1000.0  # Length of an AB line on each side of its points [m], as in exports of AgOpenGPS
+AB_LINE, PIVOT = 2, 64  # Modes of tracks: straight line through two points, and circle
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
 """Patterns of the digits before and after a decimal comma."""
 

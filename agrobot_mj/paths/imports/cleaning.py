@@ -10,14 +10,11 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.track import Index
 
-CLOSEST_M = 0.001
-"""Minimum distance between consecutive points [m]."""
-SHORT_M = 1.0
-"""Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre."""
+CLOSEST_M = 0.001  # Minimum distance between consecutive points [m]
+SHORT_M = 1.0  # Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre.
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Minimum distances between points evaluated in this order for thinning a track with a standstill [m]."""
-BACK = np.cos(np.radians(100.0))
-"""Cosine of the change of direction, 100 degrees, above which a track turns back [-]."""
+BACK = np.cos(np.radians(100.0))  # Cosine of the change of direction, 100 degrees, above which a track turns back [-]
 OUTLYING = 3.0
 """Minimum distance of an outlier from the median of the other points, divided by their extent [-]. Assumed value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5

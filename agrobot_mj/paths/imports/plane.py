@@ -17,8 +17,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, Shap
 
 FAR_M = 2000.0
 """Distance from the origin above which coordinates belong to a map grid [m]. Assumed value: larger than a field."""
-LARGEST_M = 100e3
-"""Maximum extent of a file [m]."""
+LARGEST_M = 100e3  # Maximum extent of a file [m]
 
 
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:

@@ -13,11 +13,9 @@ from agrobot_mj.paths.imports.shapes import DEGREES, ShapeFile
 from agrobot_mj.paths.imports.table import read_table
 from agrobot_mj.paths.imports.xml_files import read_gpx, read_kml
 
-MAX_BYTES = 100_000_000
-"""Maximum size of a file [bytes]."""
+MAX_BYTES = 100_000_000  # Maximum size of a file [bytes]
 SHP = b"\x00\x00\x27\x0a"
-HEAD_CHARACTERS = 2000
-"""Number of first characters used to recognise the type of a text file."""
+HEAD_CHARACTERS = 2000  # Number of first characters used to recognise the type of a text file
 TextReader = Callable[[str], ShapeFile]
 Readers = dict[str, tuple[Callable[[str], bool], TextReader]]
 READERS: Readers = {
@@ -67,8 +65,7 @@ def _read_text(text: str, readers: Readers) -> ShapeFile:
     return read_table(text)
 
 
-MOST_PRJ_BYTES = 100_000
-"""Maximum size of a .prj file [bytes]."""
+MOST_PRJ_BYTES = 100_000  # Maximum size of a .prj file [bytes]
 
 
 def read_shapefile(path: Path) -> ShapeFile:

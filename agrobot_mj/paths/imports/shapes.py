@@ -9,22 +9,17 @@ import numpy as np
 from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.core.signals import Array
 
-LARGEST = 1e8
-"""Maximum absolute coordinate [m or deg], larger than in any map grid."""
-DEGREES = "EPSG:4326"
-"""Coordinate system of latitudes and longitudes on WGS84."""
+LARGEST = 1e8  # Maximum absolute coordinate [m or deg], larger than in any map grid
+DEGREES = "EPSG:4326"  # Coordinate system of latitudes and longitudes on WGS84
 
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
     """Polyline, ring or sequence of points."""
 
-    points: Array
-    """Points, shape (n, 2): east then north [m], or longitude then latitude [deg]."""
-    ring: bool = False
-    """Whether the shape is the outline of an area."""
-    role: str = ""
-    """Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other."""
+    points: Array  # Points, shape (n, 2): east then north [m], or longitude then latitude [deg]
+    ring: bool = False  # Whether the shape is the outline of an area
+    role: str = ""  # Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
     """Further values per point by name, shape (n,) each: speed [m/s], working [-], direction [-], table row."""
@@ -35,15 +30,12 @@ class Polyline:
 class ShapeFile:
     """Shapes of one file in the coordinates of this file."""
 
-    shapes: tuple[Polyline, ...]
-    """Shapes in the order of the file; a hole follows the ring around it."""
-    crs: str = ""
-    """Coordinate system, for example EPSG:4326 for degrees; empty for metres of an unknown system."""
+    shapes: tuple[Polyline, ...]  # Shapes in the order of the file; a hole follows the ring around it
+    crs: str = ""  # Coordinate system, for example EPSG:4326 for degrees; empty for metres of an unknown system
     origin: Origin | None = None
     """Geographic position of the point (0, 0) if the coordinates are local metres; None if unknown."""
     name: str = ""
-    notes: tuple[str, ...] = ()
-    """Sentences about omitted or repaired shapes."""
+    notes: tuple[str, ...] = ()  # Sentences about omitted or repaired shapes
 
     def __post_init__(self) -> None:
         for shape in self.shapes:
@@ -57,11 +49,8 @@ class LocalShapes:
     """Shapes in a local plane, x east and y north [m]."""
 
     shapes: tuple[Polyline, ...]
-    origin: Origin | None = None
-    """Geographic position of x = y = 0; None if unknown."""
+    origin: Origin | None = None  # Geographic position of x = y = 0; None if unknown
     crs: str = ""
-    shift: tuple[float, float] = (0.0, 0.0)
-    """East and north offsets subtracted from the coordinates of the file [m]."""
+    shift: tuple[float, float] = (0.0, 0.0)  # East and north offsets subtracted from the coordinates of the file [m]
     name: str = ""
-    notes: tuple[str, ...] = ()
-    """Sentences about omitted, repaired or shifted shapes."""
+    notes: tuple[str, ...] = ()  # Sentences about omitted, repaired or shifted shapes

@@ -34,10 +34,8 @@ UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mp
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
-SMALLEST_M = 1.0
-"""Extent of the points below which values in columns of metres are regarded as degrees [m]."""
-MOST_DEGREES = 180.0
-"""Maximum absolute longitude [deg]."""
+SMALLEST_M = 1.0  # Extent of the points below which values in columns of metres are regarded as degrees [m]
+MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
 
 
 class TableColumn(NamedTuple):
@@ -45,8 +43,7 @@ class TableColumn(NamedTuple):
 
     name: str
     place: int
-    factor: float = 1.0
-    """Conversion factor from the unit of a speed column to m/s; 1 for other quantities."""
+    factor: float = 1.0  # Conversion factor from the unit of a speed column to m/s; 1 for other quantities
 
 
 def read_table(text: str) -> ShapeFile:

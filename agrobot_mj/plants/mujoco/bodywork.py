@@ -17,17 +17,14 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 Triple = tuple[float, float, float]
 STRAIGHT = (1.0, 0.0, 0.0, 0.0)
-ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)
-"""Quaternion that rotates the axis of a cylinder to the left."""
+ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)  # Quaternion that rotates the axis of a cylinder to the left
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
 """Distance of the seat behind the dashboard, and heights of seat and roll bar above the floor [m]."""
 HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
 """Maximum height of a cab roof above its floor (unless the antenna is lower), minimum height above the floor, and
 minimum height above the rear tyres [m]."""
-LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}
-"""Attributes of a visual geom without contact."""
-HIDDEN = 3
-"""Group of geoms that are not drawn."""
+LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}  # Attributes of a visual geom without contact
+HIDDEN = 3  # Group of geoms that are not drawn
 KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -50,42 +47,30 @@ class Panel(NamedTuple):
     """Primitive shape in the chassis frame."""
 
     name: str
-    kind: str
-    """Type: box, cylinder, capsule, sphere or ellipsoid."""
-    size: tuple[float, ...]
-    """Half sizes in the convention of MuJoCo [m]."""
-    pos: Triple = (0.0, 0.0, 0.0)
-    """Centre of the shape [m]."""
+    kind: str  # Type: box, cylinder, capsule, sphere or ellipsoid
+    size: tuple[float, ...]  # Half sizes in the convention of MuJoCo [m]
+    pos: Triple = (0.0, 0.0, 0.0)  # Centre of the shape [m]
     paint: str = "iron"
     quat: tuple[float, float, float, float] = STRAIGHT
-    ends: tuple[float, ...] = ()
-    """Coordinates of both ends of a capsule, which replace its centre, shape (6,) [m]."""
+    ends: tuple[float, ...] = ()  # Coordinates of both ends of a capsule, which replace its centre, shape (6,) [m]
 
 
 class Outline(NamedTuple):
     """Dimensions of the body in the chassis frame on level ground [m]."""
 
-    gap: float
-    """Minimum distance between body and wheels [m]."""
-    inside: float
-    """Half the free width between the rear wheels [m]."""
+    gap: float  # Minimum distance between body and wheels [m]
+    inside: float  # Half the free width between the rear wheels [m]
     narrow: float
     """Half the free width between the front wheels at full steering angle; negative without free width [m]."""
     between: tuple[float, float]
     """Rear and front end of the x interval between the rear wheels and the steered front wheels [m]."""
     floor: float
-    dash: float
-    """x coordinate of the bonnet's rear end [m]."""
-    nose: float
-    """x coordinate of the bonnet's front end [m]."""
-    half: float
-    """Half the width of the bonnet [m]."""
-    low: float
-    """Height of the bonnet's lower edge [m]."""
-    high: float
-    """Height of the bonnet's top [m]."""
-    bar: Triple
-    """x coordinate, half width and height of the highest part: roll bar, roof, seat or deck [m]."""
+    dash: float  # x coordinate of the bonnet's rear end [m]
+    nose: float  # x coordinate of the bonnet's front end [m]
+    half: float  # Half the width of the bonnet [m]
+    low: float  # Height of the bonnet's lower edge [m]
+    high: float  # Height of the bonnet's top [m]
+    bar: Triple  # x coordinate, half width and height of the highest part: roll bar, roof, seat or deck [m]
 
 
 def undress(spec: mujoco.MjSpec) -> None:

@@ -39,12 +39,9 @@ from agrobot_mj.tyres.base import Structure, TyreBase
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import TyreSet
 
-LIMIT = 4.0
-"""Stability limit of (2 c dt + k dt^2) / m, with damper c, time step dt, spring k and mass m [-]."""
-FASTEST_M_S = 3.0
-"""Speed at which the draught is evaluated [m/s]: typical field speed."""
-AT_LEAST = ("relaxation_radii", "relaxation_m")
-"""Suffixes of keys for which a larger value gives a softer spring."""
+LIMIT = 4.0  # Stability limit of (2 c dt + k dt^2) / m, with damper c, time step dt, spring k and mass m [-]
+FASTEST_M_S = 3.0  # Speed at which the draught is evaluated [m/s]: typical field speed
+AT_LEAST = ("relaxation_radii", "relaxation_m")  # Suffixes of keys for which a larger value gives a softer spring
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
@@ -52,25 +49,18 @@ class Part(NamedTuple):
     """Springs or dampers at contact points, defined by the value of one key."""
 
     key: str
-    value: float | None
-    """Value of the key; None if an external tyre or implement has no such key."""
-    stiffness: Array
-    """Stiffness at each point, shape (n,) [N/m]."""
-    damping: Array
-    """Damping at each point, shape (n,) [N s/m]."""
+    value: float | None  # Value of the key; None if an external tyre or implement has no such key
+    stiffness: Array  # Stiffness at each point, shape (n,) [N/m]
+    damping: Array  # Damping at each point, shape (n,) [N s/m]
 
 
 class Sprung(NamedTuple):
     """All springs and dampers that act in one direction at the same attachment points."""
 
-    axis: int
-    """Direction: 0 forward, 1 to the left, 2 up."""
-    bodies: tuple[int, ...]
-    """MuJoCo id of the body to which each point is attached."""
-    points: Array
-    """Positions of the points in the initial position of the model, shape (n, 3) [m]."""
-    parts: tuple[Part, ...]
-    """Springs and dampers that act in parallel at the attachment points."""
+    axis: int  # Direction: 0 forward, 1 to the left, 2 up
+    bodies: tuple[int, ...]  # MuJoCo id of the body to which each point is attached
+    points: Array  # Positions of the points in the initial position of the model, shape (n, 3) [m]
+    parts: tuple[Part, ...]  # Springs and dampers that act in parallel at the attachment points
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
@@ -192,8 +182,7 @@ class Built(NamedTuple):
     scene: Scene
     tyres: TyreSet
     hitched: HitchedBody | None
-    attached: Attached
-    """Data of the implement for the compiled kernels."""
+    attached: Attached  # Data of the implement for the compiled kernels
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]

@@ -29,8 +29,7 @@ _C = ctypes.CDLL(_PATH)
 llvm.load_library_permanently(_PATH)
 clock = ctypes.c_void_p.in_dll(_C, "mjcb_time")
 """Clock of MuJoCo's profiler `mjData.timer`, installed by the Python package; its calls take 6 % of a step."""
-INSTALLED = clock.value
-"""Address of the profiler clock, which is disabled here for the whole process."""
+INSTALLED = clock.value  # Address of the profiler clock, which is disabled here for the whole process
 clock.value = None
 
 

@@ -17,19 +17,15 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.vectors import Vector
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
-SPARE_M = 0.01
-"""Clearance below which contacts are detected [m]; large compared with rounding errors."""
+SPARE_M = 0.01  # Clearance below which contacts are detected [m]; large compared with rounding errors
 
 
 class Clearance(NamedTuple):
     """Height and extent of the parts that can touch the ground, and the plane of the ground."""
 
-    lowest: float
-    """Minimum height of a part in the chassis frame [m]."""
-    reach: float
-    """Maximum distance of a part from the z axis of the chassis [m]."""
-    normal: Vector
-    """Normal of the ground [-]."""
+    lowest: float  # Minimum height of a part in the chassis frame [m]
+    reach: float  # Maximum distance of a part from the z axis of the chassis [m]
+    normal: Vector  # Normal of the ground [-]
     level: float
     """Height of the ground along the normal [m]; infinite if bodies other than the chassis can touch the ground."""
 

@@ -11,12 +11,10 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.machine import Machine
 from agrobot_mj.plants.mujoco.stepping import TractorMotion
 
-CLOSES_BELOW_DEG = 3.0
-"""Difference between the steering angles of release and engagement [deg]. Assumed value (2-5)."""
+CLOSES_BELOW_DEG = 3.0  # Difference between the steering angles of release and engagement [deg]. Assumed value (2-5).
 RELEASES_AT = 0.5
 """Slip at which the front-wheel drive is released, divided by the slip of engagement [-]. Assumed value (0.3-0.7)."""
-LEAST_M_S = 0.1
-"""Rim speed below which slip is not evaluated [m/s]."""
+LEAST_M_S = 0.1  # Rim speed below which slip is not evaluated [m/s]
 LOCK, FRONT = "differential_lock", "front_wheel_drive"
 
 

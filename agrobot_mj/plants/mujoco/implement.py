@@ -166,10 +166,8 @@ def attached(
 class Motion(NamedTuple):
     """Position and velocity of a point, ENU."""
 
-    place: tuple[float, float, float]
-    """Position of the point, ENU [m]."""
-    velocity: tuple[float, float, float]
-    """Velocity of the point, ENU [m/s]."""
+    place: tuple[float, float, float]  # Position of the point, ENU [m]
+    velocity: tuple[float, float, float]  # Velocity of the point, ENU [m/s]
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:

@@ -20,8 +20,7 @@ from agrobot_mj.core.vectors import Vector, cross, minus, plus, scaled, to_world
 from agrobot_mj.plants.mujoco.views import CHASSIS, Views
 from agrobot_mj.tyres.patch import relax
 
-GIVE = 0.03
-"""Distance over which the soil resistance of a tool builds up [m]. Assumed value."""
+GIVE = 0.03  # Distance over which the soil resistance of a tool builds up [m]. Assumed value.
 EASE = 10.0
 """Time constant of the decay of the resistance at rest [s]. Assumed value; stuck tractors creep at 3 mm/s or less."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)

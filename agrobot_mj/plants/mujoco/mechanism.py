@@ -13,8 +13,7 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 CRANK_KG, CRANK_ARMATURE, CRANK_DAMPING = 1e-6, 1.0, 5.0
 """Mass of the crank, included in the mass of the body [kg]; inertia [kg m2] and damping [N m s/rad] of the parts
 rotating with the cylinder on the compact tractor, which scale with mass and squared track."""
-STIFF = (0.004, 1.0)
-"""Time constant [s] and damping ratio of the coupling between crank and knuckles."""
+STIFF = (0.004, 1.0)  # Time constant [s] and damping ratio of the coupling between crank and knuckles
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 

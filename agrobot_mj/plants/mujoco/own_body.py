@@ -22,8 +22,7 @@ from agrobot_mj.plants.mujoco.mechanism import add_mechanism
 from agrobot_mj.plants.mujoco.own_contract import OURS, ROLL, TYRES, Posed, contract_faults, inertial_of
 from agrobot_mj.plants.mujoco.own_files import own_files
 
-CONTACT = "_contact"
-"""Suffix of the names of geoms that touch the ground."""
+CONTACT = "_contact"  # Suffix of the names of geoms that touch the ground
 PLAIN = {
     "geom": (
         *("contype", "conaffinity", "condim", "priority", "friction", "solref", "solimp", "solmix", "margin", "gap"),
@@ -38,8 +37,7 @@ PLAIN = {
     "actuator": ("gear", "delay", "nsample", "armature", "damping", "actearly", "inheritrange", "group"),
 }
 """Attributes that `_forget_defaults` resets, by element: the default class of a file may change them."""
-DIGITS = 10
-"""Number of significant digits of values derived from a body."""
+DIGITS = 10  # Number of significant digits of values derived from a body
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:

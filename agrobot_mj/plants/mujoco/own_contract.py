@@ -18,16 +18,12 @@ SPINS = tuple(f"spin_{w}" for w in WHEELS)
 STEERS = ("steer_fl", "steer_fr")
 ROLL, CRANK = "axle_roll", "steer"
 TYRES = tuple(f"tyre_{w}" for w in WHEELS)
-OURS = (*SPINS, *STEERS, CRANK)
-"""Joints driven and coupled by the simulator."""
-RESERVED = ("implement", "wheel_il", "wheel_ir")
-"""Names of bodies added by the simulator."""
-ALONG, UPRIGHT = 0.999, 0.7
-"""Minimum cosines of the axes of wheels and axle, and of the kingpins [-]: 2.5 and 45 deg."""
+OURS = (*SPINS, *STEERS, CRANK)  # Joints driven and coupled by the simulator
+RESERVED = ("implement", "wheel_il", "wheel_ir")  # Names of bodies added by the simulator
+ALONG, UPRIGHT = 0.999, 0.7  # Minimum cosines of the axes of wheels and axle, and of the kingpins [-]: 2.5 and 45 deg
 PLACE_M, SHARE = 0.01, 0.05
 """Maximum error of a position [m], and of the height of a wheel centre, divided by the free radius [-]."""
-ASIDE = 0.1
-"""Maximum distance of the centre of mass from the centre line, divided by the track width [-]."""
+ASIDE = 0.1  # Maximum distance of the centre of mass from the centre line, divided by the track width [-]
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
 
 
@@ -71,12 +67,9 @@ class Posed:
 class MassProperties(NamedTuple):
     """Mass properties of the complete machine."""
 
-    mass: float
-    """Mass of the machine [kg]."""
-    centre: Array
-    """Centre of mass of the machine, shape (3,) [m]."""
-    moments: Array
-    """Moments of inertia about the centre of mass: roll, pitch and yaw, shape (3,) [kg m2]."""
+    mass: float  # Mass of the machine [kg]
+    centre: Array  # Centre of mass of the machine, shape (3,) [m]
+    moments: Array  # Moments of inertia about the centre of mass: roll, pitch and yaw, shape (3,) [kg m2]
 
 
 def inertial_of(posed: Posed) -> MassProperties:

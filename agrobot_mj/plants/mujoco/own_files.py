@@ -14,14 +14,11 @@ from agrobot_mj.core.resources import checked, refuse
 
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
 """Maximum size of an MJCF file and of an asset [bytes], and maximum number of files."""
-MOST_ELEMENTS = 20_000
-"""Maximum number of elements of a body after expanding replicates and attached models [-]."""
-LARGEST = 5_000
-"""Maximum value of an attribute that determines memory allocated by MuJoCo [-]."""
+MOST_ELEMENTS = 20_000  # Maximum number of elements of a body after expanding replicates and attached models [-]
+LARGEST = 5_000  # Maximum value of an attribute that determines memory allocated by MuJoCo [-]
 SIZES = {"count", "height", "ncol", "nkey", "nrow", "width"}
 """Names of size attributes, in addition to names that begin with `nuser_`."""
-FOLDERS = {"assetdir", "meshdir", "texturedir"}
-"""Attributes of `compiler` that contain names of asset folders."""
+FOLDERS = {"assetdir", "meshdir", "texturedir"}  # Attributes of `compiler` that contain names of asset folders
 NOT_OURS = {"plugin", "extension", "flexcomp", "flex", "composite", "skin", "deformable"}
 """Elements that a body must not contain: plugins and non-rigid elements."""
 
@@ -30,8 +27,7 @@ class OwnFiles(NamedTuple):
     """Files of a user-defined body."""
 
     main: Path
-    others: tuple[Path, ...]
-    """Resolved paths of all included and referenced files, without duplicates."""
+    others: tuple[Path, ...]  # Resolved paths of all included and referenced files, without duplicates
 
 
 def own_files(name: str) -> OwnFiles:
@@ -50,8 +46,7 @@ class _Element(NamedTuple):
 
     tag: str
     given: dict[str, str]
-    copies: int
-    """Number of copies of the element: product of the counts of the enclosing `replicate` elements."""
+    copies: int  # Number of copies of the element: product of the counts of the enclosing `replicate` elements
 
 
 class _Size:

@@ -14,19 +14,15 @@ from agrobot_mj.plants.mujoco.clearance import rotation_of
 from agrobot_mj.plants.mujoco.model import is_physical_inertia, steiner
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
-LEAST_KG = 1.0
-"""Minimum mass of the chassis [kg]."""
+LEAST_KG = 1.0  # Minimum mass of the chassis [kg]
 
 
 class Inertial(NamedTuple):
     """Mass properties of a body in its own frame."""
 
-    mass: float
-    """Mass of the body [kg]."""
-    centre: Array
-    """Centre of mass, shape (3,) [m]."""
-    inertia: Array
-    """Inertia about the centre of mass in body axes, shape (3, 3) [kg m2]."""
+    mass: float  # Mass of the body [kg]
+    centre: Array  # Centre of mass, shape (3,) [m]
+    inertia: Array  # Inertia about the centre of mass in body axes, shape (3, 3) [kg m2]
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:

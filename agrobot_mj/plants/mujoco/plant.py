@@ -42,10 +42,8 @@ STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 [-]. Friction in MuJoCo creeps under load: with these factors by 0.2 um/s (`contact`: 0.15 um/s) on 10 deg."""
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
-NOWHERE = (nan, nan)
-"""Position of the working point of a tractor without implement."""
-DIVERGED_SPEED = 100.0
-"""Speed above which the simulation has diverged [m/s]. Assumed value."""
+NOWHERE = (nan, nan)  # Position of the working point of a tractor without implement
+DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. Assumed value.
 
 
 class MujocoPlant(RunningPlant):

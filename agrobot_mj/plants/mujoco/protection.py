@@ -12,10 +12,8 @@ from collections.abc import Mapping
 
 import llvmlite.binding as llvm
 
-Calls = Mapping[str, tuple[str, ...]]
-"""Names of the C functions that each sequence calls."""
-NOTED = 1000
-"""Maximum length of a stored error message [bytes]."""
+Calls = Mapping[str, tuple[str, ...]]  # Names of the C functions that each sequence calls
+NOTED = 1000  # Maximum length of a stored error message [bytes]
 PROTECTED = sys.platform in ("linux", "darwin")
 """Whether errors of MuJoCo are caught on this platform; otherwise errors end the process."""
 _HEAD = """

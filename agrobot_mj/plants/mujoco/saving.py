@@ -19,8 +19,7 @@ class MujocoState(NamedTuple):
     """Saved state of a `MujocoPlant`."""
 
     physics: Array
-    left: tuple[AnyArray, ...]
-    """Results of the last step in MjData, and friction of the geoms."""
+    left: tuple[AnyArray, ...]  # Results of the last step in MjData, and friction of the geoms
     memories: tuple[AnyArray, ...]
     """Copies of the arrays that a tick modifies in place: tyres, loads, valve, drive, samples."""
     conditions: Conditions

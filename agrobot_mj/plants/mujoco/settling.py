@@ -14,8 +14,7 @@ from agrobot_mj.plants.mujoco.stepping import Oil, TractorMotion
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import FRICTION_USE, LOAD
 
-PASSES = 3
-"""Number of fits of the plane; each fit uses the wheel positions of the previous fit."""
+PASSES = 3  # Number of fits of the plane; each fit uses the wheel positions of the previous fit
 
 
 def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[Array, float]:
@@ -57,8 +56,7 @@ AT_THE_LIMIT = 0.99
 TRAVELLING, ROLLING = 0.5, 0.5
 """Ratio of mean to maximum velocity above which a tractor moves away instead of rocking, and ratio of rear rim speed to
 mean velocity above which the tractor rolls instead of sliding [-]."""
-GONE_M = 5.0
-"""Distance above which settling ends for a tractor that moves away [m]. Assumed value."""
+GONE_M = 5.0  # Distance above which settling ends for a tractor that moves away [m]. Assumed value.
 SLIDING = 0.02
 """Mean velocity above which a tractor with locked wheels slides instead of creeping [m/s]. Assumed value."""
 GRIPPING = 0.95
@@ -131,12 +129,9 @@ class Settled(NamedTuple):
     """Tractor at the end of settling."""
 
     truth: Truth
-    recent: RecentMotion
-    """Motion in the last `REST_S` of settling."""
-    mass: float
-    """Mass of the tractor with its load and implement [kg]."""
-    wheels: Array
-    """Tyre report, shape (4, 6): see `tyres.patch`; the last column is the friction use."""
+    recent: RecentMotion  # Motion in the last `REST_S` of settling
+    mass: float  # Mass of the tractor with its load and implement [kg]
+    wheels: Array  # Tyre report, shape (4, 6): see `tyres.patch`; the last column is the friction use
     fallen: bool
 
 

@@ -20,10 +20,8 @@ from agrobot_mj.terrain.grid import Ground
 from agrobot_mj.tyres.laws import wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
-FAILED = -1
-"""Number of steps that `run_steps` returns after an error of MuJoCo."""
-STEERING, DRIVE = 0, 1
-"""Order of the actuators in `models/tractor.xml`."""
+FAILED = -1  # Number of steps that `run_steps` returns after an error of MuJoCo
+STEERING, DRIVE = 0, 1  # Order of the actuators in `models/tractor.xml`
 
 
 class TractorMotion(NamedTuple):
@@ -32,53 +30,37 @@ class TractorMotion(NamedTuple):
     cg: Motion
     antenna: Motion
     rear: Motion
-    attitude: Vector
-    """Yaw, pitch and roll of the chassis [rad]."""
+    attitude: Vector  # Yaw, pitch and roll of the chassis [rad]
     speed: float
     lateral_speed: float
     yaw_rate: float
     body_rates: Vector
     steer: float
     pedal: float
-    spin: float
-    """Mean angular velocity of the driven wheels [rad/s]."""
+    spin: float  # Mean angular velocity of the driven wheels [rad/s]
     actuation: Vector
     """Oil flow to the steering cylinder [m3/s], its pressure [Pa], and torque on the driven wheels [N m]."""
-    fastest: float
-    """Maximum velocity component of CG and antenna [m/s]; infinite if the motion is not finite."""
-    lean_cosine: float
-    """Cosine of the angle between the upward axis of the chassis and the vertical [-]."""
+    fastest: float  # Maximum velocity component of CG and antenna [m/s]; infinite if the motion is not finite
+    lean_cosine: float  # Cosine of the angle between the upward axis of the chassis and the vertical [-]
 
 
 class Oil(NamedTuple):
     """Parameters of the oil columns in steering cylinder and hydrostat: conversion of flow to motion, relief limits."""
 
-    displacement: float
-    """Displacement of the steering cylinder [m3/rad]."""
-    steer_limit: float
-    """Maximum steering angle in both directions, given by the stops [rad]."""
-    steer_windup: float
-    """Deflection of the steering at relief pressure: relief torque divided by stiffness [rad]."""
-    steer_lead: float
-    """Damping of the steering divided by its stiffness [s]."""
-    steer_play: float
-    """Half the backlash between cylinder and wheels; 0 without backlash [rad]."""
-    drive_radius: float
-    """Rim speed divided by angular velocity of the wheels [m]."""
-    drive_torque: float
-    """Relief torque of the hydrostat [N m]."""
-    drive_power: float
-    """Maximum driving power [W]."""
-    drive_stiffness: float
-    """Stiffness of the trapped oil in the drive [N m/rad]."""
-    drive_lead: float
-    """Damping of the drive divided by its stiffness [s]."""
-    droop: float
-    """Relative decrease of the drive's speed at its power limit [-]."""
+    displacement: float  # Displacement of the steering cylinder [m3/rad]
+    steer_limit: float  # Maximum steering angle in both directions, given by the stops [rad]
+    steer_windup: float  # Deflection of the steering at relief pressure: relief torque divided by stiffness [rad]
+    steer_lead: float  # Damping of the steering divided by its stiffness [s]
+    steer_play: float  # Half the backlash between cylinder and wheels; 0 without backlash [rad]
+    drive_radius: float  # Rim speed divided by angular velocity of the wheels [m]
+    drive_torque: float  # Relief torque of the hydrostat [N m]
+    drive_power: float  # Maximum driving power [W]
+    drive_stiffness: float  # Stiffness of the trapped oil in the drive [N m/rad]
+    drive_lead: float  # Damping of the drive divided by its stiffness [s]
+    droop: float  # Relative decrease of the drive's speed at its power limit [-]
     front_share: float
     """Fraction of the motor torque that acts at the front wheels; 0 without motors at the front wheels [-]."""
-    front_gear: float
-    """Radius of the front wheels divided by radius of the rear wheels [-]."""
+    front_gear: float  # Radius of the front wheels divided by radius of the rear wheels [-]
 
 
 def oil_of(machine: Machine) -> Oil:
@@ -112,21 +94,17 @@ class Actuators(NamedTuple):
     valve_memory: ValveMemory
     drive: DriveLaw
     drive_memory: DriveMemory
-    cylinder: Array
-    """Cylinder position as an angle of the virtual wheel, used only with backlash, shape (1,) [rad]."""
+    cylinder: Array  # Cylinder position as an angle of the virtual wheel, used only with backlash, shape (1,) [rad]
 
 
 class Tyred(NamedTuple):
     """Tyres of a tractor with their state; arrays are written in place."""
 
-    native: bool
-    """Whether MuJoCo contact carries the wheels."""
+    native: bool  # Whether MuJoCo contact carries the wheels
     tyres: TyreSet
     ground: Ground
-    bristles: Array
-    """Bristle deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]."""
-    report: Array
-    """Report of the tyres, shape (4, 6); see `tyres.patch`."""
+    bristles: Array  # Bristle deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]
+    report: Array  # Report of the tyres, shape (4, 6); see `tyres.patch`
 
 
 @kernel

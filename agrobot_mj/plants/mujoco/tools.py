@@ -35,32 +35,20 @@ DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 class Attached(NamedTuple):
     """Data of an implement for the compiled loop; the arrays are written in place."""
 
-    body: int
-    """MuJoCo id of the implement's body; 0 without an implement."""
-    native: bool
-    """Whether MuJoCo contact carries the wheels."""
-    working: bool
-    """Whether a tool is in the soil."""
+    body: int  # MuJoCo id of the implement's body; 0 without an implement
+    native: bool  # Whether MuJoCo contact carries the wheels
+    working: bool  # Whether a tool is in the soil
     tool: ToolLaw
-    tip: Vector
-    """Tip of the tool in the frame of the body [m]."""
+    tip: Vector  # Tip of the tool in the frame of the body [m]
     depth_wheel: DepthWheel
-    uneven: Array
-    """Draught divided by its mean along the path, shape (n,) [-]."""
-    uneven_step: float
-    """Distance along the path between the entries of `uneven` [m]."""
-    wheels: Index
-    """Body ids of the implement's wheels, shape (0,) or (2,)."""
-    tyres: TyreSet
-    """Tyres of the implement's wheels, in the order of `wheels`."""
-    bristles: Array
-    """Bristles of the tyres, shape (2, 3); see `stepping.Tyred`."""
-    wheel_report: Array
-    """Report of the implement's tyres, shape (2, 6); see `tyres.patch`."""
-    memory: Array
-    """State of the tool, shape (5,): see `AHEAD`."""
-    report: Array
-    """Report of the implement, shape (4,): see `DRAUGHT`."""
+    uneven: Array  # Draught divided by its mean along the path, shape (n,) [-]
+    uneven_step: float  # Distance along the path between the entries of `uneven` [m]
+    wheels: Index  # Body ids of the implement's wheels, shape (0,) or (2,)
+    tyres: TyreSet  # Tyres of the implement's wheels, in the order of `wheels`
+    bristles: Array  # Bristles of the tyres, shape (2, 3); see `stepping.Tyred`
+    wheel_report: Array  # Report of the implement's tyres, shape (2, 6); see `tyres.patch`
+    memory: Array  # State of the tool, shape (5,): see `AHEAD`
+    report: Array  # Report of the implement, shape (4,): see `DRAUGHT`
 
 
 @kernel

@@ -8,8 +8,7 @@ import numpy as np
 from agrobot_mj.core.signals import WHEELS, Array, Index
 from agrobot_mj.terrain.memory import AnyArray
 
-CHASSIS = 1
-"""Body id of the chassis, the first body after the world."""
+CHASSIS = 1  # Body id of the chassis, the first body after the world
 IMPLEMENT = "implement"
 DISABLED = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
 """Features of MuJoCo that `model` disables: restart of a diverged run, and search for islands (all bodies are one)."""
@@ -20,23 +19,17 @@ class Coupling(NamedTuple):
 
     rows: Index
     """Ids of both couplings among the equality constraints, shape (2,); empty if the solver must compute the force."""
-    knuckles_v: Index
-    """Indices of both knuckle rates in qvel, shape (2,)."""
+    knuckles_v: Index  # Indices of both knuckle rates in qvel, shape (2,)
     eq_active: AnyArray
     eq_data: Array
-    solref: Array
-    """Stiffness and damping of both couplings, per unit of the inverse inertia, shape (2, 2) [1/s2, 1/s]."""
+    solref: Array  # Stiffness and damping of both couplings, per unit of the inverse inertia, shape (2, 2) [1/s2, 1/s]
     solimp: Array
-    weights: Array
-    """Inverse inertia of each degree of freedom in the initial position, shape (nv,)."""
+    weights: Array  # Inverse inertia of each degree of freedom in the initial position, shape (nv,)
     frictionloss: Array
-    stops_q: Index
-    """Indices of the joints with stops in qpos, shape (k,)."""
-    stops: Array
-    """Angles between which no stop acts, shape (k, 2) [rad]."""
+    stops_q: Index  # Indices of the joints with stops in qpos, shape (k,)
+    stops: Array  # Angles between which no stop acts, shape (k, 2) [rad]
     body_parent: AnyArray
-    body_dofs: AnyArray
-    """Number of degrees of freedom of each body."""
+    body_dofs: AnyArray  # Number of degrees of freedom of each body
     cdof: Array
     passive: Array
     bias: Array
@@ -50,10 +43,8 @@ class Coupling(NamedTuple):
     inverse_diagonal: Array
     row_nonzeros: AnyArray
     columns: AnyArray
-    wrenches: Array
-    """Working memory: wrench on each body with its descendants, shape (nbody, 6)."""
-    work: Array
-    """Working memory for the solution, shape (3, nv)."""
+    wrenches: Array  # Working memory: wrench on each body with its descendants, shape (nbody, 6)
+    work: Array  # Working memory for the solution, shape (3, nv)
 
 
 class Views(NamedTuple):
@@ -63,35 +54,25 @@ class Views(NamedTuple):
     data: int
     ctrl: Array
     act: Array
-    torques: Array
-    """Torques of the actuators in the last step, shape (2,) [N m]."""
+    torques: Array  # Torques of the actuators in the last step, shape (2,) [N m]
     qpos: Array
     qvel: Array
     xpos: Array
     xmat: Array
     xipos: Array
     cvel: Array
-    root_com: Array
-    """Centre of mass of the tractor, the reference point of `cvel`, shape (3,)."""
+    root_com: Array  # Centre of mass of the tractor, the reference point of `cvel`, shape (3,)
     implement_com: Array
     """Centre of mass of the implement with its wheels, or of the tractor without an implement, shape (3,)."""
     xfrc: Array
-    wheels: Index
-    """Body ids of the wheels, shape (4,)."""
-    steer_q: int
-    """Index of the virtual steering angle in qpos."""
-    spins_q: Index
-    """Indices of the driven rear wheels' angles in qpos, shape (2,)."""
-    knuckles_q: Index
-    """Indices of the left and right knuckle angles in qpos, shape (2,)."""
-    steer_v: int
-    """Index of the virtual steering rate in qvel."""
-    spins_v: Index
-    """Indices of the driven rear wheels' rates in qvel, shape (2,)."""
-    fronts_q: Index
-    """Indices of the front wheels' angles in qpos, shape (2,)."""
-    fronts_v: Index
-    """Indices of the front wheels' rates in qvel, shape (2,)."""
+    wheels: Index  # Body ids of the wheels, shape (4,)
+    steer_q: int  # Index of the virtual steering angle in qpos
+    spins_q: Index  # Indices of the driven rear wheels' angles in qpos, shape (2,)
+    knuckles_q: Index  # Indices of the left and right knuckle angles in qpos, shape (2,)
+    steer_v: int  # Index of the virtual steering rate in qvel
+    spins_v: Index  # Indices of the driven rear wheels' rates in qvel, shape (2,)
+    fronts_q: Index  # Indices of the front wheels' angles in qpos, shape (2,)
+    fronts_v: Index  # Indices of the front wheels' rates in qvel, shape (2,)
     coupling: Coupling
 
 

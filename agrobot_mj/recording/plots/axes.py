@@ -17,16 +17,12 @@ from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
 """Height of all plots of a tab, height of title and time axis of a plot, minimum distance of labels [pixels]."""
-MARGIN = 0.04
-"""Margin above and below the values [fraction of the range], so that the outermost label is complete."""
-THIRD = 1.6
-"""Maximum factor by which an axis is extended to obtain a third label [-]."""
+MARGIN = 0.04  # Margin above and below the values [fraction of the range], so that the outermost label is complete
+THIRD = 1.6  # Maximum factor by which an axis is extended to obtain a third label [-]
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
 """Number of labelled steps of an axis with unknown values, and number below which steps are divided by ten [-]."""
-ROOM = 1.02
-"""Length of the time axis divided by the duration of the run [-]."""
-EDGE = 0.045
-"""Width at the end of the time axis within which a label would be cut off [fraction of the axis]."""
+ROOM = 1.02  # Length of the time axis divided by the duration of the run [-]
+EDGE = 0.045  # Width at the end of the time axis within which a label would be cut off [fraction of the axis]
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
 """Limits for axes that cut off rare values: if the maximum exceeds `CUT_ABOVE` times e = `CUT_AT` times the quantile
 `CUT_QUANTILE` of the values, the axis ends at e."""
@@ -50,20 +46,16 @@ class Range(NamedTuple):
 
     low: float
     high: float
-    beyond: float | None = None
-    """Maximum of the values if the axis ends below it, otherwise None."""
+    beyond: float | None = None  # Maximum of the values if the axis ends below it, otherwise None
 
 
 class Frame(NamedTuple):
     """Axes and legend of a plot."""
 
-    values: Range | None = None
-    """Range of the values; None for the automatic range of the viewer."""
+    values: Range | None = None  # Range of the values; None for the automatic range of the viewer
     legend: Corner2D = Corner2D.RightTop
-    room: float = 0.0
-    """Fraction of the time axis reserved for the legend [-]; 0 if the legend fits in a corner."""
-    mean_s: float | None = None
-    """Window length of the moving mean drawn with the signals [s]; None without a mean."""
+    room: float = 0.0  # Fraction of the time axis reserved for the legend [-]; 0 if the legend fits in a corner
+    mean_s: float | None = None  # Window length of the moving mean drawn with the signals [s]; None without a mean
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:

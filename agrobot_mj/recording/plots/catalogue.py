@@ -30,13 +30,10 @@ class Series(NamedTuple):
     """Line of a plot."""
 
     label: str
-    column: str
-    """Column of the log, or key of the result of `derived`."""
-    colour: int
-    """Colour as 0xRRGGBBAA."""
+    column: str  # Column of the log, or key of the result of `derived`
+    colour: int  # Colour as 0xRRGGBBAA
     sign: float = 1.0
-    wider: int = 0
-    """Number of steps by which the line is wider than normal."""
+    wider: int = 0  # Number of steps by which the line is wider than normal
 
 
 class Plot(NamedTuple):
@@ -46,16 +43,11 @@ class Plot(NamedTuple):
     title: str
     unit: str
     series: tuple[Series, ...]
-    every: int = 1
-    """Number of ticks between points. Slow signals have more than one."""
-    includes: tuple[float, ...] = ()
-    """Values that the axis range always includes."""
-    may_be_cut: bool = False
-    """Whether the axis may cut off rare extreme values, so that other values are readable."""
-    steps: bool = False
-    """Whether the line has steps, because values are constant between points."""
-    as_logged: bool = False
-    """Whether the log already contains the values in the unit of the plot."""
+    every: int = 1  # Number of ticks between points. Slow signals have more than one.
+    includes: tuple[float, ...] = ()  # Values that the axis range always includes
+    may_be_cut: bool = False  # Whether the axis may cut off rare extreme values, so that other values are readable
+    steps: bool = False  # Whether the line has steps, because values are constant between points
+    as_logged: bool = False  # Whether the log already contains the values in the unit of the plot
     legend: bool = True
 
     @property
@@ -137,8 +129,7 @@ PLOTS = (
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
 """All plots of a run, in the order of the tabs, except the plots of the fuzzy neural network."""
-DRIVE = ("tracking/", "yaw_rate/loop", "control/command")
-"""Path prefixes of the plots next to the scene."""
+DRIVE = ("tracking/", "yaw_rate/loop", "control/command")  # Path prefixes of the plots next to the scene
 
 DIFFERENCE = "difference"
 """Name of the difference signal of a comparison: cross-track error minus the cross-track error of the first run."""
@@ -151,14 +142,12 @@ COMPARED = (
     _single("speed", "Speed", "m/s", "", "speed"),
 )
 """Plots of a comparison. Each plot has one line per run, with the name and colour of the run."""
-NEGATED = ("tau_n",)
-"""Columns plotted with the opposite sign in a comparison."""
+NEGATED = ("tau_n",)  # Columns plotted with the opposite sign in a comparison
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
 """Unit of a plot by unit of the log column, for plots that do not define a unit."""
-REPORTED = "reported/"
-"""Path prefix of the plots of log columns that are not listed in the catalogue."""
+REPORTED = "reported/"  # Path prefix of the plots of log columns that are not listed in the catalogue
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:

@@ -32,16 +32,12 @@ from agrobot_mj.simulation.log import Rows
 COLOURS = tuple(
     rgba(colour) for colour in (SKY_BLUE, ORANGE, GREEN, PINK, VERMILION, YELLOW, ROYAL_BLUE, LIGHT_GREY, BROWN)
 )
-MOST_LINES = 18
-"""Maximum number of lines of a plot. For larger networks, evenly spaced parameters are plotted."""
-EVERY_TICKS = 5
-"""Number of ticks between heat maps, and between points of the parameter plots. Both vary slowly."""
-MOST_LABELS = 64
-"""Maximum number of cells of a heat map whose values are shown as text."""
+MOST_LINES = 18  # Maximum number of lines of a plot. For larger networks, evenly spaced parameters are plotted.
+EVERY_TICKS = 5  # Number of ticks between heat maps, and between points of the parameter plots. Both vary slowly.
+MOST_LABELS = 64  # Maximum number of cells of a heat map whose values are shown as text
 BESIDE, ABOVE = 0.2, 0.2
 """Distance of the set names from the heat map: left [fraction of its width], above [fraction of its height]."""
-MOST_SHARE = 1e3
-"""Normalised firing strength above which the network has diverged and heat maps are omitted [-]."""
+MOST_SHARE = 1e3  # Normalised firing strength above which the network has diverged and heat maps are omitted [-]
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
 """Unit of each input of the network: 1, yaw-rate error; 2, derivative of the yaw-rate error."""
@@ -53,8 +49,7 @@ class Map(NamedTuple):
     entity: str
     title: str
     sizes: tuple[int, int]
-    columns: Index
-    """Columns of the log that contain the values of the cells, row by row."""
+    columns: Index  # Columns of the log that contain the values of the cells, row by row
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:

@@ -19,19 +19,14 @@ from agrobot_mj.recording.plots.catalogue import DRIVE, PLOTS, Plot, derived, sh
 from agrobot_mj.recording.transport.timeline import TIMELINE, Index, Times, nanoseconds, partitioned
 from agrobot_mj.simulation.log import Rows
 
-SETTLED_S = 5.0
-"""Time after which axes include the bounds of the estimate [s]. The initial bounds are wide."""
+SETTLED_S = 5.0  # Time after which axes include the bounds of the estimate [s]. The initial bounds are wide.
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
 """Line widths: normal, signal with a moving mean, moving mean; increment of `Series.wider` [pixels]."""
-PALE = 0x48
-"""Opacity of a signal that has a mean, out of 0xFF."""
-MEAN_S = 2.0
-"""Window length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s."""
-MEAN_TICKS = 5
-"""Number of ticks between points of the moving mean."""
-MEAN = "mean"
-"""Name of the entity with the moving means, below the entity of the plot."""
+PALE = 0x48  # Opacity of a signal that has a mean, out of 0xFF
+MEAN_S = 2.0  # Window length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s
+MEAN_TICKS = 5  # Number of ticks between points of the moving mean
+MEAN = "mean"  # Name of the entity with the moving means, below the entity of the plot
 WINDOWS = 100
 """Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
 MOST_NOISE = 0.1
@@ -43,10 +38,8 @@ class _Lines(NamedTuple):
     """Plot with the columns and factors of its series."""
 
     plot: Plot
-    columns: Index
-    """Column of each series in the table of all signals."""
-    factors: Array
-    """Factor of each series from the SI unit of the log to the unit of the plot, including the sign."""
+    columns: Index  # Column of each series in the table of all signals
+    factors: Array  # Factor of each series from the SI unit of the log to the unit of the plot, including the sign
 
 
 class Signals:

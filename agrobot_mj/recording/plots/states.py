@@ -45,8 +45,7 @@ class Lane(NamedTuple):
         return self.labels[value] if 0 <= value < len(self.labels) else UNKNOWN
 
 
-UNKNOWN = "unknown"
-"""Label of a missing or undefined state."""
+UNKNOWN = "unknown"  # Label of a missing or undefined state
 LANES = (
     Lane("gnss", ("none", "float", "fix", "DGPS"), (BAD, DOUBTFUL, GOOD, DOUBTFUL), "gnss_quality"),
     Lane("steering", ("free", "at its limit"), (GOOD, BAD), "steer_saturated"),

@@ -19,11 +19,9 @@ from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.viewer import RERUN, free_port, started
 from agrobot_mj.simulation.results import atomic
 
-START_S = 60.0
-"""Time limit for the start of the viewer's server [s]."""
+START_S = 60.0  # Time limit for the start of the viewer's server [s]
 LEVEL = 6
-SCRIPT_NAME, MODULE_NAME = "re_viewer.js", "re_viewer_bg.wasm"
-"""Names of the files of the web viewer."""
+SCRIPT_NAME, MODULE_NAME = "re_viewer.js", "re_viewer_bg.wasm"  # Names of the files of the web viewer
 STYLE = """
 html, body { margin: 0; height: 100%; background: #0d1011; color: #cad8de; font: 15px/1.4 system-ui, sans-serif; }
 body { display: flex; flex-direction: column; }

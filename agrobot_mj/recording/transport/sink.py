@@ -24,10 +24,8 @@ try:
 except ImportError:  # pragma: no cover - Windows has no file size limits
     resource = None  # type: ignore[assignment]
 
-PATIENCE_S = 5.0
-"""Time limit for a flush [s], a thousand times the duration of a normal flush."""
-LAST_WORDS_S = 0.5
-"""Delay after a failed flush before the file is truncated, because Rerun tries again to write [s]."""
+PATIENCE_S = 5.0  # Time limit for a flush [s], a thousand times the duration of a normal flush
+LAST_WORDS_S = 0.5  # Delay after a failed flush before the file is truncated, because Rerun tries again to write [s]
 FULL_BYTES = 200_000
 """Free space below which a disk is full [bytes]. On a full disk, Rerun writes incomplete chunks without an error."""
 LEAST_BYTES = 10_000

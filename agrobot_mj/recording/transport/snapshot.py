@@ -29,22 +29,15 @@ from agrobot_mj.recording.transport.viewer import RERUN, end, free_port, started
 from agrobot_mj.simulation.progress import tally
 from agrobot_mj.simulation.results import atomic, check_names
 
-Kind = Literal["png", "gif", "mp4"]
-"""Format of the output file."""
-SIZE, TITLE_BAR = (1920, 1080), 37
-"""Width and height of the images, and height of the removed title bar [pixels]."""
+Kind = Literal["png", "gif", "mp4"]  # Format of the output file
+SIZE, TITLE_BAR = (1920, 1080), 37  # Width and height of the images, and height of the removed title bar [pixels]
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
 """Duration of an animation [s], frame rate [1/s], maximum size [pixels], and number of colours."""
-SHOWN_S = 60.0
-"""Default time at which an image shows the recording [s]. A shorter recording is shown at its end."""
-TRIES = 3
-"""Maximum number of attempts. Attempt number n has n times the time limits of the first attempt."""
-START_S = 30.0
-"""Time limit for the start of the viewer in the first attempt [s]."""
-LOAD_S = 60.0
-"""Time limit for loading a recording in the first attempt [s]."""
-TOASTS_S = 4.5
-"""Time after the start during which messages of the viewer cover the image [s]."""
+SHOWN_S = 60.0  # Default time at which an image shows the recording [s]. A shorter recording is shown at its end.
+TRIES = 3  # Maximum number of attempts. Attempt number n has n times the time limits of the first attempt.
+START_S = 30.0  # Time limit for the start of the viewer in the first attempt [s]
+LOAD_S = 60.0  # Time limit for loading a recording in the first attempt [s]
+TOASTS_S = 4.5  # Time after the start during which messages of the viewer cover the image [s]
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
 """Time for the viewer to render all views: after a change of time or tab, and after each frame of an animation [s]."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"

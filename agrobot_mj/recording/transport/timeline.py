@@ -9,8 +9,7 @@ from agrobot_mj.core.signals import Array
 
 APPLICATION = "agrobot_mj"
 TIMELINE = "sim_time"
-Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
-"""Array of integer indices, such as row numbers of the log."""
+Index = np.ndarray[tuple[int, ...], np.dtype[np.int64]]  # Array of integer indices, such as row numbers of the log
 Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 

@@ -31,8 +31,7 @@ URL = f"rerun+http://127.0.0.1:{PORT}/proxy"
 COMMAND = (*(*RERUN, "--bind", "127.0.0.1", "--port", str(PORT)), *("--hide-welcome-screen", "--expect-data-soon"))
 PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
-PATIENCE_S = 15.0
-"""Time limit for the start of a viewer [s]."""
+PATIENCE_S = 15.0  # Time limit for the start of a viewer [s]
 
 
 def view(file: Path) -> int:

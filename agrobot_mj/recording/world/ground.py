@@ -19,39 +19,29 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.grid import Surface, heights
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-MARGIN_M = 50.0
-"""Width of the ground drawn around the path [m]. A tractor farther away has diverged."""
+MARGIN_M = 50.0  # Width of the ground drawn around the path [m]. A tractor farther away has diverged.
 APRON_M, APRON_STEPS = 400.0, 8
 """Width of the apron, a surface around the tiles [m], and its number of segments per side."""
-TILE_M = 2.0
-"""Side length of a tile [m]. Fields that would need more than `MOST_TILES` have larger tiles."""
+TILE_M = 2.0  # Side length of a tile [m]. Fields that would need more than `MOST_TILES` have larger tiles.
 MOST_TILES = 6_000
 MOST_VERTICES = 60_000
 """Maximum number of vertices of subdivided tiles. A vertex needs 52 bytes, including normal and triangles."""
-FINEST_M = 0.1
-"""Minimum distance between vertices on relief [m]: about 7 per furrow of 0.75 m."""
+FINEST_M = 0.1  # Minimum distance between vertices on relief [m]: about 7 per furrow of 0.75 m
 SMOOTH_M = 0.004
 """Maximum deviation from a straight line at which a tile is not subdivided in the direction of the line [m]."""
-BORDER_M = 0.25
-"""Distance between vertices at borders of patches [m]."""
-BLEND_M = 0.35
-"""Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]."""
+BORDER_M = 0.25  # Distance between vertices at borders of patches [m]
+BLEND_M = 0.35  # Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]
 CORRIDOR_M = 4.0
 """Distance from the path within which all tiles with relief are subdivided, with fewer segments if necessary [m]."""
-DIVIDED_M = 25.0
-"""Distance from the path above which relief is omitted, because relief flickers in distant views [m]."""
-ROUGH_LIFT_M = 0.02
-"""Maximum height of the corners of mesh triangles above relief [m]."""
-SHADES = 0.96, 1.04
-"""Brightness factors of the two shades of tiles [-]."""
+DIVIDED_M = 25.0  # Distance from the path above which relief is omitted, because relief flickers in distant views [m]
+ROUGH_LIFT_M = 0.02  # Maximum height of the corners of mesh triangles above relief [m]
+SHADES = 0.96, 1.04  # Brightness factors of the two shades of tiles [-]
 SUN = np.array([-0.45, 0.45, 0.77])
 """Direction of the light on relief and slopes, as a vector (east, north, up): from the north-west, 50 degrees high."""
-DARKEST, BRIGHTEST = 0.55, 1.45
-"""Minimum and maximum brightness factor after shading [-]."""
+DARKEST, BRIGHTEST = 0.55, 1.45  # Minimum and maximum brightness factor after shading [-]
 
 
-Steps = tuple[int, int]
-"""Number of segments of a tile in x and y."""
+Steps = tuple[int, int]  # Number of segments of a tile in x and y
 
 
 class _Field(NamedTuple):
@@ -131,14 +121,10 @@ def smooth_corners(ground: Ground, path: Array) -> Array:
 class _Part(NamedTuple):
     """Part of the mesh: vertices and the triangles between them."""
 
-    positions: Array
-    """Positions of the vertices, shape (n, 3) [m]."""
-    normals: Array
-    """Normals of the vertices, shape (n, 3)."""
-    shade: Array
-    """Shade of each vertex from 0 (dark tile) to 1 (light tile), shape (n,)."""
-    triangles: Index
-    """Vertex indices of the triangles, counter-clockwise seen from above, shape (m, 3)."""
+    positions: Array  # Positions of the vertices, shape (n, 3) [m]
+    normals: Array  # Normals of the vertices, shape (n, 3)
+    shade: Array  # Shade of each vertex from 0 (dark tile) to 1 (light tile), shape (n,)
+    triangles: Index  # Vertex indices of the triangles, counter-clockwise seen from above, shape (m, 3)
 
 
 def _field(ground: Ground, path: Array) -> _Field:

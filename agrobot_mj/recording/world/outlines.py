@@ -8,10 +8,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.world.ground import on_ground
 from agrobot_mj.terrain import Ground
 
-LIFT_M = 0.02
-"""Height of outlines above the ground [m], above the reference path."""
-WIDTH = rr.Radius.ui_points(1.0)
-"""Line width of outlines on the screen."""
+LIFT_M = 0.02  # Height of outlines above the ground [m], above the reference path
+WIDTH = rr.Radius.ui_points(1.0)  # Line width of outlines on the screen
 
 
 def send_outlines(stream: rr.RecordingStream, ground: Ground, name: str, rings: Sequence[Array], colour: int) -> None:

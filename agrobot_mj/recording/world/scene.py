@@ -24,8 +24,7 @@ from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
 """Height of the reference path above the ground [m]. All lines have different heights, so that no line is hidden."""
-PATH_WIDTH = rr.Radius.ui_points(1.0)
-"""Line width of the reference path on the screen, independent of camera distance."""
+PATH_WIDTH = rr.Radius.ui_points(1.0)  # Line width of the reference path on the screen, independent of camera distance
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
 """Distance between points of the reference path: on a plane, on uneven ground [m]; maximum number of points."""
 
@@ -110,10 +109,8 @@ def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
 CONTOURS = "world/contours"
 COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
 """Colour, line width and height [m] of contour lines. They are below the reference path and the tracks."""
-MOST_LINES = 24
-"""Maximum number of contour lines."""
-LEAST_RISE_M = 0.4
-"""Minimum height difference of the ground at which contour lines are drawn [m]."""
+MOST_LINES = 24  # Maximum number of contour lines
+LEAST_RISE_M = 0.4  # Minimum height difference of the ground at which contour lines are drawn [m]
 
 
 def interval(low: float, high: float) -> float | None:

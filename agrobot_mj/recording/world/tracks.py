@@ -18,8 +18,7 @@ from agrobot_mj.recording.world.names import ESTIMATED, TRUE
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
-PIECE_TICKS = 5
-"""Number of ticks per segment of a track: 0.3 m at 1.2 m/s."""
+PIECE_TICKS = 5  # Number of ticks per segment of a track: 0.3 m at 1.2 m/s
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
 """Colours of GNSS fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
@@ -32,13 +31,11 @@ class DrawnTrack(NamedTuple):
     """Track that grows during a run."""
 
     name: str
-    x: str
-    """Log column with the east coordinate."""
+    x: str  # Log column with the east coordinate
     y: str
     colour: int
     lift_m: float
-    width: float
-    """Half width of the line on the screen [pixels]."""
+    width: float  # Half width of the line on the screen [pixels]
 
     @property
     def entity(self) -> str:

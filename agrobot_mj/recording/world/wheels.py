@@ -18,20 +18,16 @@ from agrobot_mj.recording.world.ground import slopes
 from agrobot_mj.simulation.log import Rows
 from agrobot_mj.terrain import Ground
 
-REACH_M = 0.01
-"""Half of the distance over which ground slopes are computed [m]."""
+REACH_M = 0.01  # Half of the distance over which ground slopes are computed [m]
 
 
 class WheelContacts(NamedTuple):
     """Contacts of the wheels fl, fr, rl, rr at n times: vectors in the world frame, shape (n, 4, 3)."""
 
-    patch: Array
-    """Lowest point of the wheel plane (central plane of the tyre) [m]."""
-    forward: Array
-    """Rolling direction, parallel to the ground."""
+    patch: Array  # Lowest point of the wheel plane (central plane of the tyre) [m]
+    forward: Array  # Rolling direction, parallel to the ground
     left: Array
-    normal: Array
-    """Normal of the ground below the wheel centre."""
+    normal: Array  # Normal of the ground below the wheel centre
 
 
 class Wheels:

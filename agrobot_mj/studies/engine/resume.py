@@ -38,12 +38,9 @@ INPUTS = "inputs"
 class Held(NamedTuple):
     """Scenario data with input files copied to the results folder, in the forms for execution and for identity."""
 
-    driven: dict[str, Any]
-    """Scenario data with the paths of the copied files, used by the run."""
-    said: dict[str, Any]
-    """Scenario data with file names instead of paths, used for the identity of the run."""
-    files: tuple[str, ...]
-    """Digests of the input files."""
+    driven: dict[str, Any]  # Scenario data with the paths of the copied files, used by the run
+    said: dict[str, Any]  # Scenario data with file names instead of paths, used for the identity of the run
+    files: tuple[str, ...]  # Digests of the input files
 
 
 class InputCopies:
@@ -96,8 +93,7 @@ class InputCopies:
 
 ROWS = "rows"
 FOLDERS = (f"{ROWS}/", f"{INPUTS}/")
-NAME_DIGITS = 16
-"""Number of digits of the task digest in a file name."""
+NAME_DIGITS = 16  # Number of digits of the task digest in a file name
 RunTasks = Callable[[Sequence[Task]], list[Row]]
 """Function that performs tasks and returns their rows in the order of the tasks."""
 

@@ -28,12 +28,9 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.simulation.storage import RECORDING, can_record, write_log
 
 ERROR = "error"
-WALL = ("wall_s", "real_time_factor", "identity")
-"""Metrics that may differ between repetitions of a run."""
-LAST = "metrics.json"
-"""Name of the file that a run writes last. If it exists, all files of the run are complete."""
-POSES = "poses.npy"
-"""File name of the poses of all bodies, an array of shape (ticks, bodies, 7)."""
+WALL = ("wall_s", "real_time_factor", "identity")  # Metrics that may differ between repetitions of a run
+LAST = "metrics.json"  # Name of the file that a run writes last. If it exists, all files of the run are complete.
+POSES = "poses.npy"  # File name of the poses of all bodies, an array of shape (ticks, bodies, 7)
 Row = dict[str, Any]
 """Results of a run as JSON values: `outcome`, `expected`, `error`, metrics by dotted name, `version`."""
 
@@ -41,19 +38,16 @@ Row = dict[str, Any]
 class Task(NamedTuple):
     """Description of one run of a study."""
 
-    base: str
-    """Base scenario as JSON text, as returned by `base_text`."""
+    base: str  # Base scenario as JSON text, as returned by `base_text`
     name: str
     overrides: dict[str, Any]
     keep: str = "table"
     """Files of the run to keep, see `SweepFile.keep`. In addition, `poses` keeps the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function that computes additional numbers from the log. Worker processes must be able to import it."""
-    branches: tuple[Branch, ...] | None = None
-    """Branches of the random streams; None for a run without branches."""
+    branches: tuple[Branch, ...] | None = None  # Branches of the random streams; None for a run without branches
     number: int = 0
-    identity: Identity | None = None
-    """Identity of the row; None if any version of the code may perform the task."""
+    identity: Identity | None = None  # Identity of the row; None if any version of the code may perform the task
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
@@ -65,8 +59,7 @@ class Done(NamedTuple):
     """Result of a performed task."""
 
     row: Row
-    files: dict[str, bytes]
-    """Content of the files to keep, by path relative to the folder of the run."""
+    files: dict[str, bytes]  # Content of the files to keep, by path relative to the folder of the run
 
 
 def base_text(base: Scenario) -> str:

@@ -174,8 +174,7 @@ def _end_with_the_parent() -> None:
 if TYPE_CHECKING:
     from distributed import Client
 
-PATIENCE_S = 10
-"""Time limit for a response of a Dask scheduler [s]."""
+PATIENCE_S = 10  # Time limit for a response of a Dask scheduler [s]
 
 
 @contextmanager

@@ -17,15 +17,12 @@ from agrobot_mj.studies.statistics import wilson_interval
 
 CENTIMETRES = 100.0
 METRIC, LABEL = "xte_rms", "cross-track rms [cm]"
-CONFIDENCE = 0.8
-"""Confidence level of the intervals for success rates [-]."""
-QUANTILES = ("median", "10 %", "90 %")
-"""Names of the columns with quantiles of the errors in a group."""
+CONFIDENCE = 0.8  # Confidence level of the intervals for success rates [-]
+QUANTILES = ("median", "10 %", "90 %")  # Names of the columns with quantiles of the errors in a group
 MEDIANS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]", "xte_abs_p95": "xte 95 % [cm]"}
 MEDIANS |= {"lateral_rms": "lateral rms [cm]"}
 """Title of the column with the median of each further error, by metric. Components of the ranked error come first."""
-FEW = 5
-"""Maximum number of runs for which a box plot also shows every run as a point."""
+FEW = 5  # Maximum number of runs for which a box plot also shows every run as a point
 Row = Mapping[str, Any]
 
 

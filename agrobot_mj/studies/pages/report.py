@@ -25,8 +25,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import read_rows
 
-Page = Callable[[Path], Document]
-"""Function that returns the report page of a results folder."""
+Page = Callable[[Path], Document]  # Function that returns the report page of a results folder
 Section = Callable[[Document, Path, str | None], list[Path]]
 """Function that adds a section to the page of a folder. The text is the metric of `--metric`. Returns written files."""
 

@@ -28,16 +28,12 @@ from agrobot_mj.studies.sweep.plan import SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep, renamed
 from agrobot_mj.studies.sweep.store import read_rows
 
-SUCCESS = 0.8
-"""Success rate at the drawn boundary of failure in maps [-]."""
+SUCCESS = 0.8  # Success rate at the drawn boundary of failure in maps [-]
 APART = "The runs cover different segments of the path, so their errors are not comparable. "
 APART += "Without duration_s every run ends at the end of its path."
-MOST_VALUES = 40
-"""Maximum number of different values of a parameter that is shown on an axis of a map."""
-CLASS = 5
-"""Minimum number of runs in a class of parameter values, for a reliable median. Assumed value."""
-MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6
-"""Maximum number of maps, of curves and of listed worst runs."""
+MOST_VALUES = 40  # Maximum number of different values of a parameter that is shown on an axis of a map
+CLASS = 5  # Minimum number of runs in a class of parameter values, for a reliable median. Assumed value.
+MOST_MAPS, MOST_CURVES, WORST = 12, 8, 6  # Maximum number of maps, of curves and of listed worst runs
 MOST_PIECES = 50
 MOST_RUNS_DRAWN = 4000
 

@@ -18,8 +18,7 @@ def _number(given: Any) -> Any:
     return given
 
 
-MOST_VALUES = 10**15
-"""Maximum number of values of an axis [-]. Floats represent all integers up to this number."""
+MOST_VALUES = 10**15  # Maximum number of values of an axis [-]. Floats represent all integers up to this number.
 Number = Annotated[int | float, BeforeValidator(_number)]
 Pair = Annotated[tuple[Number, Number], Field(min_length=2, max_length=2)]
 
@@ -219,8 +218,7 @@ def _draw_tag(given: Any) -> str:
     return next((tag for tag in DRAWS if isinstance(given, Mapping) and tag in given), "no distribution")
 
 
-DRAWS = ("uniform", "normal", "log_uniform", "choice")
-"""Keys that select a distribution."""
+DRAWS = ("uniform", "normal", "log_uniform", "choice")  # Keys that select a distribution
 AnyDraw = Annotated[
     Annotated[Uniform, Tag("uniform")]
     | Annotated[Normal, Tag("normal")]

@@ -24,27 +24,22 @@ from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
-MAX_RUNS = 100_000
-"""Default maximum number of runs of a sweep. They take about one day on a laptop."""
+MAX_RUNS = 100_000  # Default maximum number of runs of a sweep. They take about one day on a laptop.
 MOST_GROUNDS = 300
 """Maximum number of different fields that the check of a plan creates. Further fields are checked when they are run."""
 MOST_KEPT = 1000
 """Maximum number of tractors whose check results are cached. With random samples, each run may have another tractor."""
-MOST_LINES = 80
-"""Maximum number of parameter combinations listed in a message."""
+MOST_LINES = 80  # Maximum number of parameter combinations listed in a message
 
 
 class RunPlan(NamedTuple):
     """One run of a sweep: its number, variant and overrides."""
 
-    number: int
-    """Number of the run, counted from 0."""
-    variant: str | None
-    """Name of the variant; None without variants."""
+    number: int  # Number of the run, counted from 0
+    variant: str | None  # Name of the variant; None without variants
     seed: int
     parameters: dict[str, Any]
-    overrides: dict[str, Any]
-    """Overrides of the base scenario by dotted key, in the order in which they are applied."""
+    overrides: dict[str, Any]  # Overrides of the base scenario by dotted key, in the order in which they are applied
 
     @property
     def place(self) -> str:

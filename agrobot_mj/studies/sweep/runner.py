@@ -19,20 +19,16 @@ MOST_HEARD = 100
 """Maximum number of scenarios checked for configuration hints. They are at equal intervals of the plan."""
 Begin = Callable[[Iterator[Scenario]], object]
 """Function that is called before the first run, with some scenarios of the sweep as examples."""
-Shard = tuple[int, int]
-"""Number of a part of the runs, from 1, and number of parts."""
+Shard = tuple[int, int]  # Number of a part of the runs, from 1, and number of parts
 
 
 class SweepOptions(NamedTuple):
     """Options of a sweep."""
 
-    jobs: int | None = None
-    """Number of processes; None for one per core."""
+    jobs: int | None = None  # Number of processes; None for one per core
     scheduler: str | None = None
-    shard: Shard = (1, 1)
-    """Part of the runs that this process simulates."""
-    fresh: bool = False
-    """Whether existing results are deleted first."""
+    shard: Shard = (1, 1)  # Part of the runs that this process simulates
+    fresh: bool = False  # Whether existing results are deleted first
     max_runs: int = MAX_RUNS
     quiet: bool = False
 
@@ -45,8 +41,7 @@ class SweepSummary(NamedTuple):
 
     folder: Path
     total: int
-    before: int
-    """Number of runs, in this part, whose results already existed."""
+    before: int  # Number of runs, in this part, whose results already existed
     new: int
     unexpected: int
     errors: int

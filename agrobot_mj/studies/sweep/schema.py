@@ -39,8 +39,7 @@ def _seeds(given: Any) -> Any:
 Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 
-BASE = "base.toml"
-"""File name of the base scenario, in a folder with a resolved sweep."""
+BASE = "base.toml"  # File name of the base scenario, in a folder with a resolved sweep
 POINTS_PER_DRAW = 3
 """Minimum number of points per random parameter with `screening`, sufficient for a regression with error estimates."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
@@ -158,10 +157,8 @@ class Sweep(NamedTuple):
     """Sweep file together with its base scenario."""
 
     name: str
-    file: SweepFile
-    """Content of the sweep file, with absolute paths."""
-    base: Scenario
-    """Base scenario with the overrides `set`."""
+    file: SweepFile  # Content of the sweep file, with absolute paths
+    base: Scenario  # Base scenario with the overrides `set`
 
     @property
     def seeds(self) -> tuple[int, ...] | range:
@@ -267,11 +264,9 @@ def _lines(source: str, error: ValidationError) -> list[str]:
 class PortableSweep(NamedTuple):
     """Contents of `sweep.toml` and `base.toml`, and the data files that they name."""
 
-    sweep: dict[str, Any]
-    """Content of the sweep file, as returned by `resolved`."""
+    sweep: dict[str, Any]  # Content of the sweep file, as returned by `resolved`
     base: dict[str, Any]
-    files: dict[str, Path]
-    """Original paths of the data files, by file name in the folder."""
+    files: dict[str, Path]  # Original paths of the data files, by file name in the folder
 
     @property
     def names(self) -> dict[str, str]:

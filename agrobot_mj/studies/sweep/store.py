@@ -32,14 +32,11 @@ from agrobot_mj.studies.sweep.plan import RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import portable, read_sweep, renamed
 
 TABLE, PLAN = "sweep.parquet", "plan.json"
-FILES = ("base.toml", "sweep.toml", PLAN)
-"""Names of the files that define a sweep, in addition to its data files."""
-CODE = ("plugins", "program", "libraries")
-"""Keys in the result of `digests` that identify the code."""
+FILES = ("base.toml", "sweep.toml", PLAN)  # Names of the files that define a sweep, in addition to its data files
+CODE = ("plugins", "program", "libraries")  # Keys in the result of `digests` that identify the code
 _ROW = re.compile(r"[0-9a-f]+\.json")
 """Pattern of the names of row files, including row files written by earlier versions."""
-IN_A_PIECE = 2000
-"""Number of rows that are in memory at the same time while the table is written."""
+IN_A_PIECE = 2000  # Number of rows that are in memory at the same time while the table is written
 
 
 def digests(plan: SweepPlan) -> dict[str, str]:

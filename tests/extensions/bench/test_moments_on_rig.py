@@ -15,11 +15,9 @@ from agrobot_mj.tyres.patch import FORCE_Y, WheelMotion
 
 TRACTOR, GROUND, DT = TractorParameters(), Flat().ground(), 0.002
 SCRUBBING = [MagicFormula(), Soil()]
-GRIP = 0.75
-"""Friction under a scrubbing patch, as the tyres have it."""
+GRIP = 0.75  # Friction under a scrubbing patch, as the tyres have it
 SUNK = TRACTOR.front_wheel.deflection
-HALF_M = sqrt(2 * 0.28 * SUNK)
-"""Half the chord that the static deflection of the front tyre cuts off [m]."""
+HALF_M = sqrt(2 * 0.28 * SUNK)  # Half the chord that the static deflection of the front tyre cuts off [m]
 MOST = GRIP * TRACTOR.front_wheel.load * 0.16 / sqrt(8)
 """Moment that turns a patch of 0.16 m width on the spot, by the rule of manufacturers of steering units [N m]."""
 

@@ -16,8 +16,7 @@ ORIGIN = Origin(58.4, 26.7)
 RING = np.array([(-150, -80), (150, -80), (150, 40), (20, 80), (-150, 80)], dtype=float)
 HOLE = np.array([(0, 0), (20, 0), (20, 15), (0, 15)], dtype=float)
 """Boundary and hole [m]; the middle of the bounding box is at (0, 0)."""
-AREA = 45_400.0 - 300.0
-"""Area of the boundary without the hole [m2], from the shoelace formula."""
+AREA = 45_400.0 - 300.0  # Area of the boundary without the hole [m2], from the shoelace formula
 
 
 def degrees(ring):

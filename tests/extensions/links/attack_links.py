@@ -16,8 +16,7 @@ from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 
 SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
 PIECES = (b"nan", b"-", b"1e999", b"\xff\xfe", b",,", b"*", b"9" * 400, b"S", b"\x00", b"\r\n", b"$")
-NUMBERS = (254, 252, 251, 200, 202, 253, 100, 0)
-"""Message numbers, most of which the protocol defines."""
+NUMBERS = (254, 252, 251, 200, 202, 253, 100, 0)  # Message numbers, most of which the protocol defines
 
 
 class Hostile:

@@ -51,8 +51,7 @@ def same(a, b):
     return a == b or (a != a and b != b)
 
 
-FRAMES = ("/tf", "/tf_static")
-"""Topics of a file that no node sends."""
+FRAMES = ("/tf", "/tf_static")  # Topics of a file that no node sends
 
 
 def test_messages_from_a_log_equal_the_live_messages(drive):

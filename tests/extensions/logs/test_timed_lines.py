@@ -9,8 +9,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers import open_log
 
 ORIGIN = 51.0, 4.0
-NORTH_M, EAST_M = 111_248.3, 70_197.7
-"""Length of a degree at the origin by the series of WGS 84 [m]."""
+NORTH_M, EAST_M = 111_248.3, 70_197.7  # Length of a degree at the origin by the series of WGS 84 [m]
 CENTRE, DEG_PER_COUNT = 1538, 0.013
 
 

@@ -58,8 +58,7 @@ A, B = 7.0, 0.1
 V1, V2, V13 = 0.5 * (1 + B * pi**4 / 5) ** 2, A**2 / 8, 8 * B**2 * pi**8 / 225
 ISHIGAMI_VARIANCE = V1 + V2 + V13
 ISHIGAMI_FIRST = np.array([V1, V2, 0.0]) / ISHIGAMI_VARIANCE
-ISHIGAMI_TOTAL = np.array([V1 + V13, V2, V13]) / ISHIGAMI_VARIANCE
-"""Sobol indices of the function in closed form."""
+ISHIGAMI_TOTAL = np.array([V1 + V13, V2, V13]) / ISHIGAMI_VARIANCE  # Sobol indices of the function in closed form
 
 
 def written(plan, folder, left_out=0):

@@ -52,10 +52,8 @@ from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.run import run as simulate
 
 GRADES_DEG = (5.0, 10.0, 15.0)
-ROOM_CM = 1.0
-"""Maximum difference between measured and predicted offsets [cm]."""
-DRIVE_S, SETTLED_S = 100.0, 40.0
-"""Duration of a run, and of its final part that is evaluated [s]."""
+ROOM_CM = 1.0  # Maximum difference between measured and predicted offsets [cm]
+DRIVE_S, SETTLED_S = 100.0, 40.0  # Duration of a run, and of its final part that is evaluated [s]
 GAINS: dict[str, dict[str, float]] = {
     "pd": {"guidance.gain_per_m": 0.7, "controller.kp": 0.41, "controller.kd": 0.099},
     "pd_t2fnn": {
@@ -76,12 +74,9 @@ ESTIMATORS: dict[str, dict[str, Any]] = {
 class SlopeState(NamedTuple):
     """Steady state of a tractor on a slope whose left side is uphill."""
 
-    roll: float
-    """Roll angle phi [rad]."""
-    crab: float
-    """Crab angle beta: heading relative to the line, positive uphill, seen from above [rad]."""
-    steer: float
-    """Steering angle delta [rad]."""
+    roll: float  # Roll angle phi [rad]
+    crab: float  # Crab angle beta: heading relative to the line, positive uphill, seen from above [rad]
+    steer: float  # Steering angle delta [rad]
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
@@ -133,10 +128,8 @@ class SlopeDrive(NamedTuple):
     """Run along a contour of the slope, evaluated in steady state."""
 
     scenario: Scenario
-    offset: float
-    """Mean uphill offset of the true CG from the line [m]."""
-    state: SlopeState
-    """Measured steady state, mirrored if necessary, so that the left side is uphill."""
+    offset: float  # Mean uphill offset of the true CG from the line [m]
+    state: SlopeState  # Measured steady state, mirrored if necessary, so that the left side is uphill
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:

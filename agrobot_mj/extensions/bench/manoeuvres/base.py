@@ -35,17 +35,13 @@ class Check(NamedTuple):
 
     manoeuvre: str
     quantity: str
-    subject: str
-    """Tested plant: `bicycle`, or the kind of tyres of the MuJoCo tractor."""
+    subject: str  # Tested plant: `bicycle`, or the kind of tyres of the MuJoCo tractor
     measured: float
     theory: float | None
     unit: str
-    low: float
-    """Lower limit of the band [unit]."""
-    high: float
-    """Upper limit of the band [unit]."""
-    band: str
-    """Acceptance limits as text. Without limits, the text is `reported`."""
+    low: float  # Lower limit of the band [unit]
+    high: float  # Upper limit of the band [unit]
+    band: str  # Acceptance limits as text. Without limits, the text is `reported`.
 
     @property
     def passed(self) -> bool:

@@ -24,30 +24,21 @@ from agrobot_mj.tyres.laws import tyre_set, wheel_step
 from agrobot_mj.tyres.patch import TyreSet, WheelMotion
 
 TRACTOR = TractorParameters()
-DT_S, PERIODS = 0.001, 3
-"""Time step [s], and number of simulated periods. Only the last period is evaluated."""
+DT_S, PERIODS = 0.001, 3  # Time step [s], and number of simulated periods. Only the last period is evaluated.
 HARMONICS, SEED = 2, 20
-MOTIONS, BRIEFLY = 1000, 60
-"""Number of motions per tyre in the full suite and in the quick suite."""
-ROUNDING = 1e-6
-"""Maximum energy gain due to rounding errors, divided by the energy exchanged in a period [-]."""
+MOTIONS, BRIEFLY = 1000, 60  # Number of motions per tyre in the full suite and in the quick suite
+ROUNDING = 1e-6  # Maximum energy gain due to rounding errors, divided by the energy exchanged in a period [-]
 
 
 class Cycle(NamedTuple):
     """Closed motion of one wheel. A signal is a mean and `HARMONICS` pairs (amplitude, phase), shape (5,)."""
 
-    wheel: int
-    """Index of the wheel: 0 for front left, 2 for rear left."""
-    period: float
-    """Period [s]."""
-    ahead: Array
-    """Forward velocity of the hub [m/s]."""
-    aside: Array
-    """Velocity of the hub to the left [m/s]."""
-    skid: Array
-    """Circumferential velocity of the rim minus forward velocity of the hub [m/s]."""
-    sunk: Array
-    """Vertical deflection of the tyre [m]."""
+    wheel: int  # Index of the wheel: 0 for front left, 2 for rear left
+    period: float  # Period [s]
+    ahead: Array  # Forward velocity of the hub [m/s]
+    aside: Array  # Velocity of the hub to the left [m/s]
+    skid: Array  # Circumferential velocity of the rim minus forward velocity of the hub [m/s]
+    sunk: Array  # Vertical deflection of the tyre [m]
 
 
 def cycle(rng: np.random.Generator) -> Cycle:

@@ -24,8 +24,7 @@ from agrobot_mj.plants.driver import REST, acceleration
 from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 5.0
-FROM_M_S, TO_M_S = 1.0, 4.0
-"""Speeds between which the acceleration is measured [m/s], well above standstill."""
+FROM_M_S, TO_M_S = 1.0, 4.0  # Speeds between which the acceleration is measured [m/s], well above standstill
 BAND = 0.02
 
 

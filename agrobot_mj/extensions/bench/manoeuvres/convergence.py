@@ -14,8 +14,7 @@ from agrobot_mj.simulation.run import run as simulate
 
 STEP_S = 0.002
 BRIEFLY_S = 20.0
-BAND = 2.0
-"""Maximum change of the RMS lateral error when the step is halved [%]."""
+BAND = 2.0  # Maximum change of the RMS lateral error when the step is halved [%]
 
 
 def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:

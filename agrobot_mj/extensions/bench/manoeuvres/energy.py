@@ -28,8 +28,7 @@ from agrobot_mj.tyres.patch import CREEP_SPEED, FORCE_X, FORCE_Y, LOAD, SLIP_RAT
 SLOPE = Slope(grade_deg=8.0, direction_deg=60.0)
 SPEED_M_S, DURATION_S, BRIEFLY_S = 3.0, 20.0, 4.0
 DT_S = 0.002
-BAND = 0.02
-"""Maximum residual of the balance divided by the change of kinetic energy [-]."""
+BAND = 0.02  # Maximum residual of the balance divided by the change of kinetic energy [-]
 
 
 class Wheel:

@@ -17,10 +17,8 @@ from agrobot_mj.plants import Mujoco
 from agrobot_mj.simulation.stepping import Simulation
 
 KINDS = ("ekf", "ekf_bias")
-BAND = 1e-9
-"""Maximum difference between the estimates of both backends: position [m], yaw [rad], covariance [m2, rad2]."""
-BRIEFLY_S = 20.0
-"""Duration of the run in quick mode [s]."""
+BAND = 1e-9  # Maximum difference between the estimates of both backends: position [m], yaw [rad], covariance [m2, rad2]
+BRIEFLY_S = 20.0  # Duration of the run in quick mode [s]
 
 
 def differences(kind: str, duration_s: float | None) -> tuple[float, float, float]:

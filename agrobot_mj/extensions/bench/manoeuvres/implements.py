@@ -34,10 +34,8 @@ from agrobot_mj.plants.mujoco.implement import COLUMNS
 from agrobot_mj.tyres import Linear, MagicFormula
 
 SPEEDS_M_S = (1.0, 2.0, 3.0)
-STEER = 0.02
-"""Small steering angle, for which the equations are linear [rad]."""
-SHARP = 0.25
-"""Steering angle for the slow circle [rad]."""
+STEER = 0.02  # Small steering angle, for which the equations are linear [rad]
+SHARP = 0.25  # Steering angle for the slow circle [rad]
 BAND = 0.02
 TYRE = Linear()
 AXLES = 2 * TYRE.front_cornering_stiffness_n_rad, 2 * TYRE.rear_cornering_stiffness_n_rad
@@ -53,10 +51,8 @@ CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise
 class Steady(NamedTuple):
     """Steady turn of tractor and implement, relative to the steering angle."""
 
-    gain: float
-    """Yaw rate divided by steering angle [1/s]."""
-    hitch: float
-    """Hitch angle divided by steering angle [-]."""
+    gain: float  # Yaw rate divided by steering angle [1/s]
+    hitch: float  # Hitch angle divided by steering angle [-]
 
 
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:

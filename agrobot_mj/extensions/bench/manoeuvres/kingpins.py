@@ -35,17 +35,14 @@ RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
 """Rate [deg/s] and end angles [deg] of steering sweeps, and range of angles in which torques are averaged [deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
-WEAK_BAR = 25.0
-"""Relief pressure that is too low for steering at standstill [bar]."""
+WEAK_BAR = 25.0  # Relief pressure that is too low for steering at standstill [bar]
 
 
 class Turning(NamedTuple):
     """Mean torques of a steering sweep."""
 
-    torque: float
-    """Torque that opposes the motion, mean of both directions [N m]."""
-    offset: float
-    """Half of the difference between the torques in both directions [N m]."""
+    torque: float  # Torque that opposes the motion, mean of both directions [N m]
+    offset: float  # Half of the difference between the torques in both directions [N m]
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:

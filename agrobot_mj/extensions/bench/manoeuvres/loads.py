@@ -20,8 +20,7 @@ from agrobot_mj.plants.driver import hold
 from agrobot_mj.terrain import Slope
 
 SETTLED_S, WATCHED_S = 5.0, 5.0
-BAND = 0.01
-"""Maximum difference between measured and theoretical load, divided by the load [-]."""
+BAND = 0.01  # Maximum difference between measured and theoretical load, divided by the load [-]
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:

@@ -22,11 +22,9 @@ from agrobot_mj.plants import Mujoco
 from agrobot_mj.scenario import Scenario, load_scenario
 from agrobot_mj.simulation.run import run as simulate
 
-BAND, ROOM_CM, REST_MM_S = 0.05, 1.0, 1.0
-"""Acceptance limits: slip angle [relative], offset [cm], initial speed [mm/s]."""
+BAND, ROOM_CM, REST_MM_S = 0.05, 1.0, 1.0  # Acceptance limits: slip angle [relative], offset [cm], initial speed [mm/s]
 GRADE_DEG = 10.0
-DRIVE_S, SETTLED_S = 120.0, 40.0
-"""Duration of a run, and of its final part that is evaluated [s]."""
+DRIVE_S, SETTLED_S = 120.0, 40.0  # Duration of a run, and of its final part that is evaluated [s]
 QUICK = ("compact", "row_crop")
 BARE: dict[str, Any] = {
     "implement": {"kind": "none"},

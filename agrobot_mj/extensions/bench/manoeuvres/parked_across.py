@@ -26,10 +26,8 @@ GRADE_DEG = 15.0
 SLOPE = Slope(grade_deg=GRADE_DEG, direction_deg=90.0)
 MASSES_KG = (TractorParameters().mass_kg, 2500.0)
 WATCHED_S = 20.0
-MOVES_MM, DIGS_MM = 0.1, 0.1
-"""Maximum motion and maximum additional sinkage of a parked tractor [mm]."""
-LEANS = 0.02
-"""Fraction of the load added because roll on soil shifts the centre of gravity [-]."""
+MOVES_MM, DIGS_MM = 0.1, 0.1  # Maximum motion and maximum additional sinkage of a parked tractor [mm]
+LEANS = 0.02  # Fraction of the load added because roll on soil shifts the centre of gravity [-]
 
 
 def run(m: Trial) -> Iterator[Check]:

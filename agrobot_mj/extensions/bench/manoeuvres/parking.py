@@ -18,8 +18,7 @@ GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
 """Direction of steepest ascent [deg] for a tractor that faces east, by orientation on the slope."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
-DRIFT_MM = 1.0
-"""Maximum displacement in ten minutes [mm]."""
+DRIFT_MM = 1.0  # Maximum displacement in ten minutes [mm]
 
 
 def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:

@@ -29,12 +29,9 @@ class LoadedRadius(NamedTuple):
     """Published loaded radius of a tyre."""
 
     code: str
-    load_kg: float
-    """Load [kg]."""
-    pressure_bar: float
-    """Inflation pressure [bar]."""
-    printed_m: float
-    """Published loaded radius [m]."""
+    load_kg: float  # Load [kg]
+    pressure_bar: float  # Inflation pressure [bar]
+    printed_m: float  # Published loaded radius [m]
 
 
 RADII = (
@@ -54,21 +51,16 @@ SOILS = {
 [Arizona2026]."""
 RADIUS_BAND, EFFICIENCY_ROOM, SLIP_ROOM = 0.015, 0.1, 4.0
 """Acceptance limits: radius [relative], efficiency [-], and deviation from the published slip range [%]."""
-GEARS = 0.96
-"""Power at the axle divided by power at the power take-off [-]. Assumed value (0.94-0.97)."""
-STABILITY_DEG = 38.0
-"""Minimum angle of the lateral stability test of narrow tractors [deg] [OECD2012]."""
-TYRES = {"front_tyre": "380/70R24", "rear_tyre": "480/70R34"}
-"""Tyre sizes of the utility class."""
+GEARS = 0.96  # Power at the axle divided by power at the power take-off [-]. Assumed value (0.94-0.97).
+STABILITY_DEG = 38.0  # Minimum angle of the lateral stability test of narrow tractors [deg] [OECD2012]
+TYRES = {"front_tyre": "380/70R24", "rear_tyre": "480/70R34"}  # Tyre sizes of the utility class
 
 
 class Pull(NamedTuple):
     """Operating point of a tractor with rear-wheel drive that pulls a load."""
 
-    slip: float
-    """Slip of the rear wheels [%]."""
-    efficiency: float
-    """Drawbar power divided by power at the power take-off [-]."""
+    slip: float  # Slip of the rear wheels [%]
+    efficiency: float  # Drawbar power divided by power at the power take-off [-]
 
 
 def run(m: Trial) -> Iterator[Check]:

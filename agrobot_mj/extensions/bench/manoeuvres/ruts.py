@@ -36,8 +36,7 @@ SOILS = {
 """Soil parameters of [Wong2008]; parameters without a source are assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
 """Length of a pass [m]; length [m] and duration [s] of a time step, for 1.2 m/s."""
-HEADING = 0.3
-"""Heading of the wheel, oblique to the cell grid of the soil memory [rad]."""
+HEADING = 0.3  # Heading of the wheel, oblique to the cell grid of the soil memory [rad]
 BAND, CLOSED = 0.02, 0.005
 """Maximum relative errors of the resistance of a wheel, and of the closed forms for a plate [-]."""
 PASSES = 10
@@ -46,14 +45,10 @@ PASSES = 10
 class Pass(NamedTuple):
     """One pass of a wheel over the soil, evaluated in the middle third of its length."""
 
-    resistance: float
-    """Mean motion resistance [N]."""
-    depth: float
-    """Depth at the centre of the rut [m]."""
-    work: float
-    """Work of compacting all cells to their depths by Bekker's law, divided by the length [N]."""
-    tiles: int
-    """Number of tiles of the soil memory in use."""
+    resistance: float  # Mean motion resistance [N]
+    depth: float  # Depth at the centre of the rut [m]
+    work: float  # Work of compacting all cells to their depths by Bekker's law, divided by the length [N]
+    tiles: int  # Number of tiles of the soil memory in use
 
 
 @jit

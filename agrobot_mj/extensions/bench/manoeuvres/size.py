@@ -30,8 +30,7 @@ GRADE_DEG, SPEED_M_S = 5.0, 1.2
 BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
 """Acceptance limits: crab angle and peak force [relative], parking torque [relative], hitch angle of trailer [deg]."""
 TYRE = MagicFormula()
-PEAKS_DEG = np.arange(5.0, 41.0, 1.0)
-"""Slip angles at which the force is computed to find its peak [deg]."""
+PEAKS_DEG = np.arange(5.0, 41.0, 1.0)  # Slip angles at which the force is computed to find its peak [deg]
 
 
 def grown(mass_kg: float) -> Machine:

@@ -19,17 +19,12 @@ from agrobot_mj.extensions.bench.rig import REAR, Rig, Setting
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres import Linear, Soil
 
-LOCKED_DEG = (20.0, 45.0, 70.0, 80.0)
-"""Angles between the velocity of a locked wheel and its heading [deg]."""
-SPINNING = (0.83, 0.9, 0.95)
-"""Slip of spinning wheels: rim speed minus ground speed, divided by rim speed [-]."""
-SIDE = 0.5
-"""Lateral velocity of a spinning wheel divided by its forward velocity [-]."""
+LOCKED_DEG = (20.0, 45.0, 70.0, 80.0)  # Angles between the velocity of a locked wheel and its heading [deg]
+SPINNING = (0.83, 0.9, 0.95)  # Slip of spinning wheels: rim speed minus ground speed, divided by rim speed [-]
+SIDE = 0.5  # Lateral velocity of a spinning wheel divided by its forward velocity [-]
 SPEEDS_M_S = (0.05, 0.5, 4.0)
-LEAN_DEG = 5.0
-"""Maximum angle between the force and the direction opposite to the sliding velocity [deg]."""
-TRACTION = 0.005
-"""Maximum error of the net traction divided by the load [-]."""
+LEAN_DEG = 5.0  # Maximum angle between the force and the direction opposite to the sliding velocity [deg]
+TRACTION = 0.005  # Maximum error of the net traction divided by the load [-]
 TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
 

@@ -16,8 +16,7 @@ from agrobot_mj.plants import MujocoPlant
 from agrobot_mj.terrain import Flat, Rough
 
 DURATION_S, BRIEFLY_S = 600.0, 20.0
-HOLD_S = 0.5
-"""Time for which a random voltage remains constant [s]."""
+HOLD_S = 0.5  # Time for which a random voltage remains constant [s]
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:

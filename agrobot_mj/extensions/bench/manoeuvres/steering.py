@@ -25,10 +25,8 @@ from agrobot_mj.plants.driver import ORIGIN, REST, STOCK, Driver, Trace
 from agrobot_mj.tyres import Linear
 
 SPEED_M_S = 1.2
-RAMP_V = (0.5, 1.0, 2.0, 3.0)
-"""Voltages relative to neutral, above the dead band and below saturation [V]."""
-STEP_V = 3.0
-"""Voltage of the step, relative to neutral [V]."""
+RAMP_V = (0.5, 1.0, 2.0, 3.0)  # Voltages relative to neutral, above the dead band and below saturation [V]
+STEP_V = 3.0  # Voltage of the step, relative to neutral [V]
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
 """Acceptance limits: dead band, gains and rate limit [relative]; time constant [relative]; delay [s] (2.5 steps)."""
 PHYSICS_S = 0.002

@@ -34,8 +34,7 @@ from agrobot_mj.tyres import Linear
 
 SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
-BAND = 0.02
-"""Acceptance limit of the steady gain [relative], as in the tests of the plants."""
+BAND = 0.02  # Acceptance limit of the steady gain [relative], as in the tests of the plants
 TRANSIENT_BAND = 0.10
 """Acceptance limit of the overshoot [relative]. It is wide because the overshoot is a difference of two values."""
 
@@ -43,14 +42,10 @@ TRANSIENT_BAND = 0.10
 class Step(NamedTuple):
     """Response to a steering step, from the tick of the step."""
 
-    t: Array
-    """Time since the step [s]."""
-    steer: Array
-    """Steering angle [rad]."""
-    yaw_rate: Array
-    """Yaw rate [rad/s]."""
-    gain: float
-    """Steady yaw rate divided by steering angle [1/s]."""
+    t: Array  # Time since the step [s]
+    steer: Array  # Steering angle [rad]
+    yaw_rate: Array  # Yaw rate [rad/s]
+    gain: float  # Steady yaw rate divided by steering angle [1/s]
 
     @property
     def response_s(self) -> float:

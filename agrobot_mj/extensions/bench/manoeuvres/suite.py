@@ -33,8 +33,7 @@ FIGURES = {
     "step steer": ("step_steer.png", "Step steer at 4 m/s"),
 }
 """File name and caption of each figure, by manoeuvre."""
-NEGLIGIBLE = 1e-3
-"""Magnitude below which a value is shown as smaller than this limit."""
+NEGLIGIBLE = 1e-3  # Magnitude below which a value is shown as smaller than this limit
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
@@ -117,8 +116,7 @@ MANOEUVRES: dict[str, Run] = {
     NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }
 
-FILES = ("validation.json", "validation.md", "images/")
-"""Files written by a validation, and a folder."""
+FILES = ("validation.json", "validation.md", "images/")  # Files written by a validation, and a folder
 
 
 def validate(

@@ -49,18 +49,12 @@ Pair = tuple[float, float]
 class Parts(NamedTuple):
     """Masses and positions of the two bodies joined by the roll pivot of the front axle."""
 
-    body_kg: float
-    """Mass m_b of the body [kg]."""
-    body_x: float
-    """Longitudinal position x_b of the body's CG [m]."""
-    body_z: float
-    """Height z_b of the body's CG [m]."""
-    front_kg: float
-    """Mass m_f of the front assembly: axle, knuckles and front wheels [kg]."""
-    front_z: float
-    """Height z_f of the CG of the front assembly [m]."""
-    pivot_z: float
-    """Height h_P of the roll pivot [m]."""
+    body_kg: float  # Mass m_b of the body [kg]
+    body_x: float  # Longitudinal position x_b of the body's CG [m]
+    body_z: float  # Height z_b of the body's CG [m]
+    front_kg: float  # Mass m_f of the front assembly: axle, knuckles and front wheels [kg]
+    front_z: float  # Height z_f of the CG of the front assembly [m]
+    pivot_z: float  # Height h_P of the roll pivot [m]
 
 
 def parts(tractor: TractorParameters) -> Parts:
@@ -80,20 +74,16 @@ def parts(tractor: TractorParameters) -> Parts:
 class Loads(NamedTuple):
     """Wheel loads under a steady lateral acceleration."""
 
-    wheels: Array
-    """Loads of fl, fr, rl, rr, shape (4,) [N]."""
-    lean: float
-    """Roll angle phi of the body, positive to the right [rad]."""
+    wheels: Array  # Loads of fl, fr, rl, rr, shape (4,) [N]
+    lean: float  # Roll angle phi of the body, positive to the right [rad]
 
 
 class Balance(NamedTuple):
     """Steady state under a constant lateral acceleration."""
 
     loads: Loads
-    front_slip: float
-    """Slip angle of the front wheels, positive for a force to the left [rad]."""
-    rear_slip: float
-    """Slip angle of the rear wheels, positive for a force to the left [rad]."""
+    front_slip: float  # Slip angle of the front wheels, positive for a force to the left [rad]
+    rear_slip: float  # Slip angle of the rear wheels, positive for a force to the left [rad]
 
 
 class Tractor:

@@ -27,28 +27,21 @@ DT_S = 0.002
 LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
 """Time over which the load is applied, and durations of the oscillation in the full and in the quick suite [s]."""
 FREQUENCY_HZ = 8.0
-SWINGS = (0.01, 0.05)
-"""Amplitudes of the load oscillation divided by the mean load [-]."""
+SWINGS = (0.01, 0.05)  # Amplitudes of the load oscillation divided by the mean load [-]
 DEEPER_MM, SAME_MM = 1.0, 0.1
 """Maximum additional rut depth relative to no oscillation, and relative to the maximum load applied once [mm]."""
-COUNT = 5
-"""Number of full load cycles."""
+COUNT = 5  # Number of full load cycles
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-STIFFNESS = 2e6
-"""Stiffness by which the iteration converts a change of load to a change of depth [N/m]."""
+STIFFNESS = 2e6  # Stiffness by which the iteration converts a change of load to a change of depth [N/m]
 
 
 class Loading(NamedTuple):
     """Load of a wheel at rest as a function of time."""
 
-    mean: float
-    """Mean load [N]."""
-    swing: float
-    """Amplitude of the oscillation divided by the mean [-]."""
-    frequency: float
-    """Frequency of the oscillation [Hz]."""
-    seconds: float
-    """Duration of the oscillation [s]."""
+    mean: float  # Mean load [N]
+    swing: float  # Amplitude of the oscillation divided by the mean [-]
+    frequency: float  # Frequency of the oscillation [Hz]
+    seconds: float  # Duration of the oscillation [s]
 
 
 @jit

@@ -19,8 +19,7 @@ from agrobot_mj.extensions.bench.rig.sweep import CREEP_DEG, LOADS, SPEED_M_S, S
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
-WIDTHS = (4.0, 2.8, 1.7, 0.7)
-"""Line widths of overlapping curves, from the lowest to the uppermost [pt]."""
+WIDTHS = (4.0, 2.8, 1.7, 0.7)  # Line widths of overlapping curves, from the lowest to the uppermost [pt]
 COLUMNS_OF_LEGEND = 7
 
 

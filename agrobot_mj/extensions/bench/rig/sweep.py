@@ -78,24 +78,17 @@ def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
     return Specimen(scenario.plant.tyre, scenario.tractor)
 
 
-SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)
-"""Speeds for measuring the effect of speed [m/s]."""
-SPEED_M_S = 1.0
-"""Speed of all other measurements [m/s]."""
-LOADS = (0.5, 1.0, 1.5, 2.0)
-"""Loads for measuring the effect of load, as fractions of the static load [-]."""
+SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)  # Speeds for measuring the effect of speed [m/s]
+SPEED_M_S = 1.0  # Speed of all other measurements [m/s]
+LOADS = (0.5, 1.0, 1.5, 2.0)  # Loads for measuring the effect of load, as fractions of the static load [-]
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
 """Magnitudes of the slip angles, finer near zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
 """Magnitudes of the slip ratios [-]."""
-COMBINED_DEG = (0, 1, 2, 4, 8, 16)
-"""Slip angles at which the slip ratio is swept in the test `combined` [deg]."""
-FAR_DEG, FAR_RATIO = 60.0, 0.9
-"""Maximum slip angle [deg] and maximum slip ratio [-] of the test `combined`."""
-CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))
-"""Magnitudes of the slip angles of the test `contact` [deg]."""
-STEP_DEG = 1.0
-"""Size of the slip-angle step, in the linear range of tyres [deg]."""
+COMBINED_DEG = (0, 1, 2, 4, 8, 16)  # Slip angles at which the slip ratio is swept in the test `combined` [deg]
+FAR_DEG, FAR_RATIO = 60.0, 0.9  # Maximum slip angle [deg] and maximum slip ratio [-] of the test `combined`
+CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))  # Magnitudes of the slip angles of the test `contact` [deg]
+STEP_DEG = 1.0  # Size of the slip-angle step, in the linear range of tyres [deg]
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
 """Distance recorded after a slip-angle step [relaxation lengths], and number of rows of the response."""
 COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]

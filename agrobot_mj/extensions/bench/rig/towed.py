@@ -20,10 +20,8 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 from agrobot_mj.plants.mujoco.model import tractor_spec
 from agrobot_mj.tyres.base import NativeContact
 
-RIGID = 1e9
-"""Gain of the actuators that impose velocities [N s/m, N m s/rad]: 1,000 times the gain of the contact."""
-PREFIX = "towed_"
-"""Prefix of the names of all elements taken from the tractor model."""
+RIGID = 1e9  # Gain of the actuators that impose velocities [N s/m, N m s/rad]: 1,000 times the gain of the contact
+PREFIX = "towed_"  # Prefix of the names of all elements taken from the tractor model
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
 """Outputs of the contact sensor: number of contacts, and their net force in the world frame."""
 SETTLE_S, STEADY_S = 1.0, 2.0

@@ -18,43 +18,31 @@ from agrobot_mj.tyres.base import Footing
 from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
-DT_S = 0.002
-"""Time step of the rig [s], equal to the default physics step."""
-SETTLE_LENGTHS = 25.0
-"""Distance travelled before a steady measurement [relaxation lengths]; exp(-25) is 1e-11."""
+DT_S = 0.002  # Time step of the rig [s], equal to the default physics step
+SETTLE_LENGTHS = 25.0  # Distance travelled before a steady measurement [relaxation lengths]; exp(-25) is 1e-11
 MOST_RADII = 10.0
 """Maximum relaxation length divided by free radius [-], as in a scenario. Longer ones take too long to settle."""
-FRONT, REAR = 0, 2
-"""Indices of the front and rear wheel whose tyres are tested."""
+FRONT, REAR = 0, 2  # Indices of the front and rear wheel whose tyres are tested
 AXLES = {"front": FRONT, "rear": REAR}
 
 
 class Setting(NamedTuple):
     """Motion and load that the rig imposes on the wheel."""
 
-    speed: float
-    """Speed of the wheel centre along its heading [m/s]."""
-    slip_angle: float
-    """Angle from heading to velocity, positive if the wheel slides to the left [rad]."""
-    slip_ratio: float
-    """Slip ratio (rim speed - v) / v, positive when driving [-]."""
-    load: float
-    """Vertical load [N]."""
+    speed: float  # Speed of the wheel centre along its heading [m/s]
+    slip_angle: float  # Angle from heading to velocity, positive if the wheel slides to the left [rad]
+    slip_ratio: float  # Slip ratio (rim speed - v) / v, positive when driving [-]
+    load: float  # Vertical load [N]
 
 
 class Reading(NamedTuple):
     """Forces and moment measured by the rig."""
 
-    fx: float
-    """Longitudinal force, positive forward [N]."""
-    fy: float
-    """Lateral force, positive to the left [N]."""
-    mz: float
-    """Moment about the vertical axis through the wheel centre, positive counter-clockwise from above [N m]."""
-    load: float
-    """Vertical load [N]."""
-    grounded: float
-    """Fraction of time in contact with the ground [-]."""
+    fx: float  # Longitudinal force, positive forward [N]
+    fy: float  # Lateral force, positive to the left [N]
+    mz: float  # Moment about the vertical axis through the wheel centre, positive counter-clockwise from above [N m]
+    load: float  # Vertical load [N]
+    grounded: float  # Fraction of time in contact with the ground [-]
 
 
 def static_load(tractor: TractorParameters, wheel: int) -> float:

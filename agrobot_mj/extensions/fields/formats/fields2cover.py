@@ -7,8 +7,7 @@ import numpy as np
 
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 
-WIDTH, TURN = 8, 2
-"""Number of values in a row, and value of the type that marks a turn."""
+WIDTH, TURN = 8, 2  # Number of values in a row, and value of the type that marks a turn
 
 
 def _row(line: str) -> list[float]:

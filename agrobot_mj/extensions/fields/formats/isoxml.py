@@ -16,16 +16,13 @@ from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.shapes import DEGREES
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
-BOUNDARY, MAIN_FIELD, HEADLAND = "1", "9", "10"
-"""Type numbers of polygons: partfield boundary, main field, headland."""
-OBSTACLES = ("3", "4", "6")
-"""Type numbers of polygons that the tractor must not enter: water, building, obstacle."""
+BOUNDARY, MAIN_FIELD, HEADLAND = "1", "9", "10"  # Type numbers of polygons: partfield boundary, main field, headland
+OBSTACLES = ("3", "4", "6")  # Type numbers of polygons that the tractor must not enter: water, building, obstacle
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 """Type numbers of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
 """Type numbers of guidance patterns (two points; point and heading), and value for an extension at both ends."""
-LINE_M = 1000.0
-"""Length of a guidance line on each side of its point, for a pattern given by a point and a heading [m]."""
+LINE_M = 1000.0  # Length of a guidance line on each side of its point, for a pattern given by a point and a heading [m]
 
 
 def read_task_data(text: str) -> ShapeFile:

@@ -11,8 +11,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES
 
 START = re.compile(r"\s*(SRID=\d+;)?\s*(MULTI)?(POLYGON|LINESTRING|POINT)|\s*(SRID=\d+;)?\s*GEOMETRYCOLLECTION", re.I)
 """Pattern of the start of a well-known text."""
-LARGEST_DEG = 1.0
-"""Extent below which coordinates without a coordinate system are treated as degrees [deg]."""
+LARGEST_DEG = 1.0  # Extent below which coordinates without a coordinate system are treated as degrees [deg]
 
 
 def is_wkt(head: str) -> bool:

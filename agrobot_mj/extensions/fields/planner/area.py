@@ -15,8 +15,7 @@ from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_box
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
-TOLERANCE_M = 0.05
-"""Permitted distance beyond the boundary, for rounded corners and coordinates [m]."""
+TOLERANCE_M = 0.05  # Permitted distance beyond the boundary, for rounded corners and coordinates [m]
 SWING_M = 0.3
 """Distance by which the ends of the implement may extend beyond the boundary in bends [m]. Assumed value (0-0.5)."""
 
@@ -25,15 +24,11 @@ SWING_M = 0.3
 class Area:
     """Areas and headland laps of a field, for one machine."""
 
-    whole: BaseGeometry
-    """Drivable area for tractor and implement: the field without obstacles."""
-    body: BaseGeometry
-    """Body of the field: the area inside the headland laps, in which the swaths are."""
-    laps: tuple[Ring, ...]
-    """Headland laps in driving order."""
+    whole: BaseGeometry  # Drivable area for tractor and implement: the field without obstacles
+    body: BaseGeometry  # Body of the field: the area inside the headland laps, in which the swaths are
+    laps: tuple[Ring, ...]  # Headland laps in driving order
     rig: FieldMachine
-    beyond: float = 0.0
-    """Distance beyond the boundary that is free of obstacles [m]."""
+    beyond: float = 0.0  # Distance beyond the boundary that is free of obstacles [m]
 
     @cached_property
     def _allowed(self) -> BaseGeometry:

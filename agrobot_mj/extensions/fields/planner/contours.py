@@ -9,10 +9,8 @@ from shapely.geometry.base import BaseGeometry
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.terrain.grid import Ground, heights
 
-STATIONS = 40
-"""Number of evaluated points of the field in each direction."""
-LEVEL = 1e-3
-"""Mean gradient below which a field has no contour direction [-]."""
+STATIONS = 40  # Number of evaluated points of the field in each direction
+LEVEL = 1e-3  # Mean gradient below which a field has no contour direction [-]
 
 
 def contour_direction(area: BaseGeometry, ground: Ground) -> float:

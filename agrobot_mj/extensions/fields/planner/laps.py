@@ -14,12 +14,9 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.fillet import Rounding, rounded
 from agrobot_mj.paths.track import Course, Piece
 
-MITRE = 5.0
-"""Maximum length of a mitred corner divided by the offset distance [-]."""
-SIMPLE_M = 0.05
-"""Tolerance of the simplification of rings [m]."""
-CORNER_M = 0.1
-"""Maximum distance of a rounded corner from the original one if the change of direction is small [m]."""
+MITRE = 5.0  # Maximum length of a mitred corner divided by the offset distance [-]
+SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
+CORNER_M = 0.1  # Maximum distance of a rounded corner from the original one if the change of direction is small [m]
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
 """Smoothing radii that are tried in order until the machine can follow a ring, as multiples of the turn radius [-]."""
 
@@ -27,12 +24,9 @@ SMOOTHER = (0.0, 1.0, 1.5, 2.5)
 class Ring(NamedTuple):
     """Closed polyline of a headland lap."""
 
-    points: Array
-    """Corners in the order of driving, shape (n, 2) [m]. The first corner is not repeated."""
-    number: int
-    """Number of the lap, counted from 0 at the boundary."""
-    hole: int = -1
-    """Number of the obstacle around which the lap leads; -1 for a lap along the boundary."""
+    points: Array  # Corners in the order of driving, shape (n, 2) [m]. The first corner is not repeated.
+    number: int  # Number of the lap, counted from 0 at the boundary
+    hole: int = -1  # Number of the obstacle around which the lap leads; -1 for a lap along the boundary
 
     @property
     def line(self) -> LinearRing:

@@ -11,28 +11,21 @@ from agrobot_mj.extensions.fields.planner.area import Area
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
-WARNED_M = 0.1
-"""Distance beyond the boundary above which there is a warning [m]."""
+WARNED_M = 0.1  # Distance beyond the boundary above which there is a warning [m]
 LEAVES = "the machine leaves the field", "the ends of the implement swing beyond the boundary"
 """First words of the warnings about the tractor and about the implement."""
-PLACES_TOLD = 5
-"""Maximum number of places listed in a warning."""
+PLACES_TOLD = 5  # Maximum number of places listed in a warning
 
 
 @dataclass(frozen=True)
 class Leaving:
     """Distances by which tractor and implement leave the field along a course, as arrays of shape (n,)."""
 
-    x: Array
-    """East coordinate of the CG [m]."""
-    y: Array
-    """North coordinate of the CG [m]."""
-    outside: Array
-    """Distance of tractor and implement beyond the boundary, shape (2, n) [m]."""
-    excess: Array
-    """Distance beyond the boundary in excess of the permitted distance [m]."""
-    in_lap: Array
-    """Whether each point is on a headland lap."""
+    x: Array  # East coordinate of the CG [m]
+    y: Array  # North coordinate of the CG [m]
+    outside: Array  # Distance of tractor and implement beyond the boundary, shape (2, n) [m]
+    excess: Array  # Distance beyond the boundary in excess of the permitted distance [m]
+    in_lap: Array  # Whether each point is on a headland lap
 
     @property
     def laps(self) -> float:

@@ -26,37 +26,25 @@ from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
 from agrobot_mj.paths.track import Piece
 
-LAP_STARTS = 24
-"""Number of points of a ring at which its lap may start."""
-DEFAULT_HEADLANDS = 2
-"""Default number of headland laps. It is increased if the turns need more space."""
-TRIES = 6
-"""Maximum number of attempts with additional laps or a wider margin."""
-MARGIN_STEP_M = 0.02
-"""Increase of the margin in addition to the excess distance that it must prevent [m]."""
-CLOSE_M = 1e-3
-"""Distance below which two poses are treated as the same [m]."""
-GOALS_TRIED = 6
-"""Number of possible starts of the next pass, nearest first, to which connections are evaluated."""
-LEAST_AREA = 0.1
-"""Minimum area of a field body with swaths, divided by the square of the working width [-]."""
+LAP_STARTS = 24  # Number of points of a ring at which its lap may start
+DEFAULT_HEADLANDS = 2  # Default number of headland laps. It is increased if the turns need more space.
+TRIES = 6  # Maximum number of attempts with additional laps or a wider margin
+MARGIN_STEP_M = 0.02  # Increase of the margin in addition to the excess distance that it must prevent [m]
+CLOSE_M = 1e-3  # Distance below which two poses are treated as the same [m]
+GOALS_TRIED = 6  # Number of possible starts of the next pass, nearest first, to which connections are evaluated
+LEAST_AREA = 0.1  # Minimum area of a field body with swaths, divided by the square of the working width [-]
 
 
 class Options(NamedTuple):
     """Options of a plan."""
 
-    headlands: int | None = None
-    """Number of headland laps. None: two, or more if the turns need more space."""
-    turn: Shape = "clothoid"
-    """Preferred turn shape between neighbouring swaths."""
-    order: str = "boustrophedon"
-    """Order of the swaths of a cell."""
+    headlands: int | None = None  # Number of headland laps. None: two, or more if the turns need more space.
+    turn: Shape = "clothoid"  # Preferred turn shape between neighbouring swaths
+    order: str = "boustrophedon"  # Order of the swaths of a cell
     angle: float | None = None
     """Direction of the swaths, counter-clockwise from east [rad]. None: the direction with the fewest swaths."""
-    sections: int = 1
-    """Number of sections of the implement."""
-    beyond: float = 0.0
-    """Distance by which the machine may extend beyond the field [m]."""
+    sections: int = 1  # Number of sections of the implement
+    beyond: float = 0.0  # Distance by which the machine may extend beyond the field [m]
 
 
 class _Work:

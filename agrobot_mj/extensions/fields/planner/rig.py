@@ -14,30 +14,21 @@ from agrobot_mj.scenario.schema import Scenario
 
 MIN_SHARE = 0.95
 """Maximum fraction of the curvature limit of the machine that plans use [-]. Assumed value: 5 % remain for feedback."""
-BAR_M = 0.1
-"""Half of the length of the outline of the implement [m]."""
+BAR_M = 0.1  # Half of the length of the outline of the implement [m]
 
 
 @dataclass(frozen=True)
 class FieldMachine:
     """Tractor with its implement. Distances are relative to the CG of the tractor, the reference point of paths."""
 
-    width: float
-    """Working width of the implement [m]."""
-    behind: float
-    """Distance of the working point of the implement behind the CG on a straight line [m]."""
-    front: float
-    """Distance of the front end of the tractor ahead of the CG [m]."""
-    rear: float
-    """Distance of the rear end of the tractor behind the CG [m]."""
-    half_width: float
-    """Half of the width of the tractor, including the tyres [m]."""
-    tightest: float
-    """Minimum turn radius of the CG [m]."""
-    path: Swaths
-    """Path whose keys define the bends of the machine: radius, speed and steering rate."""
-    overlap: float = 0.0
-    """Planned overlap between neighbouring passes [m]."""
+    width: float  # Working width of the implement [m]
+    behind: float  # Distance of the working point of the implement behind the CG on a straight line [m]
+    front: float  # Distance of the front end of the tractor ahead of the CG [m]
+    rear: float  # Distance of the rear end of the tractor behind the CG [m]
+    half_width: float  # Half of the width of the tractor, including the tyres [m]
+    tightest: float  # Minimum turn radius of the CG [m]
+    path: Swaths  # Path whose keys define the bends of the machine: radius, speed and steering rate
+    overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
 
     @property
     def spacing(self) -> float:

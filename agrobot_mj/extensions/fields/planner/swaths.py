@@ -16,26 +16,19 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.paths.parallel import skipping
 
-THINNEST = 0.02
-"""Minimum width of a part of a strip that gets a swath, divided by the width of the strip [-]."""
-ANGLE_STEP = pi / 18
-"""Step between evaluated swath directions [rad]. The directions of edges are also evaluated."""
-ROUNDING = 1e-6
-"""Rounding error that is ignored in the number of swaths across an area [-]."""
+THINNEST = 0.02  # Minimum width of a part of a strip that gets a swath, divided by the width of the strip [-]
+ANGLE_STEP = pi / 18  # Step between evaluated swath directions [rad]. The directions of edges are also evaluated.
+ROUNDING = 1e-6  # Rounding error that is ignored in the number of swaths across an area [-]
 Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
     """Strip worked in one pass. Stations are distances along the swath direction; offsets are to its left."""
 
-    start: float
-    """Station at the first end [m]."""
-    end: float
-    """Station at the second end [m]."""
-    across: float
-    """Offset of the centre line, to the left of the swath direction [m]."""
-    sections: tuple[Span, ...]
-    """Stations between which each section works [m], for sections from right to left."""
+    start: float  # Station at the first end [m]
+    end: float  # Station at the second end [m]
+    across: float  # Offset of the centre line, to the left of the swath direction [m]
+    sections: tuple[Span, ...]  # Stations between which each section works [m], for sections from right to left
 
     @property
     def length(self) -> float:
@@ -46,10 +39,8 @@ class Swath(NamedTuple):
 class Pattern(NamedTuple):
     """Parallel swaths that cover an area."""
 
-    angle: float
-    """Direction of the swaths, counter-clockwise from east [rad]."""
-    cells: tuple[tuple[Swath, ...], ...]
-    """Cells; a cell is a tuple of adjacent swaths from right to left."""
+    angle: float  # Direction of the swaths, counter-clockwise from east [rad]
+    cells: tuple[tuple[Swath, ...], ...]  # Cells; a cell is a tuple of adjacent swaths from right to left
 
     @property
     def number(self) -> int:

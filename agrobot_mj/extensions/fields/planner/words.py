@@ -17,23 +17,18 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import bend
 
 TURN = 2 * pi
-LEAST_ANGLE = 1e-7
-"""Angle below which a bend is omitted [rad]."""
-CLOSE = 1e-6
-"""Maximum error at the end of a connection [m, rad]."""
-GRID = 1e-6
-"""Resolution to which relative poses are rounded, so that connections can be cached [m, rad]."""
+LEAST_ANGLE = 1e-7  # Angle below which a bend is omitted [rad]
+CLOSE = 1e-6  # Maximum error at the end of a connection [m, rad]
+GRID = 1e-6  # Resolution to which relative poses are rounded, so that connections can be cached [m, rad]
 
 
 class Bends(NamedTuple):
     """Limits of the bends of a connection."""
 
-    radius: float
-    """Radius of arcs [m]."""
+    radius: float  # Radius of arcs [m]
     sharpness: float = inf
     """Maximum change of curvature per metre [1/m2]. Infinite if bends are arcs without clothoids."""
-    speed: float = inf
-    """Maximum speed [m/s]."""
+    speed: float = inf  # Maximum speed [m/s]
 
     @property
     def reach(self) -> float:
@@ -44,14 +39,10 @@ class Bends(NamedTuple):
 class Word(NamedTuple):
     """Type of a connection: two outer bends and the segment between them."""
 
-    first: int
-    """Side of the first bend: 1 left, -1 right."""
-    middle: int
-    """Side of the middle bend; 0 for a straight segment."""
-    last: int
-    """Side of the last bend."""
-    reverse: bool = False
-    """Whether the middle bend is driven in reverse."""
+    first: int  # Side of the first bend: 1 left, -1 right
+    middle: int  # Side of the middle bend; 0 for a straight segment
+    last: int  # Side of the last bend
+    reverse: bool = False  # Whether the middle bend is driven in reverse
 
     @property
     def mirrored(self) -> "Word":
@@ -61,8 +52,7 @@ class Word(NamedTuple):
 
 FORWARD = (*(Word(a, 0, b) for a in (1, -1) for b in (1, -1)), Word(1, -1, 1), Word(-1, 1, -1))
 """Words that are driven forward."""
-REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))
-"""Words whose middle bend is driven in reverse."""
+REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))  # Words whose middle bend is driven in reverse
 
 
 def length_of(pieces: tuple[Piece, ...]) -> float:

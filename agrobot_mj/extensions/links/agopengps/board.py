@@ -36,16 +36,13 @@ from agrobot_mj.core.agopengps.wire import Rejected, Unknown, decode, encode
 from agrobot_mj.core.signals import NEUTRAL_V
 from agrobot_mj.extensions.links.agopengps_guidance import Actuation, AgOpenGps
 
-FULL_PWM = 255
-"""Maximum output of the motor driver [PWM counts]."""
+FULL_PWM = 255  # Maximum output of the motor driver [PWM counts]
 SOFT_ZONE_DEG = 3.0
 """Steering error below which the PWM limit is proportional to the error [deg], as in AgOpenGPS boards."""
-LOW_OVER_MIN = 1.2
-"""PWM limit at zero steering error divided by the minimum PWM [-], as in AgOpenGPS boards."""
+LOW_OVER_MIN = 1.2  # PWM limit at zero steering error divided by the minimum PWM [-], as in AgOpenGPS boards
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
 """Sign with which a board applies the offset to the sensor counts, by dialect."""
-INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04
-"""Bits of `SteerConfig.set0`: inverted sensor, inverted motor."""
+INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04  # Bits of `SteerConfig.set0`: inverted sensor, inverted motor
 
 
 def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
@@ -93,10 +90,8 @@ def voltage_of(pwm: int, config: SteerConfig) -> float:
 
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
 """Bit of `SteerData.status` that is set while the host steers, by dialect."""
-REPEAT_S = 0.001
-"""Maximum time between identical datagrams that are treated as duplicates [s]."""
-FALLBACK_S = 0.1
-"""Interval of the reports of the board while the host sends no messages [s]."""
+REPEAT_S = 0.001  # Maximum time between identical datagrams that are treated as duplicates [s]
+FALLBACK_S = 0.1  # Interval of the reports of the board while the host sends no messages [s]
 LOOPBACK = (127, 0, 0, 1)
 
 
@@ -104,16 +99,13 @@ class Tally(NamedTuple):
     """Numbers of messages and events that the board has counted."""
 
     steer_data: int = 0
-    hellos: int = 0
-    """Number of hello messages of the communication program."""
+    hellos: int = 0  # Number of hello messages of the communication program
     others: int = 0
     unknown: int = 0
     repeats: int = 0
     rejected: tuple[tuple[str, int], ...] = ()
-    engagements: int = 0
-    """Number of times at which the board started steering."""
-    lost: int = 0
-    """Number of times at which messages of the host stopped arriving."""
+    engagements: int = 0  # Number of times at which the board started steering
+    lost: int = 0  # Number of times at which messages of the host stopped arriving
 
 
 class BoardState(NamedTuple):
@@ -121,23 +113,16 @@ class BoardState(NamedTuple):
 
     settings: SteerSettings
     config: SteerConfig = SteerConfig(0)
-    asked: SteerData | None = None
-    """Last steering message of the host; None before the first one."""
-    heard_at: float = -inf
-    """Arrival time of the last steering message in board time [s]."""
+    asked: SteerData | None = None  # Last steering message of the host; None before the first one
+    heard_at: float = -inf  # Arrival time of the last steering message in board time [s]
     latched: bool = True
     """Whether the board is latched: it does not steer until a message without the engaged bit has arrived."""
-    silent: bool = True
-    """Whether the watchdog time has passed since the last message of the host."""
+    silent: bool = True  # Whether the watchdog time has passed since the last message of the host
     engaged: bool = False
-    steer: float = 0.0
-    """Steering angle measured in the last tick, left positive [rad]."""
-    pwm: int = 0
-    """Motor output computed by the proportional law of the board, left positive [PWM counts]."""
-    reported_at: float = -inf
-    """Time of the last report [s]."""
-    last: tuple[bytes, float] = (b"", -inf)
-    """Last datagram, and wall-clock time of its arrival [s]."""
+    steer: float = 0.0  # Steering angle measured in the last tick, left positive [rad]
+    pwm: int = 0  # Motor output computed by the proportional law of the board, left positive [PWM counts]
+    reported_at: float = -inf  # Time of the last report [s]
+    last: tuple[bytes, float] = (b"", -inf)  # Last datagram, and wall-clock time of its arrival [s]
     tally: Tally = Tally()
 
 
@@ -145,12 +130,9 @@ class Board(NamedTuple):
     """Simulated steer module with the settings of a scenario."""
 
     spec: AgOpenGps
-    limit: float
-    """Maximum absolute steering angle [rad]."""
-    inertial_unit: bool = False
-    """Whether an inertial unit also replies to hello messages of the host."""
-    address: tuple[int, int, int, int] = LOOPBACK
-    """IPv4 address that a host receives when it scans the network."""
+    limit: float  # Maximum absolute steering angle [rad]
+    inertial_unit: bool = False  # Whether an inertial unit also replies to hello messages of the host
+    address: tuple[int, int, int, int] = LOOPBACK  # IPv4 address that a host receives when it scans the network
 
     def init(self) -> BoardState:
         """Return the state at power-up."""

@@ -15,12 +15,9 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.links.agopengps.udp import Incoming, UdpSockets
 from agrobot_mj.extensions.links.pacing import Pace
 
-BOARD_LOOP_S = 0.025
-"""Period of the control loop of a steer module [s], as in AgOpenGPS boards."""
-QUIET_S = 0.010
-"""Time before each position in which no report is sent [s], because some hosts would lose the position."""
-ANSWER_S = 0.5
-"""Time limit for the reply of a host that determines the pace of the run [s]. Assumed value."""
+BOARD_LOOP_S = 0.025  # Period of the control loop of a steer module [s], as in AgOpenGPS boards
+QUIET_S = 0.010  # Time before each position in which no report is sent [s], because some hosts would lose the position
+ANSWER_S = 0.5  # Time limit for the reply of a host that determines the pace of the run [s]. Assumed value.
 
 
 class Channel(Protocol):

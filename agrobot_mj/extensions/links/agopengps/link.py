@@ -28,8 +28,7 @@ from agrobot_mj.simulation.storage import write_log
 
 FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
 """Scenario keys whose values may differ between a replay and the recorded run."""
-LEAST_PACE = 0.05
-"""Minimum pace, which is simulated time divided by wall-clock time [-]."""
+LEAST_PACE = 0.05  # Minimum pace, which is simulated time divided by wall-clock time [-]
 
 
 class LinkRun(NamedTuple):
@@ -42,10 +41,8 @@ class LinkRun(NamedTuple):
 class LinkCheck(NamedTuple):
     """Results of a check of the connection."""
 
-    block: dict[str, Any]
-    """Metrics of the link."""
-    lines: list[str]
-    """Results as text."""
+    block: dict[str, Any]  # Metrics of the link
+    lines: list[str]  # Results as text
 
 
 def link(

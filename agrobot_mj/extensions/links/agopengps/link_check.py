@@ -12,12 +12,9 @@ from agrobot_mj.metrics.base import rms
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import Log
 
-CHECK_S = 20.0
-"""Duration of a check [s]."""
-SURE_M = 0.3
-"""Maximum half width of the interval of an identified antenna position [m]. Assumed value."""
-ANTENNA_ROWS = 10
-"""Minimum number of positions for an antenna position [-]."""
+CHECK_S = 20.0  # Duration of a check [s]
+SURE_M = 0.3  # Maximum half width of the interval of an identified antenna position [m]. Assumed value.
+ANTENNA_ROWS = 10  # Minimum number of positions for an antenna position [-]
 TURNING = 0.02
 """Minimum RMS yaw rate for an effective wheelbase [rad/s]. Assumed value: bends of 75 m radius at 1.5 m/s."""
 

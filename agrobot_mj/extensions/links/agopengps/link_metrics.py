@@ -14,12 +14,9 @@ from agrobot_mj.metrics.base import rms
 from agrobot_mj.metrics.crosstrack import cross_track as path_offset
 from agrobot_mj.simulation.log import Log
 
-POSITIONS = (b"$PANDA", b"$PAOGI")
-"""First bytes of the position messages to the host."""
-SETTLED_M = 0.1
-"""Distance from the line of the host below which the tractor has settled [m]."""
-LATE_S = 20.0
-"""Time from the first engagement to the start of the late part of a run [s]."""
+POSITIONS = (b"$PANDA", b"$PAOGI")  # First bytes of the position messages to the host
+SETTLED_M = 0.1  # Distance from the line of the host below which the tractor has settled [m]
+LATE_S = 20.0  # Time from the first engagement to the start of the late part of a run [s]
 SHIFT_M = 0.1
 """Minimum reported mean difference of reported and true cross-track error [m]. Assumed value: twice the resolution."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9

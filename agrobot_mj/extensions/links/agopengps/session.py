@@ -36,15 +36,11 @@ QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FL
 class ReceiverState(NamedTuple):
     """State of the simulated GNSS and IMU board between two ticks."""
 
-    yaw: float = nan
-    """Heading integrated from the gyro [rad]; NaN before the first measurement."""
-    heading: float = nan
-    """Last heading from two antennas [rad]; NaN before the first heading."""
+    yaw: float = nan  # Heading integrated from the gyro [rad]; NaN before the first measurement
+    heading: float = nan  # Last heading from two antennas [rad]; NaN before the first heading
     solution: Solution | None = None
-    fresh: bool = False
-    """Whether the last measurement contained a solution."""
-    attitude: BoardAttitude = BoardAttitude()
-    """Attitude in the last measurement."""
+    fresh: bool = False  # Whether the last measurement contained a solution
+    attitude: BoardAttitude = BoardAttitude()  # Attitude in the last measurement
 
 
 class Receiver(NamedTuple):
@@ -85,8 +81,7 @@ class Receiver(NamedTuple):
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
 """Names of the programs that send hello messages and steering messages, by dialect."""
-PATIENCE_S = 5.0
-"""Waiting time after which a message with the name of the missing program is printed [s]."""
+PATIENCE_S = 5.0  # Waiting time after which a message with the name of the missing program is printed [s]
 
 
 class NoHostError(NotBegunError):
@@ -99,18 +94,15 @@ class LinkOptions(NamedTuple):
     address: str = "127.0.0.1"
     port: int = BOARD_PORT
     host_port: int = HOST_PORT
-    replay: Path | None = None
-    """Recorded session to replay instead of a host; None for a host."""
+    replay: Path | None = None  # Recorded session to replay instead of a host; None for a host
     start: Literal["heard", "engaged", "now"] = "heard"
     """Event at which the clock of the run starts: first message or engagement of the host, or opening of the link."""
-    wait_s: float = 60.0
-    """Maximum time to wait for the start event [s]."""
+    wait_s: float = 60.0  # Maximum time to wait for the start event [s]
     nmea: tuple[str, int] | None = None
     """Address and port to which the additional NMEA sentences GGA, RMC and VTG are sent; None to send none."""
     pace: Literal["answered"] | float = 1.0
     """Simulated time per wall-clock time, at most 1 [-]; or `answered` to continue after each reply of the host."""
-    live: bool = False
-    """Whether observers receive rows during the run, and not only at its end."""
+    live: bool = False  # Whether observers receive rows during the run, and not only at its end
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None
 

@@ -19,21 +19,17 @@ from agrobot_mj.core.errors import ScenarioError
 
 BOARD_PORT, HOST_PORT = 8888, 9999
 LOOPBACK = ("127.0.0.1", "127.0.0.255", "127.255.255.255")
-LONGEST = 2048
-"""Maximum length of a datagram [bytes]. Longer datagrams are rejected."""
-MOST_A_TURN = 500
-"""Maximum number of datagrams processed per turn. Further datagrams are processed in the next turn."""
+LONGEST = 2048  # Maximum length of a datagram [bytes]. Longer datagrams are rejected.
+MOST_A_TURN = 500  # Maximum number of datagrams processed per turn. Further datagrams are processed in the next turn.
 
 
 class Incoming(NamedTuple):
     """Datagram received from the network."""
 
-    wall: float
-    """Arrival time [s]: value of `time.perf_counter`, or time since the opening of the link."""
+    wall: float  # Arrival time [s]: value of `time.perf_counter`, or time since the opening of the link
     address: str
     data: bytes
-    quiet: bool = False
-    """Whether the board must not reply, because the next position follows shortly."""
+    quiet: bool = False  # Whether the board must not reply, because the next position follows shortly
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:

@@ -12,8 +12,7 @@ try:
 except ImportError:
     raise ImportError('agrobot_mj.extensions.links.gym needs gymnasium; pip install "agrobot-mj[gym]"') from None
 
-ENV_ID = "agrobot_mj/FollowPath-v1"
-"""Name of the environment, for `gymnasium.make`."""
+ENV_ID = "agrobot_mj/FollowPath-v1"  # Name of the environment, for `gymnasium.make`
 
 
 def register_env() -> None:

@@ -40,8 +40,7 @@ from agrobot_mj.simulation.stepping import Simulation
 
 Range = tuple[float, float] | list[Any]
 """Pair (low, high) of a uniform distribution, for integers if both are integers; or list of equally probable values."""
-SEEDS = 2**31
-"""Number of possible seeds of an episode."""
+SEEDS = 2**31  # Number of possible seeds of an episode
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
@@ -69,22 +68,15 @@ def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
     return drawn
 
 
-SHARP_M = 0.2
-"""Cross-track error at which the reward is halved [m]. An error of 2 cm, the receiver noise, costs 1 %."""
-SLOWEST_M_S = 0.1
-"""Minimum reference speed for computing the progress [m/s], because the reference stops at cusps."""
-EFFORT = 0.1
-"""Decrease of the reward if the steering action changes by 1 between two ticks [-]."""
-CATCH_UP_PER_S = 0.5
-"""Gain from along-track error to speed correction without the action `speed` [1/s]. Assumed value."""
-MOST_CATCH_UP_M_S = 0.5
-"""Maximum speed correction [m/s]. Assumed value."""
-PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)
-"""Default distances ahead at which the path curvature is observed [m]."""
+SHARP_M = 0.2  # Cross-track error at which the reward is halved [m]. An error of 2 cm, the receiver noise, costs 1 %.
+SLOWEST_M_S = 0.1  # Minimum reference speed for computing the progress [m/s], because the reference stops at cusps
+EFFORT = 0.1  # Decrease of the reward if the steering action changes by 1 between two ticks [-]
+CATCH_UP_PER_S = 0.5  # Gain from along-track error to speed correction without the action `speed` [1/s]. Assumed value.
+MOST_CATCH_UP_M_S = 0.5  # Maximum speed correction [m/s]. Assumed value.
+PREVIEW_M = (0.0, 0.5, 1.0, 2.0, 3.0, 5.0)  # Default distances ahead at which the path curvature is observed [m]
 
 
-DRAWN_M = np.arange(-5.0, 20.0, 0.25)
-"""Arc lengths of the drawn path points relative to the tractor [m]."""
+DRAWN_M = np.arange(-5.0, 20.0, 0.25)  # Arc lengths of the drawn path points relative to the tractor [m]
 
 
 class FollowPath(gymnasium.Env[Any, Any]):

@@ -21,12 +21,9 @@ class Moment(NamedTuple):
     """State of an episode at one tick, for computing the observation."""
 
     sim: Simulation
-    beside: PathPoint
-    """Path point nearest to the estimated position."""
-    beside_truth: PathPoint
-    """Path point nearest to the true position."""
-    steer: float
-    """Steering angle of the last action, left positive [rad]."""
+    beside: PathPoint  # Path point nearest to the estimated position
+    beside_truth: PathPoint  # Path point nearest to the true position
+    steer: float  # Steering angle of the last action, left positive [rad]
 
 
 class Observed(NamedTuple):
@@ -34,8 +31,7 @@ class Observed(NamedTuple):
 
     name: str
     unit: str
-    bound: float
-    """Maximum absolute value [unit of the component]."""
+    bound: float  # Maximum absolute value [unit of the component]
     description: str
     value: Callable[[Moment], float]
 

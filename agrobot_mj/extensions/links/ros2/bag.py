@@ -39,8 +39,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.results import atomic, results
 
 FILE = "run.mcap"
-LARGEST = 1e9
-"""Upper limit of the absolute value of any signal [SI units]."""
+LARGEST = 1e9  # Upper limit of the absolute value of any signal [SI units]
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:

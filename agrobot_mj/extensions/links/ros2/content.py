@@ -62,45 +62,32 @@ def samples_of(signals: pa.Table) -> Iterator[TickSample]:
 
 
 Content = dict[str, Any]
-EPOCH_NS = round(START.timestamp() * 1e9)
-"""Time at the start of every run, in nanoseconds since 1970 (UTC)."""
+EPOCH_NS = round(START.timestamp() * 1e9)  # Time at the start of every run, in nanoseconds since 1970 (UTC)
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
 """NavSatStatus for each quality of the solution: RTK float is a plain fix, RTK fix a ground-based augmentation."""
-SERVICES = 1 + 2 + 4 + 8
-"""Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo."""
+SERVICES = 1 + 2 + 4 + 8  # Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo
 UP_SIGMA = 2.0
 """Standard deviation of the height divided by that of a horizontal coordinate [-]. Assumed value (1.5-3)."""
-AGAIN_TICKS = 100
-"""Number of ticks between repetitions of /path and /tf_static, for subscribers that connect later."""
-PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000
-"""Distance between points of /path [m], and maximum number of points [-]."""
-UNKNOWN_VARIANCE = 1e6
-"""Variance that marks a component without measurement."""
-NOT_MEASURED = [-1.0, *[0.0] * 8]
-"""Covariance that marks an unmeasured quantity."""
+AGAIN_TICKS = 100  # Number of ticks between repetitions of /path and /tf_static, for subscribers that connect later
+PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000  # Distance between points of /path [m], and maximum number of points [-]
+UNKNOWN_VARIANCE = 1e6  # Variance that marks a component without measurement
+NOT_MEASURED = [-1.0, *[0.0] * 8]  # Covariance that marks an unmeasured quantity
 
 
 class Site(NamedTuple):
     """Values of the scenario that are needed for messages."""
 
     origin: Origin
-    antenna: tuple[float, float, float]
-    """Position of the antenna in `base_link`: ahead, to the left and up [m]."""
-    cg_height: float
-    """Height of the CG above the ground [m]."""
-    cg_to_rear_axle: float
-    """Distance of the CG from the rear axle [m]."""
-    wheel_radius: float
-    """Radius of the rear wheels [m]."""
+    antenna: tuple[float, float, float]  # Position of the antenna in `base_link`: ahead, to the left and up [m]
+    cg_height: float  # Height of the CG above the ground [m]
+    cg_to_rear_axle: float  # Distance of the CG from the rear axle [m]
+    wheel_radius: float  # Radius of the rear wheels [m]
     position_variance: tuple[float, float]
     """Variance of the position along each horizontal axis for the solutions RTK float and RTK fix [m2]."""
-    tilt_variance: float
-    """Variance of roll and pitch of the inertial unit [rad2]."""
-    gyro_variance: float
-    """Variance of the gyro noise [rad2/s2]."""
-    gyro_walk: float
-    """Random walk of the gyro bias [rad2/s3]."""
+    tilt_variance: float  # Variance of roll and pitch of the inertial unit [rad2]
+    gyro_variance: float  # Variance of the gyro noise [rad2/s2]
+    gyro_walk: float  # Random walk of the gyro bias [rad2/s3]
 
 
 def site_of(scenario: Scenario) -> Site:

@@ -11,29 +11,22 @@ from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
-DEPTH = 10
-"""Queue length of topics, for slow subscribers [messages]."""
-MOST_DOMAIN = 232
-"""Maximum ROS domain ID for DDS over UDP."""
-LATCHED = "/path"
-"""Topic with durability TRANSIENT_LOCAL, which sends the last message to late subscribers."""
+DEPTH = 10  # Queue length of topics, for slow subscribers [messages]
+MOST_DOMAIN = 232  # Maximum ROS domain ID for DDS over UDP
+LATCHED = "/path"  # Topic with durability TRANSIENT_LOCAL, which sends the last message to late subscribers
 
 
 NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
 """Pattern of a ROS namespace without its leading slash; the namespace may be empty."""
-TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"
-"""Message types of /cmd_vel, without and with a time stamp."""
+TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"  # Message types of /cmd_vel, without and with a time stamp
 
 
 class VelocityMessage(NamedTuple):
     """Received velocity command."""
 
-    speed: float
-    """Forward speed [m/s]."""
-    yaw_rate: float
-    """Yaw rate, left positive [rad/s]."""
-    wall: float
-    """Arrival time from `time.perf_counter` [s]."""
+    speed: float  # Forward speed [m/s]
+    yaw_rate: float  # Yaw rate, left positive [rad/s]
+    wall: float  # Arrival time from `time.perf_counter` [s]
 
 
 class RosNode:

@@ -14,10 +14,8 @@ from pathlib import Path
 
 from agrobot_mj.core.errors import ScenarioError
 
-MIDDLEWARE = "rmw_fastrtps_cpp"
-"""ROS middleware to which the profile applies."""
-PEERS = 32
-"""Maximum number of participants that can be discovered on this computer."""
+MIDDLEWARE = "rmw_fastrtps_cpp"  # ROS middleware to which the profile applies
+PEERS = 32  # Maximum number of participants that can be discovered on this computer
 PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com">
   <profiles>

@@ -39,8 +39,7 @@ from agrobot_mj.simulation.run import Watcher
 from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
-ANSWER_S = 0.025
-"""Time from the start of a turn within which an arriving command is effective in this turn [s]."""
+ANSWER_S = 0.025  # Time from the start of a turn within which an arriving command is effective in this turn [s]
 SETTLE_S = 0.3
 """Time without commands until all replies to earlier clock messages have arrived (lock-step) [s]. Assumed value."""
 ASK_TURNS = 60
@@ -83,20 +82,15 @@ class RosOptions(NamedTuple):
 
     pace: Literal["real_time", "lock_step"] = "real_time"
     """Time base of the run: the wall clock (`real_time`), or the commands of the program (`lock_step`)."""
-    every: int = 1
-    """Number of ticks per command in lock-step."""
+    every: int = 1  # Number of ticks per command in lock-step
     start: Literal["heard", "now"] = "heard"
     """Event at which the clock of the run starts: the first command, or the opening of the link."""
-    wait_s: float = 60.0
-    """Maximum time to wait for the start event and, in lock-step, for each command [s]."""
-    network: bool = False
-    """Whether other computers can reach the topics."""
-    domain: int | None = None
-    """ROS domain ID. Default: the environment."""
+    wait_s: float = 60.0  # Maximum time to wait for the start event and, in lock-step, for each command [s]
+    network: bool = False  # Whether other computers can reach the topics
+    domain: int | None = None  # ROS domain ID. Default: the environment.
     stamped: bool = False
     namespace: str = ""
-    live: bool = False
-    """Whether observers receive rows during the run, and not only at its end."""
+    live: bool = False  # Whether observers receive rows during the run, and not only at its end
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None
 

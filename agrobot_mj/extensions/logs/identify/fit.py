@@ -38,12 +38,10 @@ from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 MEMORY_S = 0.4
 """Length of the autoregression of residuals [s], limited to between `LEAST_ORDER` and `MOST_ORDER` samples."""
 LEAST_ORDER, MOST_ORDER = 2, 8
-ROUNDS = 3
-"""Number of rounds of whitening and fitting. Two rounds suffice for convergence."""
+ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
 """Maximum time over which errors of different windows are treated as correlated [s]; at most a third of the log."""
-DRAWS = 12
-"""Number of noise realisations added to the recorded angle and speed."""
+DRAWS = 12  # Number of noise realisations added to the recorded angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
 """Parameters that are fitted if identifiable and are not reported."""
 
@@ -52,28 +50,23 @@ class Prior(NamedTuple):
     """Normal prior distribution of a quantity."""
 
     mean: float
-    sigma: float
-    """Standard deviation of the prior."""
+    sigma: float  # Standard deviation of the prior
 
 
 class Autoregression(NamedTuple):
     """Autoregressive model of the residuals in one channel."""
 
-    coefficients: Array
-    """Coefficients of the last p values, shape (p,)."""
-    sigma: float
-    """Standard deviation of the innovations."""
+    coefficients: Array  # Coefficients of the last p values, shape (p,)
+    sigma: float  # Standard deviation of the innovations
 
 
 class VehicleFit(NamedTuple):
     """Fitted parameters with their covariance."""
 
     names: tuple[str, ...]
-    value: Array
-    """Values of the parameters `names` [SI, rad]."""
+    value: Array  # Values of the parameters `names` [SI, rad]
     covariance: Array
-    freedom: int
-    """Degrees of freedom of the intervals: number of windows minus one."""
+    freedom: int  # Degrees of freedom of the intervals: number of windows minus one
 
     @property
     def errors(self) -> dict[str, float]:
@@ -156,8 +149,7 @@ class _Units(NamedTuple):
     high: Array
     start: Array
     scale: Array
-    mean: Array
-    """Means of the priors."""
+    mean: Array  # Means of the priors
     weight: Array
     """Typical magnitude of each parameter divided by the standard deviation of its prior; 0 without a prior."""
 
@@ -293,14 +285,10 @@ SLIP_AT_LOAD = Prior(0.1, 0.08)
 roads, 2-10 on soil."""
 RELAXATION = Prior(1.0, 1.0)
 """Prior of the relaxation length per wheel radius [-]: 0.25 on turf at walking speed; published values reach 3."""
-BACKLASH = Prior(0.0, radians(1.5))
-"""Prior of the steering play [rad]."""
-SPEED_ERROR = Prior(0.0, 0.02)
-"""Prior of the relative error of the speed [-]."""
-DELAY_S = 0.3
-"""Prior standard deviation of a latency [s]."""
-PLACE_M = 0.5
-"""Prior standard deviation of the antenna position relative to its position in the map [m]."""
+BACKLASH = Prior(0.0, radians(1.5))  # Prior of the steering play [rad]
+SPEED_ERROR = Prior(0.0, 0.02)  # Prior of the relative error of the speed [-]
+DELAY_S = 0.3  # Prior standard deviation of a latency [s]
+PLACE_M = 0.5  # Prior standard deviation of the antenna position relative to its position in the map [m]
 LEAN_S2 = Prior(0.02, 0.03)
 """Prior of the outward shift of the antenna due to roll, per lateral acceleration [s2]: 0 with tilt correction, 0.014
 for the compact and 0.045 for a narrow tractor."""

@@ -28,10 +28,8 @@ from agrobot_mj.extensions.logs.replay.result import on_wide_ground, reach
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 
-RANGE = 4.0
-"""Maximum ratio of a fitted value to the initial value, and of the initial value to a fitted one [-]."""
-STEP = 0.01
-"""Relative change of a value for finite differences [-]: large compared with contact noise."""
+RANGE = 4.0  # Maximum ratio of a fitted value to the initial value, and of the initial value to a fitted one [-]
+STEP = 0.01  # Relative change of a value for finite differences [-]: large compared with contact noise
 Residuals = dict[tuple[str, int, int], Array]
 """Residuals by channel, segment and window; the number of values does not depend on the fitted keys."""
 
@@ -39,10 +37,8 @@ Residuals = dict[tuple[str, int, int], Array]
 class FittedKeys(NamedTuple):
     """Scenario keys fitted to logs."""
 
-    found: dict[str, Quantity]
-    """Fitted values by key, with intervals from fits without one window."""
-    toolbox: dict[str, float]
-    """Half widths of the intervals of the toolbox by key."""
+    found: dict[str, Quantity]  # Fitted values by key, with intervals from fits without one window
+    toolbox: dict[str, float]  # Half widths of the intervals of the toolbox by key
     windows: int
     rms: dict[str, tuple[float, float]]
     """RMS residual by channel with the initial and with the fitted values [rad/s or m]."""

@@ -22,55 +22,38 @@ from scipy.signal import lfilter
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
 
-STEP_S = 0.01
-"""Maximum time step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz."""
-GAMMA = 1.0 - 0.5 * 2.0**0.5
-"""Coefficient of SDIRK2 that makes it L-stable [-]."""
-SHORTEST_RELAXATION_M = 1e-4
-"""Minimum relaxation length [m]."""
+STEP_S = 0.01  # Maximum time step of the model [s]: with SDIRK2 the relative error of the yaw rate is 1e-4 at 1 Hz
+GAMMA = 1.0 - 0.5 * 2.0**0.5  # Coefficient of SDIRK2 that makes it L-stable [-]
+SHORTEST_RELAXATION_M = 1e-4  # Minimum relaxation length [m]
 
 
 class Chassis2(NamedTuple):
     """Known vehicle parameters."""
 
-    mass: float
-    """Mass [kg]."""
-    inertia: float
-    """Yaw inertia [kg m2]."""
-    l_f: float
-    """Distance of the front axle ahead of the CG [m]."""
-    l_r: float
-    """Distance of the rear axle behind the CG [m]."""
-    small_angles: bool
-    """Whether small steering angles are assumed, as in the bicycle model of the paper."""
+    mass: float  # Mass [kg]
+    inertia: float  # Yaw inertia [kg m2]
+    l_f: float  # Distance of the front axle ahead of the CG [m]
+    l_r: float  # Distance of the rear axle behind the CG [m]
+    small_angles: bool  # Whether small steering angles are assumed, as in the bicycle model of the paper
 
 
 class Lateral(NamedTuple):
     """Tyre parameters of the lateral motion, which are fitted."""
 
-    C_f: float
-    """Cornering stiffness of the front axle [N/rad]."""
-    C_r: float
-    """Cornering stiffness of the rear axle [N/rad]."""
-    sigma_f: float
-    """Relaxation length of the front tyres [m]."""
-    sigma_r: float
-    """Relaxation length of the rear tyres [m]."""
+    C_f: float  # Cornering stiffness of the front axle [N/rad]
+    C_r: float  # Cornering stiffness of the rear axle [N/rad]
+    sigma_f: float  # Relaxation length of the front tyres [m]
+    sigma_r: float  # Relaxation length of the rear tyres [m]
 
 
 class LateralMotion(NamedTuple):
     """Motion of the model at every step, as arrays of shape (n,)."""
 
-    yaw_rate: Array
-    """Yaw rate [rad/s]."""
-    yaw: Array
-    """Heading relative to the first step [rad]."""
-    rear_x: Array
-    """Position of the rear-axle point R along the initial heading [m]."""
-    rear_y: Array
-    """Position of the rear-axle point R to the left of the initial heading [m]."""
-    side: Array
-    """Velocity of the rear-axle point R to the left of the heading [m/s]."""
+    yaw_rate: Array  # Yaw rate [rad/s]
+    yaw: Array  # Heading relative to the first step [rad]
+    rear_x: Array  # Position of the rear-axle point R along the initial heading [m]
+    rear_y: Array  # Position of the rear-axle point R to the left of the initial heading [m]
+    side: Array  # Velocity of the rear-axle point R to the left of the heading [m/s]
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:

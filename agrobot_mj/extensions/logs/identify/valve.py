@@ -35,24 +35,17 @@ from agrobot_mj.machine.hydraulics import (
     valve_step,
 )
 
-STEPS_PER_TICK = 25
-"""Number of model steps per tick: 2 ms steps in a 50 ms tick."""
-WINDOW_S = 5.0
-"""Length of a window [s]: longer than delay and lag, shorter than slow unmodelled effects."""
-LEAST_WINDOWS = 4
-"""Minimum number of windows for a fit."""
-LEAST_MOTION_DEG = 0.5
-"""RMS motion below which a window contains only noise [deg]."""
-NEAR_STOP_DEG = 1.0
-"""Distance from the steering stops below which a window is omitted [deg]."""
-UNLIMITED_L_MIN = 1e4
-"""Pump flow that does not limit the steering rate [l/min]."""
+STEPS_PER_TICK = 25  # Number of model steps per tick: 2 ms steps in a 50 ms tick
+WINDOW_S = 5.0  # Length of a window [s]: longer than delay and lag, shorter than slow unmodelled effects
+LEAST_WINDOWS = 4  # Minimum number of windows for a fit
+LEAST_MOTION_DEG = 0.5  # RMS motion below which a window contains only noise [deg]
+NEAR_STOP_DEG = 1.0  # Distance from the steering stops below which a window is omitted [deg]
+UNLIMITED_L_MIN = 1e4  # Pump flow that does not limit the steering rate [l/min]
 SURE, PRECISE = 50.0, 0.1
 """Minimum reduction of chi squared and maximum relative error [-], for a rate limit or backlash to be identified."""
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the variance of the measured angle that a fit explains [-]. Assumed value: runs give 0.99."""
-COLUMNS = ("t", "valve_voltage", "steer_measured")
-"""Columns of `signals.parquet` that the fit uses."""
+COLUMNS = ("t", "valve_voltage", "steer_measured")  # Columns of `signals.parquet` that the fit uses
 NAMES = (
     *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
     *("rate_limit_deg_s", "backlash_deg"),
@@ -72,54 +65,36 @@ PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
 class Identified(NamedTuple):
     """Steering valve and backlash identified from a run."""
 
-    dead_band_v: float
-    """Half width of the dead band about neutral [V]."""
-    gain_left_l_min_v: float
-    """Flow per volt outside the dead band, steering left [l/(min V)]."""
-    gain_right_l_min_v: float
-    """Flow per volt outside the dead band, steering right [l/(min V)]."""
+    dead_band_v: float  # Half width of the dead band about neutral [V]
+    gain_left_l_min_v: float  # Flow per volt outside the dead band, steering left [l/(min V)]
+    gain_right_l_min_v: float  # Flow per volt outside the dead band, steering right [l/(min V)]
     rate_limit_deg_s: float | None
     """Maximum steering rate in both directions, limited by the pump flow [deg/s]; None if the run does not reach it."""
-    time_constant_s: float
-    """Time constant of the spool [s]."""
-    delay_s: float
-    """Transport delay of the valve [s]."""
-    backlash_deg: float | None
-    """Total play between cylinder and wheels [deg]; None if the run does not show it."""
-    errors: dict[str, float]
-    """Standard errors of the parameters by name, in the units of the parameters."""
-    rate_reached_deg_s: float
-    """Maximum steering rate of the fitted model in the run [deg/s]."""
-    residual_rms_deg: float
-    """RMS difference of measured and fitted angle, relative to the mean of each window [deg]."""
-    explained: float
-    """Fraction of the variance of the measured angle within windows that the fit explains [-]."""
+    time_constant_s: float  # Time constant of the spool [s]
+    delay_s: float  # Transport delay of the valve [s]
+    backlash_deg: float | None  # Total play between cylinder and wheels [deg]; None if the run does not show it
+    errors: dict[str, float]  # Standard errors of the parameters by name, in the units of the parameters
+    rate_reached_deg_s: float  # Maximum steering rate of the fitted model in the run [deg/s]
+    residual_rms_deg: float  # RMS difference of measured and fitted angle, relative to the mean of each window [deg]
+    explained: float  # Fraction of the variance of the measured angle within windows that the fit explains [-]
 
 
 class Fitted(NamedTuple):
     """Result of one fit."""
 
-    p: Array
-    """All parameters, shape (8,). An unidentified rate limit is infinite, an unidentified backlash is 0."""
-    free: tuple[int, ...]
-    """Indices of the fitted parameters."""
-    result: OptimizeResult
-    """Result of `scipy.optimize.least_squares`."""
+    p: Array  # All parameters, shape (8,). An unidentified rate limit is infinite, an unidentified backlash is 0.
+    free: tuple[int, ...]  # Indices of the fitted parameters
+    result: OptimizeResult  # Result of `scipy.optimize.least_squares`
 
 
 class Data(NamedTuple):
     """Measurements used by the fit."""
 
-    voltage: Array
-    """Valve voltage, constant in each tick, shape (n,) [V]."""
-    measured: Array
-    """Measured angle, averaged over the preceding tick, shape (windows, ticks) [rad]."""
-    kept: Array
-    """Mask of the windows that `measured` contains, shape (complete windows,)."""
-    tick: float
-    """Length of a tick [s]."""
-    displacement: float
-    """Oil volume of the cylinder per steering angle [m3/rad]."""
+    voltage: Array  # Valve voltage, constant in each tick, shape (n,) [V]
+    measured: Array  # Measured angle, averaged over the preceding tick, shape (windows, ticks) [rad]
+    kept: Array  # Mask of the windows that `measured` contains, shape (complete windows,)
+    tick: float  # Length of a tick [s]
+    displacement: float  # Oil volume of the cylinder per steering angle [m3/rad]
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:

@@ -34,10 +34,8 @@ CHOICES = {
 """Names of the fitted parameters for each value of the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
 """Default of `--fit`. With slow steering, a lag cannot be distinguished from a delay, so only the delay is fitted."""
-LEAST_WINDOWS = 6
-"""Minimum number of windows for a fit: half a minute of driving at speed."""
-LEAST_STEER_DEG = 0.5
-"""Minimum RMS steering angle for a fit [deg]."""
+LEAST_WINDOWS = 6  # Minimum number of windows for a fit: half a minute of driving at speed
+LEAST_STEER_DEG = 0.5  # Minimum RMS steering angle for a fit [deg]
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the yaw-rate variance that a fit explains on the remaining part of the log [-]. Assumed value."""
 SEPARABLE = 0.5
@@ -46,11 +44,9 @@ PLAUSIBLE = 1.0, 60.0
 """Plausible range of an axle's cornering stiffness per load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
 """Typical relative errors of yaw inertia and front load fraction estimated from the machine size [-]. Assumed."""
-AGE = Prior(0.0, 0.1)
-"""Prior of latencies that are not given by the map: of speed, heading and position [s]."""
+AGE = Prior(0.0, 0.1)  # Prior of latencies that are not given by the map: of speed, heading and position [s]
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
-RATE_S = 1.0
-"""Interval in which a heading difference gives a mean yaw rate [s]."""
+RATE_S = 1.0  # Interval in which a heading difference gives a mean yaw rate [s]
 
 
 class NothingExplainedError(ScenarioError):
@@ -60,23 +56,16 @@ class NothingExplainedError(ScenarioError):
 class IdentifiedVehicle(NamedTuple):
     """Vehicle identified from recordings."""
 
-    found: dict[str, Quantity]
-    """Identified quantities by key. A key ends with the unit."""
+    found: dict[str, Quantity]  # Identified quantities by key. A key ends with the unit.
     windows: int
-    explained: float
-    """Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]."""
-    residual_deg_s: float
-    """RMS residual of the fit on the rest of the log [deg/s]."""
-    kinematic_deg_s: float
-    """RMS residual of a model without slip at the recorded angle, on the rest of the log [deg/s]."""
+    explained: float  # Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]
+    residual_deg_s: float  # RMS residual of the fit on the rest of the log [deg/s]
+    kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle, on the rest of the log [deg/s]
     moved: dict[str, tuple[float, float]]
     """Factors on front and rear stiffness if a quantity unknown to the scenario changes, by text of the change [-]."""
-    geometry: str
-    """Geometry of the steering model: `small angles` or `tangent`."""
-    notes: tuple[str, ...]
-    """Notes about the parts of the logs that are used."""
-    kept: tuple[FieldRecording, ...]
-    """Segments of the logs that are used."""
+    geometry: str  # Geometry of the steering model: `small angles` or `tangent`
+    notes: tuple[str, ...]  # Notes about the parts of the logs that are used
+    kept: tuple[FieldRecording, ...]  # Segments of the logs that are used
 
 
 def identify_vehicle(

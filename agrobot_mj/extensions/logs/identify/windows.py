@@ -24,8 +24,7 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed
 
-WINDOW_S = 5.0
-"""Length of a window [s]: longer than the dynamics, and short enough for many windows per minute."""
+WINDOW_S = 5.0  # Length of a window [s]: longer than the dynamics, and short enough for many windows per minute
 CUT_OFF_HZ = 3.0
 """Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above this frequency would act like a lag."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
@@ -33,14 +32,11 @@ PLAY_CUT_OFF_HZ = (2.0, 8.0)
 PLAYING = radians(0.1)
 """Noise of the wheel angle after this filter [rad]. Assumed value: larger noise would move the wheels through their
 play and resemble soft tyres."""
-SETTLE_S = 2.0
-"""Time omitted at the start of a segment, until the effects of initial state and play have decayed [s]."""
-LEAST_SAMPLES = 11
-"""Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`."""
+SETTLE_S = 2.0  # Time omitted at the start of a segment, until the effects of initial state and play have decayed [s]
+LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
 """Time between samples above which a window has a gap [s]. The limit is at least 2.5 times the mean spacing."""
-FULL = 0.95
-"""Minimum number of samples in a window, divided by the nominal number [-]."""
+FULL = 0.95  # Minimum number of samples in a window, divided by the nominal number [-]
 EVEN, FULL_UNEVEN = 0.9, 0.85
 """Minimum fraction of time steps near their median in an evenly sampled channel, and value of `FULL` for other channels
 [-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
@@ -49,10 +45,8 @@ EVEN, FULL_UNEVEN = 0.9, 0.85
 class WindowedChannel(NamedTuple):
     """Measured values of a channel, divided into windows."""
 
-    t: Array
-    """Times, shape (windows, n) [s]."""
-    value: Array
-    """Values, shape (windows, n), or (windows, n, 2) for positions."""
+    t: Array  # Times, shape (windows, n) [s]
+    value: Array  # Values, shape (windows, n), or (windows, n, 2) for positions
 
     @property
     def spacing(self) -> float:
@@ -64,18 +58,14 @@ class FitPiece(NamedTuple):
     """Inputs of one segment of a log, sampled at the time steps of the model."""
 
     recording: FieldRecording
-    t: Array
-    """Times [s]."""
-    steer: Array
-    """Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]."""
-    u: Array
-    """Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]."""
+    t: Array  # Times [s]
+    steer: Array  # Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]
+    u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]
     yaw_rate: Array | None
     """Recorded yaw rate (gyro or heading) if the speed is that of the antenna [rad/s]; otherwise None."""
     heading: Callable[[Array], Array] | None
     """Function that interpolates the recorded heading [rad]; None without a heading."""
-    windows: slice
-    """Index range of the windows, in each channel, that belong to this segment."""
+    windows: slice  # Index range of the windows, in each channel, that belong to this segment
 
 
 class VehicleData(NamedTuple):
@@ -85,12 +75,9 @@ class VehicleData(NamedTuple):
     chassis: Chassis2
     channels: dict[str, WindowedChannel]
     """Measured channels by name: `yaw_rate` of a gyro, `heading` and `position`, if available."""
-    steer_noise: float
-    """Standard deviation of white noise in the recorded wheel angle [rad]."""
-    speed_noise: float
-    """Standard deviation of white noise in the recorded speed [m/s]."""
-    play_cut_off_hz: float
-    """Cut-off frequency of the filter for the recorded wheel angle before the play [Hz]."""
+    steer_noise: float  # Standard deviation of white noise in the recorded wheel angle [rad]
+    speed_noise: float  # Standard deviation of white noise in the recorded speed [m/s]
+    play_cut_off_hz: float  # Cut-off frequency of the filter for the recorded wheel angle before the play [Hz]
 
     @property
     def dynamics(self) -> set[str]:
@@ -224,10 +211,8 @@ def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full
     return found
 
 
-MASS_KG = 750.0
-"""Mass of the tractor to which the compliances in `DYNAMICS` refer [kg]."""
-Channels = dict[str, Array]
-"""Values by channel, shape (windows, n); for positions (windows, n, 2)."""
+MASS_KG = 750.0  # Mass of the tractor to which the compliances in `DYNAMICS` refer [kg]
+Channels = dict[str, Array]  # Values by channel, shape (windows, n); for positions (windows, n, 2)
 
 
 class Parameter(NamedTuple):
@@ -236,8 +221,7 @@ class Parameter(NamedTuple):
     start: float
     low: float
     high: float
-    scale: float
-    """Typical magnitude of the parameter."""
+    scale: float  # Typical magnitude of the parameter
 
 
 SENSORS = {

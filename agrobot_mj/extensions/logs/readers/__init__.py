@@ -23,8 +23,7 @@ from agrobot_mj.extensions.logs.readers.nmea import NmeaText
 from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
 from agrobot_mj.extensions.logs.readers.timed import TimedLines
 
-READERS = LogReader.registry
-"""All readers in the order in which they are tried, the most specific first."""
+READERS = LogReader.registry  # All readers in the order in which they are tried, the most specific first
 READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), TimedLines(), NmeaText(), CanText()]
 READERS += [FreeColumns()]
 
@@ -33,16 +32,12 @@ class OpenedLog(NamedTuple):
     """Log that has been read, with its properties."""
 
     name: str
-    reader: str
-    """Kind of the reader that read the log."""
+    reader: str  # Kind of the reader that read the log
     source: Source
     """Input for `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
-    notes: tuple[str, ...]
-    """Notes about data that were selected or omitted."""
-    log_map: LogMap | None
-    """Map of the columns, if known and sufficient for a replay; otherwise None."""
-    missing: str
-    """Quantities missing for a replay, identification or calibration, as text; empty if none is missing."""
+    notes: tuple[str, ...]  # Notes about data that were selected or omitted
+    log_map: LogMap | None  # Map of the columns, if known and sufficient for a replay; otherwise None
+    missing: str  # Quantities missing for a replay, identification or calibration, as text; empty if none is missing
     tables: dict[str, dict[str, Any]]
     """Map tables for the known columns, as a template for a user-defined map. Empty for free columns."""
 

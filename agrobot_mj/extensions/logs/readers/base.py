@@ -41,16 +41,11 @@ QUANTITIES = (
     Column("steering_wheel", "rad", "angle of the steering wheel, left positive"),
 )
 """Quantities that a reader may return. Further numeric columns are kept."""
-HEAD_BYTES = 65536
-"""Number of bytes at the start of a file from which its format is recognised [bytes]."""
-LONGEST_LINE = 65536
-"""Maximum length of a line of text [bytes]."""
-LARGEST = 1e300
-"""Upper limit of absolute values that are valid, in any unit."""
-MOST_VALUES = 20_000_000
-"""Maximum number of values from one file; a value needs 16 bytes."""
-MOST_DAMAGED = 0.2
-"""Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value."""
+HEAD_BYTES = 65536  # Number of bytes at the start of a file from which its format is recognised [bytes]
+LONGEST_LINE = 65536  # Maximum length of a line of text [bytes]
+LARGEST = 1e300  # Upper limit of absolute values that are valid, in any unit
+MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
+MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 LATE_S = 0.1
 """Maximum time by which a value may be older than a preceding value of the file [s], with two buses or sockets on one
 computer. Assumed value."""
@@ -61,8 +56,7 @@ class Head(NamedTuple):
     """Start of a file, or a folder, from which a reader recognises the format."""
 
     path: Path
-    data: bytes
-    """First `HEAD_BYTES` of the file; empty for a folder."""
+    data: bytes  # First `HEAD_BYTES` of the file; empty for a folder
 
     @property
     def lines(self) -> list[str]:
@@ -74,10 +68,8 @@ class Head(NamedTuple):
 class ReadLog(NamedTuple):
     """Result of a reader."""
 
-    source: Source
-    """Table with columns of `QUANTITIES`, or the file itself if a map must define its columns."""
-    notes: tuple[str, ...] = ()
-    """Notes about data that were selected or omitted, one line each."""
+    source: Source  # Table with columns of `QUANTITIES`, or the file itself if a map must define its columns
+    notes: tuple[str, ...] = ()  # Notes about data that were selected or omitted, one line each
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
     """Map keys whose values differ from the defaults, by table."""
 

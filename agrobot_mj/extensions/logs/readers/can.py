@@ -18,26 +18,20 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples, text_lines
 
-REVERSE_BITS = 56
-"""Bit index in ISO 11783-7 speed messages of the first of two bits that are 0 in reverse."""
+REVERSE_BITS = 56  # Bit index in ISO 11783-7 speed messages of the first of two bits that are 0 in reverse
 
 
 class BusSignal(NamedTuple):
     """Quantity contained in a CAN message."""
 
     quantity: str
-    start: int
-    """Index of the first bit of the value, counted from the lowest bit of the first byte."""
+    start: int  # Index of the first bit of the value, counted from the lowest bit of the first byte
     bits: int
     signed: bool
-    scale: float
-    """SI units per count, with the sign that makes values left positive."""
-    offset: float = 0.0
-    """Value at count 0 [SI], with the sign of `scale`."""
-    compass: bool = False
-    """Whether the value is an angle clockwise from north."""
-    directed: bool = False
-    """Whether the message also contains the direction of travel."""
+    scale: float  # SI units per count, with the sign that makes values left positive
+    offset: float = 0.0  # Value at count 0 [SI], with the sign of `scale`
+    compass: bool = False  # Whether the value is an angle clockwise from north
+    directed: bool = False  # Whether the message also contains the direction of travel
 
     def of_counts(self, counts: float) -> float:
         """Convert counts to a value without the offset, as ISO 11783-10 stores them."""
@@ -97,8 +91,7 @@ def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
     return f"PGN {group} of {identifier & 0xFF:02X}", SIGNALS.get(group, ())
 
 
-ERROR_FRAME = 0x20000000
-"""Identifier bit in candump logs that marks an error frame, which the CAN controller generates."""
+ERROR_FRAME = 0x20000000  # Identifier bit in candump logs that marks an error frame, which the CAN controller generates
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
 """Names of log formats that python-can can convert, by the first bytes of the file."""
@@ -107,11 +100,9 @@ BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF
 class Dialect(NamedTuple):
     """Format of a line of text that contains one CAN frame."""
 
-    line: re.Pattern[str]
-    """Pattern of a line, with groups for time, hexadecimal identifier and data."""
+    line: re.Pattern[str]  # Pattern of a line, with groups for time, hexadecimal identifier and data
     data: Callable[[str], bytes]
-    per_second: float
-    """Number of time units per second."""
+    per_second: float  # Number of time units per second
 
 
 def _decimals(text: str) -> bytes:

@@ -18,18 +18,15 @@ from agrobot_mj.extensions.logs.pieces import pieces
 from agrobot_mj.extensions.logs.readers import OpenedLog
 from agrobot_mj.extensions.logs.recording import SECONDS, read_recording
 
-MOST_COLUMNS = 60
-"""Maximum number of columns that are described."""
+MOST_COLUMNS = 60  # Maximum number of columns that are described
 
 
 class Coverage(NamedTuple):
     """Coverage of the recorded time by the values of a column."""
 
     values: int
-    rate: float
-    """Rate of the values, from the median time step, so that gaps have no effect [Hz]."""
-    gap: float
-    """Longest time without a value [s]."""
+    rate: float  # Rate of the values, from the median time step, so that gaps have no effect [Hz]
+    gap: float  # Longest time without a value [s]
 
 
 def coverage(t: Array, values: Array) -> Coverage:

@@ -27,14 +27,12 @@ FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", 
 """Position attributes and their binary formats: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
 SPEED, ON_BUS = 397, 0xDFFE
 """Data dictionary identifiers: actual speed [mm/s], and a bus signal that is specified by further attributes."""
-DEGREES = 1e-7
-"""Latitude and longitude per count [deg]."""
+DEGREES = 1e-7  # Latitude and longitude per count [deg]
 FAILED, NOT_AVAILABLE = 14, 15
 """Values of the position status without an equivalent GGA quality. Other values are equal to the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
 """Maximum sizes: of a zip archive, of one XML file, and of all binary files together [bytes]."""
-MOST_FILES = 10_000
-"""Maximum number of files in a zip archive."""
+MOST_FILES = 10_000  # Maximum number of files in a zip archive
 Open = Callable[[int], bytes]
 """Function that returns the content of a file. Its argument is the maximum accepted size [bytes]."""
 
@@ -82,27 +80,21 @@ class TaskData(LogReader):
 class Record(NamedTuple):
     """Decoded record of a time log."""
 
-    t: float
-    """Local time since 1980 [s]."""
+    t: float  # Local time since 1980 [s]
     position: dict[str, float]
-    signals: dict[str, dict[str, float]]
-    """Latest values of the bus signals, by source and quantity."""
-    end: int
-    """Offset of the next record in the file [bytes]."""
+    signals: dict[str, dict[str, float]]  # Latest values of the bus signals, by source and quantity
+    end: int  # Offset of the next record in the file [bytes]
 
 
 class Layout(NamedTuple):
     """Layout of the records in a time log."""
 
     head: Struct
-    keys: tuple[str, ...]
-    """Position attributes that each record contains."""
-    fixed: dict[str, int]
-    """Values of the position attributes that are constant, by key."""
+    keys: tuple[str, ...]  # Position attributes that each record contains
+    fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
     """Known process values by number: source, and the signal that converts their counts."""
-    values: int
-    """Number of process values."""
+    values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:
         """Yield the records up to the first incomplete or invalid one. A signal keeps its value until it changes."""
@@ -140,8 +132,7 @@ class Layout(NamedTuple):
         return found
 
 
-ENTRY = Struct("<Bi")
-"""Binary format of a process value in a record: number and value."""
+ENTRY = Struct("<Bi")  # Binary format of a process value in a record: number and value
 
 
 def _layout(name: str, data: bytes) -> Layout:

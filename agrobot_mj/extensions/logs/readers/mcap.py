@@ -17,8 +17,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
 
 MAGIC, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
-MOST_RECORD_BYTES = 256_000_000
-"""Maximum size of a record, and of a chunk after unpacking [bytes]."""
+MOST_RECORD_BYTES = 256_000_000  # Maximum size of a record, and of a chunk after unpacking [bytes]
 FIX_QUALITY = {-1: 0, 0: 1, 1: 2, 2: 4}
 """GGA quality for each NavSatFix status: none, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
 

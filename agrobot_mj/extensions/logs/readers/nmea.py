@@ -17,8 +17,7 @@ from agrobot_mj.extensions.logs.readers.sentences import KINDS, Quantities, Sent
 
 RESET_S = 60.0
 """Time difference to the preceding sentence above which the clock of a sentence without a fix is not yet set [s]."""
-SETTLED_S = 10.0
-"""Time after the first fix within which a receiver may still correct its clock [s]. Assumed value."""
+SETTLED_S = 10.0  # Time after the first fix within which a receiver may still correct its clock [s]. Assumed value.
 
 
 class NmeaText(LogReader):

@@ -20,19 +20,15 @@ SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500
 """Pattern of an NMEA sentence among other bytes. The checksum group is None for a sentence without a checksum."""
 BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
 """GGA quality for each mode letter of the GNS sentence, from best to worst."""
-KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)
-"""GGA quality for each quality number of the KSXT sentence."""
+KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)  # GGA quality for each quality number of the KSXT sentence
 
 
 class Sentence(NamedTuple):
     """NMEA sentence found in a file."""
 
-    at: int
-    """Offset in the file [bytes]."""
-    kind: str
-    """Type of the sentence, a key of `KINDS`."""
-    fields: list[str]
-    """Fields of the sentence, name first; empty if the checksum is missing or invalid."""
+    at: int  # Offset in the file [bytes]
+    kind: str  # Type of the sentence, a key of `KINDS`
+    fields: list[str]  # Fields of the sentence, name first; empty if the checksum is missing or invalid
     text: str
 
 
@@ -144,8 +140,7 @@ class Kind(NamedTuple):
 
     quantities: Callable[[list[str]], Quantities]
     """Function that converts the fields to quantities, NaN if missing. Raises ValueError or IndexError."""
-    time: int = 1
-    """Index of the field that contains the time of day; 0 if there is none."""
+    time: int = 1  # Index of the field that contains the time of day; 0 if there is none
 
 
 KINDS = {

@@ -17,8 +17,7 @@ from agrobot_mj.extensions.logs.readers.sentences import KINDS, found_in
 
 LINE = pattern(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)?): ?([${].*)")
 """Pattern of a line, with groups for time and content."""
-FIRST = 20
-"""Number of lines at the start of a file from which the format is recognised."""
+FIRST = 20  # Number of lines at the start of a file from which the format is recognised
 
 
 class TimedLines(LogReader):

@@ -20,51 +20,35 @@ from agrobot_mj.plants import RunningPlant
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.loop import build_plant
 
-By = Literal["steer", "valve"]
-"""Recorded input that steers the plant: wheel angle or valve voltage."""
-TICK_S = 0.01
-"""Tick of the replay [s]: short compared with the yaw dynamics of tractors, which take at least 0.1 s."""
-STEER_RATE = 4.0
-"""Steering rate of the ideal valve at full voltage [rad/s]."""
-PEDAL_PER_V_S = 100.0
-"""Gain of the ideal pedal, which imposes the recorded speed [1/(V s)]."""
-FAST_S = 1e-3
-"""Time constant of the ideal valve and pump [s], half a physics step."""
+By = Literal["steer", "valve"]  # Recorded input that steers the plant: wheel angle or valve voltage
+TICK_S = 0.01  # Tick of the replay [s]: short compared with the yaw dynamics of tractors, which take at least 0.1 s
+STEER_RATE = 4.0  # Steering rate of the ideal valve at full voltage [rad/s]
+PEDAL_PER_V_S = 100.0  # Gain of the ideal pedal, which imposes the recorded speed [1/(V s)]
+FAST_S = 1e-3  # Time constant of the ideal valve and pump [s], half a physics step
 CORRECTION = 0.5
 """Fraction of an angle error corrected per tick [-]. At 1, the oil spring of the cylinder would oscillate."""
 INTEGRAL_S = 2.0
 """Time constant of the integral speed controller [s]: long compared with the oil spring of the drive (3 Hz)."""
 DRIVE_DAMPING = 10.0
 """Damping of the drive in a replay per nominal damping [-]: half of the critical damping of the oil spring."""
-LEAD_ACCELERATION = 1.0
-"""Acceleration of the tractor in the lead-in [m/s2]."""
-LEAD_STEADY_S = 2.0
-"""Time at the initial speed and angle at the end of the lead-in [s]."""
-MOVING = 0.05
-"""Minimum initial speed for which a lead-in is needed [m/s]."""
+LEAD_ACCELERATION = 1.0  # Acceleration of the tractor in the lead-in [m/s2]
+LEAD_STEADY_S = 2.0  # Time at the initial speed and angle at the end of the lead-in [s]
+MOVING = 0.05  # Minimum initial speed for which a lead-in is needed [m/s]
 HOMING_V_RAD = 60.0
 """Gain from steering error to voltage for moving the valve of the scenario to the initial angle [V/rad]."""
-Pose = tuple[float, float, float]
-"""Pose of the rear-axle centre R: east and north [m], heading [rad]."""
+Pose = tuple[float, float, float]  # Pose of the rear-axle centre R: east and north [m], heading [rad]
 
 
 class Driven(NamedTuple):
     """Motion of the plant in a replay, as arrays of shape (n,)."""
 
-    t: Array
-    """Time of the recording [s]."""
-    steer: Array
-    """Wheel angle [rad]."""
-    speed: Array
-    """Speed along the heading, or speed of the driven wheels if the recording contains it [m/s]."""
-    yaw_rate: Array
-    """Yaw rate [rad/s]."""
-    yaw: Array
-    """Heading, unwrapped [rad]."""
-    point: Array
-    """East and north coordinates of the recorded point, shape (n, 2) [m]."""
-    outcome: str
-    """`completed`, or the reason for which the plant stopped before the end."""
+    t: Array  # Time of the recording [s]
+    steer: Array  # Wheel angle [rad]
+    speed: Array  # Speed along the heading, or speed of the driven wheels if the recording contains it [m/s]
+    yaw_rate: Array  # Yaw rate [rad/s]
+    yaw: Array  # Heading, unwrapped [rad]
+    point: Array  # East and north coordinates of the recorded point, shape (n, 2) [m]
+    outcome: str  # `completed`, or the reason for which the plant stopped before the end
 
 
 class _Inputs(NamedTuple):

@@ -18,23 +18,18 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.driving import Driven, Pose
 from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 
-START_M = 10.0
-"""Length of the recorded track to which the initial pose is fitted [m]."""
-WINDOW_S = 10.0
-"""Length of a window [s], about the duration of one bend."""
+START_M = 10.0  # Length of the recorded track to which the initial pose is fitted [m]
+WINDOW_S = 10.0  # Length of a window [s], about the duration of one bend
 STRETCH_S = 1.0
 """Time between positions when track lengths are compared [s]: long compared with noise, short compared with bends."""
-LARGEST_LAG_S = 0.5
-"""Maximum lag between two yaw rates that is considered [s]."""
+LARGEST_LAG_S = 0.5  # Maximum lag between two yaw rates that is considered [s]
 
 
 class Rigid(NamedTuple):
     """Rigid motion of the plane: rotation and translation."""
 
-    turn: float
-    """Rotation, counter-clockwise [rad]."""
-    shift: Array
-    """Translation after the rotation, shape (2,) [m]."""
+    turn: float  # Rotation, counter-clockwise [rad]
+    shift: Array  # Translation after the rotation, shape (2,) [m]
 
     def of(self, points: Array) -> Array:
         """Rotate and translate points (n, 2)."""
@@ -108,8 +103,7 @@ def kinematic(recording: FieldRecording, wheelbase: float) -> tuple[Array, Array
     return t, yaw, np.column_stack([x + ahead * c - left * s, y + ahead * s + left * c])
 
 
-Replayed = tuple[FieldRecording, Driven]
-"""Segment of a recording and its replay."""
+Replayed = tuple[FieldRecording, Driven]  # Segment of a recording and its replay
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:

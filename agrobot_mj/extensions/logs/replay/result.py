@@ -57,8 +57,7 @@ class ReplayResult(NamedTuple):
 
     pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
-    notes: tuple[str, ...]
-    """Notes about the parts of the logs that are used."""
+    notes: tuple[str, ...]  # Notes about the parts of the logs that are used
 
 
 def replay(

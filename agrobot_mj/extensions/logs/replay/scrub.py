@@ -11,8 +11,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 SPEED_M_S, ANGLE_DEG = 1.0, 8.0
 """Speed [m/s] and wheel angle [deg] of the slow bend, in which centrifugal force is negligible."""
-SETTLED_S, END_S = 3.0, 4.0
-"""Start and end of the evaluated part of the bend [s]."""
+SETTLED_S, END_S = 3.0, 4.0  # Start and end of the evaluated part of the bend [s]
 
 
 def scrub(scenario: Scenario) -> float:

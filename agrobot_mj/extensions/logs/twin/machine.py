@@ -16,23 +16,19 @@ from agrobot_mj.scenario.machines import TABLES, machine_file, machine_tables
 from agrobot_mj.scenario.overrides import explicit_values, override
 from agrobot_mj.scenario.schema import Scenario
 
-MARGIN_DEG = 1.0
-"""Margin between maximum recorded angle and steering limit [deg]."""
-MOST_STEER_DEG = 60.0
-"""Maximum plausible steering limit [deg]."""
+MARGIN_DEG = 1.0  # Margin between maximum recorded angle and steering limit [deg]
+MOST_STEER_DEG = 60.0  # Maximum plausible steering limit [deg]
 BACKLASH = "steering.linkage.backlash_deg"
 MOST_CENTRE_DEG, MOST_SCALE = 20.0, (0.2, 5.0)
 """Limits of the error of centre [deg] and scale [-] of a steering sensor in a scenario."""
-CARCASS = (0.05, 2.0)
-"""Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]."""
+CARCASS = (0.05, 2.0)  # Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]
 
 
 class TwinKey(NamedTuple):
     """Key of a machine file whose value is identified from a log."""
 
     value: float | bool
-    note: str
-    """Text with interval or source of the value, for a comment."""
+    note: str  # Text with interval or source of the value, for a comment
 
 
 def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:

@@ -96,8 +96,7 @@ def _curve(parts: Sequence[tuple[Array, Array]], name: str, colour: str) -> Char
 
 
 REPORT = "report.html"
-FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")
-"""Files of a twin, in addition to `twin.json`."""
+FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")  # Files of a twin, in addition to `twin.json`
 
 
 def write_twin(t: Twin, folder: Path) -> None:

@@ -33,12 +33,9 @@ from agrobot_mj.extensions.logs.twin.machine import BACKLASH, TwinKey, machine_d
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 
-SPACING_M = 0.5
-"""Distance between waypoints [m]."""
-SMOOTHED_S = 2.0
-"""Length of the local cubics used for smoothing positions [s]."""
-SLOWEST_M_S = 0.1
-"""Minimum speed of waypoints [m/s]."""
+SPACING_M = 0.5  # Distance between waypoints [m]
+SMOOTHED_S = 2.0  # Length of the local cubics used for smoothing positions [s]
+SLOWEST_M_S = 0.1  # Minimum speed of waypoints [m/s]
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
@@ -83,12 +80,10 @@ def waypoint_text(points: Array) -> str:
     return "\n".join(["x,y,speed", *kept]) + "\n"
 
 
-SHARE = 0.6
-"""Fraction of the time used for the fit; the rest is for evaluation."""
+SHARE = 0.6  # Fraction of the time used for the fit; the rest is for evaluation
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
 """Smoothing distances between path and recorded track [m]. The first that the machine can follow is used."""
-LEVEL_M = 450.0
-"""Extent of a track above which level ground in the scenario must be enlarged [m]."""
+LEVEL_M = 450.0  # Extent of a track above which level ground in the scenario must be enlarged [m]
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
 """Fitted quantities that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
@@ -98,20 +93,14 @@ MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 class Twin(NamedTuple):
     """Twin of a machine, with its evaluation."""
 
-    name: str
-    """Names of the logs."""
+    name: str  # Names of the logs
     calibration: Calibration
-    vehicle: dict[str, Quantity]
-    """Vehicle quantities by key."""
-    keys: dict[str, TwinKey]
-    """Machine keys identified from the logs."""
-    scenario: Scenario
-    """Scenario of the replay: the twin's machine on level ground."""
-    fitted: tuple[FieldRecording, ...]
-    """Segments used in the fit, converted with the calibrated map."""
+    vehicle: dict[str, Quantity]  # Vehicle quantities by key
+    keys: dict[str, TwinKey]  # Machine keys identified from the logs
+    scenario: Scenario  # Scenario of the replay: the twin's machine on level ground
+    fitted: tuple[FieldRecording, ...]  # Segments used in the fit, converted with the calibrated map
     held_out: ReplayResult
-    texts: dict[str, str]
-    """Contents of the result files by name: machine, and scenario with waypoints if available."""
+    texts: dict[str, str]  # Contents of the result files by name: machine, and scenario with waypoints if available
     identity: str
 
     @property

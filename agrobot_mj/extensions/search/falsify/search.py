@@ -22,24 +22,18 @@ from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
 """Maximum distance of a sampled value from the mean [standard deviations]. One in 16,000 values is farther away."""
-FEWEST = 20
-"""Minimum number of combinations in a search."""
-NOT_FOUND = "not_found"
-"""Verdict of a search without a failing combination."""
+FEWEST = 20  # Minimum number of combinations in a search
+NOT_FOUND = "not_found"  # Verdict of a search without a failing combination
 
 
 class Varied(NamedTuple):
     """Varied key with its unit of distance, which is the width of its range or its standard deviation."""
 
     key: str
-    start: float
-    """Value at distance 0: the mild end of the range, or the mean."""
-    unit: float
-    """Change of the value per unit of distance: the width of the range, or the standard deviation."""
-    low: float = 0.0
-    """Minimum distance from `start` [-]."""
-    high: float = 1.0
-    """Maximum distance from `start` [-]."""
+    start: float  # Value at distance 0: the mild end of the range, or the mean
+    unit: float  # Change of the value per unit of distance: the width of the range, or the standard deviation
+    low: float = 0.0  # Minimum distance from `start` [-]
+    high: float = 1.0  # Maximum distance from `start` [-]
 
     def at(self, distance: float) -> float:
         """Return the value at a distance from `start` [-]."""
@@ -70,10 +64,8 @@ class FalsifyQuestion(NamedTuple):
 
     varied: tuple[Varied, ...]
     until: str
-    budget: int = 150
-    """Number of combinations to evaluate."""
-    seeds: int = 3
-    """Number of runs of each combination. A combination fails if more than half of its runs fail."""
+    budget: int = 150  # Number of combinations to evaluate
+    seeds: int = 3  # Number of runs of each combination. A combination fails if more than half of its runs fail.
     score: str | None = None
     """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
 
@@ -97,13 +89,11 @@ class FalsifyQuestion(NamedTuple):
 class Combination(NamedTuple):
     """Evaluated combination of values, with the results of its runs."""
 
-    distances: tuple[float, ...]
-    """Distance of each key from its mild value, in units of the key [-]."""
+    distances: tuple[float, ...]  # Distance of each key from its mild value, in units of the key [-]
     values: dict[str, Any]
     runs: int
     failed: int
-    close: float
-    """Median margin to the failure condition [-]: the maximum margin of each run, median over the runs."""
+    close: float  # Median margin to the failure condition [-]: the maximum margin of each run, median over the runs
 
     @property
     def fails(self) -> bool:
@@ -140,14 +130,10 @@ class Falsified(NamedTuple):
     statement: str
 
 
-HALVINGS = 6
-"""Number of bisection steps; the final resolution is 1/64 of the distance."""
-CONFIRMED = 10
-"""Number of runs of the result, of combinations on the line to the result, and of its neighbours."""
-MOST_CONFIRMED = 10
-"""Maximum number of failing combinations, from mild to hard, that are repeated with more seeds."""
-NEAR = 0.1
-"""Step to a neighbour of the result, as a fraction of its distance or of the unit of a key [-]."""
+HALVINGS = 6  # Number of bisection steps; the final resolution is 1/64 of the distance
+CONFIRMED = 10  # Number of runs of the result, of combinations on the line to the result, and of its neighbours
+MOST_CONFIRMED = 10  # Maximum number of failing combinations, from mild to hard, that are repeated with more seeds
+NEAR = 0.1  # Step to a neighbour of the result, as a fraction of its distance or of the unit of a key [-]
 Place = tuple[float, ...]
 
 

@@ -23,8 +23,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, write_figure
 from agrobot_mj.studies.sweep.plan import points_of
 from agrobot_mj.studies.sweep.store import read_rows
 
-NEGLIGIBLE = 0.05
-"""Fraction of the variance below which a parameter counts as negligible [-]."""
+NEGLIGIBLE = 0.05  # Fraction of the variance below which a parameter counts as negligible [-]
 
 
 def importance_table(found: Sequence[Influence]) -> str:
@@ -107,10 +106,8 @@ def _rank(first: Influence, key: str) -> str:
     return "?" if first.flaws else next(share.rank for share in first.shares if share.key == key)
 
 
-DESIGNS = ("screening", "saltelli")
-"""Sampling methods that `importance` supports."""
-OF_EVERY_RUN = ("expected", "progress")
-"""Columns for which failed runs also have values."""
+DESIGNS = ("screening", "saltelli")  # Sampling methods that `importance` supports
+OF_EVERY_RUN = ("expected", "progress")  # Columns for which failed runs also have values
 Rows = Sequence[dict[str, Any]]
 
 

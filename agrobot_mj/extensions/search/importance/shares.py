@@ -20,30 +20,21 @@ from scipy.stats import chi2, norm, rankdata, spearmanr, t
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.signals import Array
 
-CONFIDENCE = 0.95
-"""Probability with which the intervals of all draws in a group are correct simultaneously [-]."""
+CONFIDENCE = 0.95  # Probability with which the intervals of all draws in a group are correct simultaneously [-]
 
 
 class Share(NamedTuple):
     """Fraction of a metric's variance that one draw causes, including interactions."""
 
     key: str
-    share: float
-    """Estimated fraction [-]: the total index, or the squared slope in a screening."""
-    low: float
-    """Lower end of the interval of the fraction, valid for all draws simultaneously [-]."""
-    high: float
-    """Upper end of the interval [-]. In a screening it includes all unexplained variance."""
-    effect: float
-    """First-order index, or standardised slope of the regression [-]."""
-    half: float
-    """Half width of the interval of `effect` [-]."""
-    correlation: float | None = None
-    """Rank correlation between draw and metric [-]; None for Sobol indices."""
-    best: int = 1
-    """Smallest rank that the intervals allow."""
-    worst: int = 1
-    """Largest rank that the intervals allow."""
+    share: float  # Estimated fraction [-]: the total index, or the squared slope in a screening
+    low: float  # Lower end of the interval of the fraction, valid for all draws simultaneously [-]
+    high: float  # Upper end of the interval [-]. In a screening it includes all unexplained variance.
+    effect: float  # First-order index, or standardised slope of the regression [-]
+    half: float  # Half width of the interval of `effect` [-]
+    correlation: float | None = None  # Rank correlation between draw and metric [-]; None for Sobol indices
+    best: int = 1  # Smallest rank that the intervals allow
+    worst: int = 1  # Largest rank that the intervals allow
 
     @property
     def rank(self) -> str:
@@ -60,10 +51,8 @@ class Influence(NamedTuple):
     """Standard deviation over the points of the design, after averaging over seeds [unit of the metric]."""
     noise: float | None
     """Fraction of the variance that is caused by seeds, after averaging over the seeds [-]; None with one seed."""
-    unexplained: float | None
-    """Upper limit of the variance fraction not due to regression or noise [-]; None for Sobol."""
-    flaws: tuple[str, ...]
-    """Reasons why the intervals are unreliable. In this case there is no ranking."""
+    unexplained: float | None  # Upper limit of the variance fraction not due to regression or noise [-]; None for Sobol
+    flaws: tuple[str, ...]  # Reasons why the intervals are unreliable. In this case there is no ranking.
     shares: tuple[Share, ...]
 
     @property
@@ -91,12 +80,9 @@ def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
 class Regression(NamedTuple):
     """Result of a linear regression on standardised columns."""
 
-    slopes: Array
-    """Standardised slopes, shape (d,) [-]."""
-    errors: Array
-    """Standard errors of the slopes, shape (d,) [-]."""
-    left: float
-    """Upper confidence limit of the unexplained fraction of the variance [-]."""
+    slopes: Array  # Standardised slopes, shape (d,) [-]
+    errors: Array  # Standard errors of the slopes, shape (d,) [-]
+    left: float  # Upper confidence limit of the unexplained fraction of the variance [-]
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
@@ -142,10 +128,8 @@ def _standard(values: Array) -> Array:
     return found
 
 
-RESAMPLES = 1000
-"""Number of bootstrap resamples [-]."""
-FEWEST = 64
-"""Minimum number of samples for reliable intervals. With 16 samples, every third interval misses the index."""
+RESAMPLES = 1000  # Number of bootstrap resamples [-]
+FEWEST = 64  # Minimum number of samples for reliable intervals. With 16 samples, every third interval misses the index.
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:

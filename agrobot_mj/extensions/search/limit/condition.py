@@ -26,13 +26,10 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
-OUTCOMES = (*get_args(Outcome), ERROR)
-"""Values of `outcome` that a condition may contain."""
+OUTCOMES = (*get_args(Outcome), ERROR)  # Values of `outcome` that a condition may contain
 EXAMPLE = '"lateral_rms > 0.3 or outcome != completed"'
-LONGEST = 1000
-"""Maximum length of a condition [characters]."""
-LARGEST = 1e100
-"""Maximum magnitude of a number in a condition."""
+LONGEST = 1000  # Maximum length of a condition [characters]
+LARGEST = 1e100  # Maximum magnitude of a number in a condition
 Numbers = Mapping[str, Any]
 
 

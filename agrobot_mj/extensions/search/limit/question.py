@@ -17,29 +17,22 @@ from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed
 
-MOST_CONFIDENT = 0.999999
-"""Maximum confidence [-]. Above it, rounding errors dominate the interval of a rate."""
-TRIAL_S = 1.0
-"""Duration of a short run that shows which metrics exist [s]."""
+MOST_CONFIDENT = 0.999999  # Maximum confidence [-]. Above it, rounding errors dominate the interval of a rate.
+TRIAL_S = 1.0  # Duration of a short run that shows which metrics exist [s]
 
 
 class Question(NamedTuple):
     """Settings of a limit search."""
 
     key: str
-    start: float
-    """Value at which the search starts. Laws are expected to succeed there."""
-    stop: float
-    """Value at the other end of the range, above or below `start`."""
+    start: float  # Value at which the search starts. Laws are expected to succeed there.
+    stop: float  # Value at the other end of the range, above or below `start`
     until: str
     seeds: int = 12
     """Maximum number of runs per value during the search. The two values next to the limit get at least twelve."""
-    reliability: float = 0.8
-    """Fraction of successful runs above which a law is reliable at a value [-]."""
-    confidence: float = 0.8
-    """Confidence of the intervals of success rates [-]."""
-    tolerance: float | None = None
-    """Bracket width at which the bisection ends. Default: one fiftieth of the range."""
+    reliability: float = 0.8  # Fraction of successful runs above which a law is reliable at a value [-]
+    confidence: float = 0.8  # Confidence of the intervals of success rates [-]
+    tolerance: float | None = None  # Bracket width at which the bisection ends. Default: one fiftieth of the range.
 
     @property
     def resolution(self) -> float:
@@ -51,21 +44,14 @@ class Tried(NamedTuple):
     """Results of all runs at one value of the varied key."""
 
     value: float
-    runs: int
-    """Number of independent runs; 1 if seeds have no effect."""
-    failed: int
-    """Number of failed runs, see `Condition.fails`."""
-    low: float
-    """Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect."""
-    high: float
-    """Upper end of the interval of the success rate [-]."""
-    holds: bool
-    """Whether the success rate reaches the required reliability."""
-    certain: bool
-    """Whether the entire interval is above or below the required reliability."""
+    runs: int  # Number of independent runs; 1 if seeds have no effect
+    failed: int  # Number of failed runs, see `Condition.fails`
+    low: float  # Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect
+    high: float  # Upper end of the interval of the success rate [-]
+    holds: bool  # Whether the success rate reaches the required reliability
+    certain: bool  # Whether the entire interval is above or below the required reliability
     outcomes: dict[str, int]
-    unexpected: int
-    """Number of runs whose outcome differs from the expected outcome of the scenario."""
+    unexpected: int  # Number of runs whose outcome differs from the expected outcome of the scenario
     independent: bool = True
     """Whether seeds affect the runs. If not, only one run counts, and the interval has zero width."""
     medians: Mapping[str, float] = MappingProxyType({})
@@ -91,11 +77,9 @@ class Counterpart(NamedTuple):
     """Result of the baseline, which is the same search without the fault or disturbance."""
 
     overrides: dict[str, Any]
-    verdict: str
-    """Verdict as in `Found`. If the baseline lacks the key or sets it, the verdict is `fixed`."""
+    verdict: str  # Verdict as in `Found`. If the baseline lacks the key or sets it, the verdict is `fixed`.
     limit: float | None
-    statement: str
-    """Sentence with the result of the baseline and the shift of the limit."""
+    statement: str  # Sentence with the result of the baseline and the shift of the limit
     tried: tuple[Tried, ...]
     """All evaluated values. A `fixed` baseline has one, with the start of the range as its value."""
 
@@ -104,16 +88,13 @@ class Found(NamedTuple):
     """Result of the limit search for one law."""
 
     law: str
-    verdict: str
-    """Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`."""
+    verdict: str  # Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`
     limit: float | None
     interval: tuple[float, float] | None
     """Nearest values on both sides of the limit with certain success and certain failure, or the ends of the range."""
     statement: str
-    tried: tuple[Tried, ...]
-    """All evaluated values, ordered from the start of the range."""
-    beside: Counterpart | None = None
-    """Result of the baseline without the fault or disturbance, if requested."""
+    tried: tuple[Tried, ...]  # All evaluated values, ordered from the start of the range
+    beside: Counterpart | None = None  # Result of the baseline without the fault or disturbance, if requested
 
 
 def metric_names(scenario: Scenario) -> list[str]:

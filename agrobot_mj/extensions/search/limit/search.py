@@ -41,8 +41,7 @@ from agrobot_mj.studies.engine.tasks import WALL
 from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
-SCANNED = 5
-"""Number of equidistant values evaluated before the bisection."""
+SCANNED = 5  # Number of equidistant values evaluated before the bisection
 SHOWN_RUNS = 12
 """Minimum number of runs at the values next to the limit, sufficient for certainty with default settings."""
 Numbers = Mapping[str, Any]

@@ -31,14 +31,11 @@ class Risk(NamedTuple):
     """Result of a risk estimation."""
 
     estimate: RiskEstimate
-    paths: int
-    """Number of simulated runs, including runs that share their initial part with another run."""
-    worth: float
-    """Computing time of all simulated parts, expressed as a number of complete runs [-]."""
+    paths: int  # Number of simulated runs, including runs that share their initial part with another run
+    worth: float  # Computing time of all simulated parts, expressed as a number of complete runs [-]
     statement: str
     splits: tuple[Split, ...]
-    ordinary: Run
-    """Ordinary run for the figure: of the runs simulated from the start, the one with the median margin."""
+    ordinary: Run  # Ordinary run for the figure: of the runs simulated from the start, the one with the median margin
     failure: Run | None
 
 

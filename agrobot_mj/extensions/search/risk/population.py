@@ -23,12 +23,10 @@ class Run(NamedTuple):
 
     seed: int
     branches: tuple[Branch, ...]
-    rises: tuple[tuple[int, float], ...]
-    """Tick number and margin of each new maximum of the margin."""
+    rises: tuple[tuple[int, float], ...]  # Tick number and margin of each new maximum of the margin
     ticks: int
     failed: bool
-    flaw: str = ""
-    """Reason for a failure that does not appear in the margin: the outcome, or a metric without a value."""
+    flaw: str = ""  # Reason for a failure that does not appear in the margin: the outcome, or a metric without a value
 
     @property
     def level(self) -> float:

@@ -37,16 +37,12 @@ Wanted = tuple[P | None, float]
 class Split(NamedTuple):
     """Result of one splitting."""
 
-    probability: float
-    """Unbiased estimate of the probability of failure [-]."""
-    weight: float
-    """Product of the surviving fractions of all rounds [-]."""
-    failed: int
-    """Number of failed paths among the paths that reached the last level."""
+    probability: float  # Unbiased estimate of the probability of failure [-]
+    weight: float  # Product of the surviving fractions of all rounds [-]
+    failed: int  # Number of failed paths among the paths that reached the last level
     trace: tuple[tuple[float, float], ...]
     """Level of each round, and weight after the round, which estimates the probability of exceeding the level [-]."""
-    paths: int
-    """Number of simulated paths, including the initial ones."""
+    paths: int  # Number of simulated paths, including the initial ones
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
@@ -73,22 +69,18 @@ def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wa
     return Split(weight * failed / n, weight, failed, tuple(trace), driven)
 
 
-CONFIDENCE = 0.95
-"""Confidence of the interval [-]."""
+CONFIDENCE = 0.95  # Confidence of the interval [-]
 
 
 class RiskQuestion(NamedTuple):
     """Settings of a risk estimation."""
 
     until: str
-    particles: int = 50
-    """Number of runs that are split together."""
-    repeats: int = 10
-    """Number of independent splittings. The interval follows from their spread."""
+    particles: int = 50  # Number of runs that are split together
+    repeats: int = 10  # Number of independent splittings. The interval follows from their spread.
     score: str | None = None
     """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
-    least: float = 1e-6
-    """Weight below which a splitting ends [-]."""
+    least: float = 1e-6  # Weight below which a splitting ends [-]
 
     @property
     def worst(self) -> int:
@@ -106,14 +98,10 @@ class RiskQuestion(NamedTuple):
 class RiskEstimate(NamedTuple):
     """Failure probability with its interval."""
 
-    probability: float
-    """Mean of the splittings, which is unbiased [-]."""
-    low: float
-    """Lower end of the 95 % interval [-]."""
-    high: float
-    """Upper end of the 95 % interval [-]."""
-    error: float
-    """Standard error of the mean [-]."""
+    probability: float  # Mean of the splittings, which is unbiased [-]
+    low: float  # Lower end of the 95 % interval [-]
+    high: float  # Upper end of the 95 % interval [-]
+    error: float  # Standard error of the mean [-]
 
 
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:

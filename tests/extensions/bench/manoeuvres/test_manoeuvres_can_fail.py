@@ -39,8 +39,7 @@ from agrobot_mj.terrain import Slope
 from agrobot_mj.tyres import Contact, Linear, MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.magic_formula import AxleTyre, Curve
 
-SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)
-"""A tenth too soft."""
+SOFT = Linear(front_cornering_stiffness_n_rad=6_600, rear_cornering_stiffness_n_rad=13_400)  # A tenth too soft
 STANDARD = Linear()
 traction = sliding.traction
 

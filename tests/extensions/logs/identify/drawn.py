@@ -17,8 +17,7 @@ from agrobot_mj.core.signals import TICK_S, Fix
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.maps import LogMap
 
-HOMING = 0.15
-"""Steering per heading by which the driver stays near the line [-]."""
+HOMING = 0.15  # Steering per heading by which the driver stays near the line [-]
 MACHINES = ("compact", "utility", "orchard")
 
 
@@ -27,29 +26,23 @@ class Drawn(NamedTuple):
 
     machine: str
     centre: float
-    left: float
-    """Wheel angle per count, steering left [deg]."""
-    right: float
-    """Wheel angle per count, steering right [deg]."""
-    side: int
-    """1 if counts increase to the left, otherwise -1."""
+    left: float  # Wheel angle per count, steering left [deg]
+    right: float  # Wheel angle per count, steering right [deg]
+    side: int  # 1 if counts increase to the left, otherwise -1
     noise_deg: float
     play_deg: float
     gyro: bool
     steer_age: float
     two_antennas: bool
-    heading_age: float
-    """Latency of the heading in addition to that of the position."""
+    heading_age: float  # Latency of the heading in addition to that of the position
     mounting_deg: float
     position_hz: int
     position_age: float
     ahead: float
     aside: float
-    speed_from: str
-    """Source of the speed: receiver, wheel or radar."""
+    speed_from: str  # Source of the speed: receiver, wheel or radar
     wheel_age: float
-    front: float
-    """Stiffness of the front tyres per stiffness in the machine's file [-]."""
+    front: float  # Stiffness of the front tyres per stiffness in the machine's file [-]
     rear: float
 
 

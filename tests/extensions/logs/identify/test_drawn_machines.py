@@ -12,8 +12,7 @@ from drawn import drawn, errors, owned
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.calibrate import calibrate
 
-FEW = (0, 1)
-"""Machines of the quick test: a wheel speed with a gyro, and two scales with the speed of a receiver."""
+FEW = (0, 1)  # Machines of the quick test: a wheel speed with a gyro, and two scales with the speed of a receiver
 
 
 def test_quantities_of_drawn_machines_lie_inside_their_intervals():

@@ -38,8 +38,7 @@ MORE = [
     pytest.param("mujoco", None, id="mujoco-default", marks=pytest.mark.slow),
 ]
 """Beside the bicycle's default valve, which more tests look at."""
-LATE_OIL_S = 0.008
-"""Lag of the oil spring, which counts as delay: damping over stiffness of the cylinder."""
+LATE_OIL_S = 0.008  # Lag of the oil spring, which counts as delay: damping over stiffness of the cylinder
 
 
 def log_of(name, plant, valve=None, **changes):

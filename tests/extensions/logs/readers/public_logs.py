@@ -1,4 +1,4 @@
-"""Acceptance of public logs and paths by the readers: `python tests/extensions/logs/readers/public_logs.py FOLDER [--fetch]`.
+"""Acceptance of public logs and paths by the readers. Usage: python public_logs.py FOLDER [--fetch]
 
 Each file of the folder with recognisable positions should be read, each other file rejected with a reason. The expected
 positions come from pynmeagps for receivers, and from a regular expression for KML, GPX and GeoJSON. The report lists
@@ -35,20 +35,16 @@ KINDS = ["log", "nmea", "ubx", "txt", "csv", "kml", "gpx", "geojson", "json", "c
 """Suffixes of the files that are read."""
 SENTENCE = re.compile(rb"\$[A-Z]{2}(?:GGA|RMC|GNS|GLL),[^$*\r\n]{10,120}\*[0-9A-Fa-f]{2}")
 PAIR = re.compile(r"(-?\d{1,3}\.\d{3,})\s*,\s*(-?\d{1,3}\.\d{3,})|lat=\"([-.\d]+)\"\s+lon=\"([-.\d]+)\"")
-LEAST = 3
-"""Minimum number of positions of a file that must be read [-]."""
-NEAR_DEG = 2e-6
-"""Maximum difference of equal positions [deg]."""
-MOST_WRONG = 0.03
-"""Maximum fraction of files that are read or rejected wrongly [-]."""
+LEAST = 3  # Minimum number of positions of a file that must be read [-]
+NEAR_DEG = 2e-6  # Maximum difference of equal positions [deg]
+MOST_WRONG = 0.03  # Maximum fraction of files that are read or rejected wrongly [-]
 
 
 class Verdict(NamedTuple):
     """Result for one file."""
 
     name: str
-    group: str
-    """Read, rejected, wrong, or wrongly rejected."""
+    group: str  # Read, rejected, wrong, or wrongly rejected
     why: str
 
 

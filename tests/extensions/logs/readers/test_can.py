@@ -14,10 +14,8 @@ from agrobot_mj.extensions.logs.recording import read_recording
 
 MF7720 = "Show_All_CAN_Messages/Show_All_CAN_Messages/scan mf7720 bl 270922 speedsteer enable.txt"
 T = 0.05 * np.arange(200)
-CURVATURE = 0.1 * np.sin(T)
-"""Left positive [1/m]."""
-LATITUDE_1E7 = 50.877e7
-"""At the start, from which the tractor drives north at 1.5 m/s [1e-7 deg]."""
+CURVATURE = 0.1 * np.sin(T)  # Left positive [1/m]
+LATITUDE_1E7 = 50.877e7  # At the start, from which the tractor drives north at 1.5 m/s [1e-7 deg]
 
 
 def little(value, size):

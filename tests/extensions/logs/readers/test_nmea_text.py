@@ -8,8 +8,7 @@ import pytest
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.readers import open_log
 
-EAST, LATITUDE = 2.5e-5, 50.877
-"""Degrees of longitude a second, some 1.8 m, and latitude."""
+EAST, LATITUDE = 2.5e-5, 50.877  # Degrees of longitude a second, some 1.8 m, and latitude
 BOARD = "$PAOGI,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,90.00,-2.50,0.0,5.0"
 """A position sentence of the AgOpenGPS family, without its check."""
 
