@@ -16,6 +16,7 @@ from agrobot_mj.core.palette import BLACK, BLUE, GREEN, LIGHT_GREY, ORANGE, VERM
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
+from agrobot_mj.paths.imports.geojson import LOCAL
 
 WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 
@@ -91,7 +92,7 @@ def geojson(
             features.append(_feature(area, {"kind": kind, "area_m2": area.area}, plane))
     content = {"type": "FeatureCollection", "name": plan.name, "features": features}
     if plane is None:
-        content["coordinates"] = "metres east and north; the geographic position of the field is unknown"
+        content["crs"] = LOCAL
     return content
 
 

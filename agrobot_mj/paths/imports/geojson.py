@@ -11,6 +11,8 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
+LOCAL = {"type": "name", "properties": {"name": "local plane in metres"}}
+"""Member `crs` of files whose coordinates are metres east and north of an unknown origin."""
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
 """Names of properties that contain one number for each point of a line."""
 
@@ -52,7 +54,9 @@ def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _crs(content: Mapping[str, Any]) -> str:
-    """Return the coordinate system in the member `crs` of older GeoJSON files; degrees if the member is missing."""
+    """Return the coordinate system in the member `crs` of older GeoJSON files, or degrees if the member is missing."""
+    if content.get("crs") == LOCAL:
+        return ""
     named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))
     code = re.search(r"EPSG:+(\d+)$", named)
     return f"EPSG:{code[1]}" if code else DEGREES

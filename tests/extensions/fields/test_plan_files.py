@@ -7,10 +7,13 @@ import pytest
 
 shapely = pytest.importorskip("shapely")
 
+from field_shapes import RECTANGLE, default_plan  # noqa: E402
+
 from agrobot_mj.core.errors import ScenarioError  # noqa: E402
 from agrobot_mj.core.geodesy import Origin, to_geodetic  # noqa: E402
 from agrobot_mj.extensions.fields.field import Field  # noqa: E402
-from agrobot_mj.extensions.fields.reading import read_plan  # noqa: E402
+from agrobot_mj.extensions.fields.maps import geojson  # noqa: E402
+from agrobot_mj.extensions.fields.reading import read_field, read_plan  # noqa: E402
 
 ORIGIN = Origin(52.3, 6.72)
 FIELD = Field("Home", shapely.box(0, 0, 200, 100), plane=ORIGIN, crs="EPSG:4326")
@@ -146,3 +149,9 @@ def test_unusable_plan_is_reported_by_name(tmp_path, name):
 def test_degrees_need_the_position_of_the_field(tmp_path):
     with pytest.raises(ScenarioError, match="has geographic coordinates, but the field does not"):
         plan_of(tmp_path, "p.json", json.dumps(line(degrees(OUT))), Field("Home", FIELD.boundary))
+
+
+def test_plan_of_a_field_without_position_is_read_back_in_metres(tmp_path):
+    content = geojson(RECTANGLE.boundary, default_plan(RECTANGLE))
+    (tmp_path / "plan.geojson").write_text(json.dumps(content), encoding="utf-8")
+    assert read_field(tmp_path / "plan.geojson").boundary.area == pytest.approx(2400.0, rel=1e-6)
