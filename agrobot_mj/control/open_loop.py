@@ -20,7 +20,7 @@ class OpenLoop(YawController):
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
     """Steering angle of the step, positive left [deg]. Assumed value; limited by the steering stops."""
     at_s: NonNegative = 1.0
-    """Time of the step [s]. Assumed value."""
+    """Time of the step [s]. Assumed value; any time is possible."""
 
     def init(self) -> None:
         """Return None, because the step has no state."""
