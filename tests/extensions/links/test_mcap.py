@@ -186,7 +186,7 @@ def test_export_overwrites_only_its_own_files(call, log, tmp_path):
 @pytest.mark.parametrize(
     ("out", "words"),
     [
-        ("", "specify a folder"),
+        ("", "an argument is blank"),
         ("a.mcap", "--out a.mcap: specify a folder; run.mcap is written into it\n"),
         ("file", "is a file"),
     ],

@@ -99,7 +99,7 @@ def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
     at = log.signals.column_names.index("steer_measured")
     slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 30)))
     (line,) = [line for line in told_of(slipped) if "The steering centre changes" in line]
-    first, second = (float(line.split(word)[1].split()[0]) for word in ("moves: ", "drive, "))
+    first, second = (float(line.split(word)[1].split()[0]) for word in (" changes from ", " of the drive to "))
     assert second - first == pytest.approx(radians(3), abs=radians(0.2))
 
 
