@@ -1,6 +1,7 @@
 """Commands in the help text, grouped in panels. Advanced commands are listed with `--help-all` only."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from typer.core import TyperGroup
@@ -43,8 +44,10 @@ class PanelledGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name of the command, the command, and the remaining arguments."""
-        if any(not word.strip() for word in args):
-            ctx.fail("an argument is blank; check the quotes and the shell variables of the command line")
+        for before, word in pairwise(("", *args)):
+            if not word.strip():
+                place = f" after {before}" if before else ""
+                ctx.fail(f"an argument is blank{place}; check the quotes and the shell variables of the command line")
         name, rest = split_command(args)
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
             ctx.fail(f"{name}: specify one of its commands: {', '.join(parts)}")

@@ -143,7 +143,7 @@ def test_wheelbase_error_changes_the_identified_steering_scale(log):
 def test_steering_limit_below_the_recorded_angles_is_reported(log):
     found = calibrate([log.signals], None, BICYCLE, 0.0, 40.0)
     narrow = BICYCLE.changed({"tractor.steer_limit_deg": 4.0}).tractor
-    assert any("beyond tractor.steer_limit_deg = 4: set that" in line for line in sentences(found, narrow))
+    assert any("but tractor.steer_limit_deg is 4; increase the limit" in line for line in sentences(found, narrow))
 
 
 @pytest.mark.parametrize(
@@ -192,7 +192,9 @@ def test_swapped_axes_that_mirror_the_steering_are_reported(log):
     for table, side in ((log.signals, "left"), (exchanged(log.signals), "right")):
         found = calibrate([table], blind, BICYCLE, 0.0, 40.0)
         assert found.positive == side
-        doubts = [line for line in sentences(found, BICYCLE.tractor) if "unless [position] has east for north" in line]
+        doubts = [
+            line for line in sentences(found, BICYCLE.tractor) if "unless [position] exchanges east and north" in line
+        ]
         assert len(doubts) == (side == "right")
 
 
