@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return the traceback of an error from the first frame in a plugin file; empty if no frame is in a plugin file."""
+    """Return an error's traceback from the first frame in a plugin file, or an empty string if no frame is in one."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__

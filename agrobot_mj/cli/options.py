@@ -79,7 +79,7 @@ class Answer(NamedTuple):
 
     content: Mapping[str, Any]  # Result as plain data: keys and values of the JSON document
     text: str  # Text printed at the end of the command
-    failed: str = ""  # Error message of exit status 1; empty for exit status 0
+    failed: str = ""  # Error message of exit status 1, or an empty string for exit status 0
 
 
 LONGEST_NAME = 150  # Maximum number of characters of a default folder name

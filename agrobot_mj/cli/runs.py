@@ -64,7 +64,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorders of a run, for its folder, for a live viewer or for both; empty if none is requested."""
+    """Return the recorders of a run, for its folder, a live viewer or both, or an empty tuple if none is requested."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
@@ -92,7 +92,7 @@ def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answ
 
 
 def _unexpected(log: "Log") -> str:
-    """Return a message about an unexpected outcome; empty if the run ended as its scenario expects."""
+    """Return a message about an unexpected outcome, or an empty string if the run ended as its scenario expects."""
     if log.as_expected:
         return ""
     s, t = log.scenario, log.column("t")

@@ -63,9 +63,9 @@ class Situation(NamedTuple):
     route: Route  # Path of the run
     machine: TractorParameters  # Parameters of the tractor
     steer: float  # Measured steering angle, left positive [rad]
-    roll: float = nan  # Measured roll angle, positive with the left side up; NaN without an inertial unit [rad]
+    roll: float = nan  # Measured roll angle [rad], positive with the left side up, or NaN if there is no inertial unit
     implement: tuple[float, float] = (nan, nan)
-    """Measured east and north position of the implement's working point; NaN if not measured [m]."""
+    """Measured east and north position of the implement's working point [m], or NaN if not measured."""
     towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
@@ -81,7 +81,7 @@ class Learner(Reporting):
         """Read the files that the component needs. Raise ValueError with the key if a file is invalid."""
 
     def learned(self, state: Any) -> Learned:
-        """Return the learned quantities (see `core.learned`); empty if the component does not learn."""
+        """Return the learned quantities (see `core.learned`), or an empty mapping if the component does not learn."""
         return {}
 
 
@@ -122,7 +122,7 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Command-line subcommand that runs this law in an external program; empty if the law needs no program."""
+        """Subcommand that runs this law in an external program, or an empty string if the law needs no program."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
@@ -165,7 +165,7 @@ class YawCommand(NamedTuple):
     tau_n: float = 0.0
     """Output tau_n of the network or of the integral term [rad]; `steer` is tau_c - tau_n, limited to the maximum."""
     q: float = nan
-    """Weight of the lower firing strengths in the output of a type-2 fuzzy network [-]; NaN without a network."""
+    """Weight of the lower firing strengths in the output of a type-2 fuzzy network [-], or NaN without a network."""
 
 
 class YawController(Reporting):

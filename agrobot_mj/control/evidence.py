@@ -62,10 +62,10 @@ def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
 class Evidence(NamedTuple):
     """Consistency checks of consecutive fixes."""
 
-    fix: Fix = NO_FIX  # Last fix; NaN before the first fix
+    fix: Fix = NO_FIX  # Last fix, or NaN before the first fix
     t: float = 0.0  # Time of the last fix [s]
     since: tuple[float, float] = (nan, nan)
-    """East and north position predicted from the last RTK fix by integrating velocities [m]; NaN after a gap."""
+    """East and north position predicted from the last RTK fix by integrating velocities [m], or NaN after a gap."""
     east: float = 0.0  # Accumulated east difference between RTK positions and integrated velocities [m]
     north: float = 0.0  # Accumulated north difference between RTK positions and integrated velocities [m]
     change: tuple[float, float] = (0.0, 0.0)  # Velocity change between the last two fixes, east and north [m/s]
@@ -101,7 +101,7 @@ class Evidence(NamedTuple):
 class GyroEvidence(NamedTuple):
     """State of the check for repeated yaw rates: last measured yaw rate, and time of its first measurement."""
 
-    reading: float = nan  # Last measured yaw rate; NaN without a gyro [rad/s]
+    reading: float = nan  # Last measured yaw rate [rad/s], or NaN if there is no gyro
     t: float = 0.0  # Time of the first measurement of the repeated yaw rate [s]
     steer: float = nan  # Measured steering angle at the first measurement of the repeated yaw rate [rad]
 
@@ -114,12 +114,12 @@ class AttitudeEvidence(NamedTuple):
     """Checks of the inertial unit for repeated, missing and inconsistent angles."""
 
     angles: tuple[float, float] = (nan, nan)
-    """Last measured roll and pitch angles; NaN before the first measurement [rad]."""
+    """Last measured roll and pitch angles [rad], or NaN before the first measurement."""
     changed: tuple[bool, bool] = (False, False)
     """Whether the roll and pitch angles have changed since the first measurement."""
     repeats: tuple[float, float] = (0.0, 0.0)
     """Time for which the roll and pitch angles have been constant while the tractor was moving [s]."""
-    silent_s: float = 0.0  # Time since the last measurement of roll and pitch; 0 before the first measurement [s]
+    silent_s: float = 0.0  # Time since the last measurement of roll and pitch [s], or 0 before the first measurement
     residual: tuple[float, float] = (0.0, 0.0)
     """Forward and left residual of the specific force, divided by g; mean over TILT_TIME_S [-].
 
@@ -166,7 +166,7 @@ class TurnEvidence(NamedTuple):
     turned: float = 0.0  # Integral of the measured yaw rate [rad]
     known_s: float = 0.0  # Time covered by valid fixes [s]
     late: complex = 0j
-    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S; 0 before the first fix [m/s]."""
+    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S [m/s], or 0 before the first fix."""
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":

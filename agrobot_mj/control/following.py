@@ -67,7 +67,7 @@ class Following(GuidanceLaw):
     """Whether to compensate the steering bias reported by the estimator."""
     holds_lane_change: ClassVar = True
     compiled: ClassVar[Any] = None
-    """Compiled tick on a sampled path; None for laws that are not compiled."""
+    """Compiled tick on a sampled path, or None for laws that are not compiled."""
 
     def memory(self) -> Any:
         """Return the initial state of the steering law."""
@@ -169,12 +169,12 @@ class FollowingState(NamedTuple):
     """State of a `Following` law."""
 
     memory: Any  # State of the steering law
-    s: float | None = None  # Arc length of the nearest path point; None before the first tick [m]
-    steer: float | None = None  # Last steering command; None before the first tick [rad]
+    s: float | None = None  # Arc length of the nearest path point [m], or None before the first tick
+    steer: float | None = None  # Last steering command [rad], or None before the first tick
     direction: float = 0.0  # Last direction of travel: 1 forward, -1 reverse, 0 unknown
     cross_track: float = nan  # Last cross-track error [m]
     heading: float = nan  # Last heading error [rad]
     steer_ahead: float = nan  # Last feed-forward steering angle [rad]
     bias: float = 0.0  # Last steering-bias compensation [rad]
-    speed: float | None = None  # Last speed command; None before the first tick [m/s]
-    law: Any = None  # Parameters of the law; None before the first tick
+    speed: float | None = None  # Last speed command [m/s], or None before the first tick
+    law: Any = None  # Parameters of the law, or None before the first tick

@@ -49,8 +49,8 @@ class LqrState(NamedTuple):
     delayed: Vector = np.zeros(0)
     """Feedback parts of the last steering commands, which act after the steering delay, oldest first [rad]."""
     errors: Vector = np.zeros(0)
-    """Path errors, steering angle and delayed commands at the last tick; empty before the first tick."""
-    table: Matrix = np.zeros((0, 0))  # Gains by speed, see `_table`; empty before the first tick
+    """Path errors, steering angle and delayed commands at the last tick, or an empty array before the first tick."""
+    table: Matrix = np.zeros((0, 0))  # Gains by speed, see `_table`, or an empty array before the first tick
 
 
 class SteadySlip(NamedTuple):

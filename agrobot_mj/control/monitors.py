@@ -85,19 +85,19 @@ class MonitorSignals(NamedTuple):
     offset: float = 0.0  # Estimated distance from the path [m]
     closest: float = inf  # Minimum estimated distance from the path so far, updated in steps of at least `CLOSER_M` [m]
     closing_s: float = 0.0  # Time since the minimum distance from the path last decreased [s]
-    mismatch: float = 0.0  # Commanded minus measured steering angle; 0 while the wheels turn towards the command [rad]
+    mismatch: float = 0.0  # Commanded minus measured steering angle [rad], or 0 while the wheels approach the command
     evidence: Evidence = Evidence()  # Consistency checks of consecutive fixes
     gyro: GyroEvidence = GyroEvidence()  # Check of the gyro for repeated yaw rates
     turn: TurnEvidence = TurnEvidence()  # Check of the rotation of the fixes' course relative to the gyro
     attitude: AttitudeEvidence = AttitudeEvidence()  # Consistency checks of the angles of the inertial unit
     pedal_mismatch: float = 0.0
-    """Pedal reference minus measured pedal position; 0 while the pedal moves towards the reference [-]."""
+    """Pedal reference minus measured pedal position [-], or 0 while the pedal moves towards the reference."""
     pedal_rate: float = 0.0  # Rate of change of the measured pedal position since the last tick [1/s]
     allowed: float = 0.0  # Commanded speed [m/s]; decreases at most as fast as the tractor can decelerate
     tracked: bool = False  # Whether the heading has been known at least once
     aligning_s: float = 0.0  # Time since the heading was last known [s]
     readings: tuple[float, float] = (nan, nan)
-    """Last measured steering angle [rad] and pedal [-]; NaN before the first tick."""
+    """Last measured steering angle [rad] and pedal [-], or NaN before the first tick."""
     rate: float = 0.0  # Rate of the measured steering angle, smoothed over STEERING_RATE_S [rad/s]
 
 
@@ -327,14 +327,14 @@ def _unseen_turn(most: Limits, e: Judged, m: Sensed, gyro: GyroEvidence) -> floa
 
 @jit
 def _required_angle(most: Limits, e: Judged, gyro: float) -> float:
-    """Return the steering angle that corresponds to the measured (or estimated) yaw rate; NaN at low speed [deg]."""
+    """Return the steering angle that corresponds to the measured (or estimated) yaw rate [deg], or NaN at low speed."""
     rate = e.yaw_rate if isnan(gyro) else gyro
     return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan
 
 
 @jit
 def _agreed_speed(proof: Evidence, m: Sensed) -> float:
-    """Return the speed on which wheels and newest fix agree [m/s]; 0 if they disagree or a measurement is missing."""
+    """Return the speed on which wheels and newest fix agree [m/s], or 0 if they disagree or one of them is missing."""
     fixes, wheels = sqrt(proof.fix.vx * proof.fix.vx + proof.fix.vy * proof.fix.vy), abs(m.wheel_speed)
     if m.t - proof.t > GAP_S:
         return 0.0

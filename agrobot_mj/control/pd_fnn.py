@@ -21,9 +21,9 @@ class NeuroState(NamedTuple):
     """State of `PdT2fnn` and `PdT1fnn`."""
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
-    network: Held[Network] | None = None  # Network, initialised at the first error; None before the first error
+    network: Held[Network] | None = None  # Network, initialised at the first error, or None before the first error
     reported: Array | None = None
-    """Values of the network columns in the last tick, before learning; None before the first tick."""
+    """Values of the network columns in the last tick, before learning, or None before the first tick."""
     saturated: bool = False  # Whether the last command was clipped at the steering limit
 
 
@@ -60,7 +60,7 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Return the values of `columns` at the last output of the network; NaN before the first tick."""
+        """Return the values of `columns` at the last output of the network, or NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 

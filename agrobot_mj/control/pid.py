@@ -28,7 +28,7 @@ def clip(x: float, low: float, high: float) -> float:
 class FilteredRate(NamedTuple):
     """State of a filtered derivative: last value and filtered rate of change."""
 
-    value: float = nan  # Last value of the signal; NaN before the first value [unit of the signal]
+    value: float = nan  # Last value of the signal [unit of the signal], or NaN before the first value
     rate: float = 0.0  # Filtered rate of change of the signal [unit of the signal per s]
 
     def after(self, value: float, dt: float, filter_s: float) -> "FilteredRate":
@@ -194,7 +194,7 @@ class SteeringLoopLaw(NamedTuple):
     pid: PidLaw
     jump: float  # Voltage that compensates the valve's dead band [V]
     tolerance: float  # Maximum angle error without dead-band compensation [rad]
-    rate: float  # Maximum rate of the reference angle; infinite without a limit [rad/s]
+    rate: float  # Maximum rate of the reference angle [rad/s], or infinity if there is no limit
 
 
 @shared

@@ -167,12 +167,12 @@ class Reckoning(NamedTuple):
     """State of the dead reckoning."""
 
     sums: tuple[Sums, ...] = (Sums(),)  # Dead-reckoning sums after each of the last ticks, oldest first
-    checked: Sums | None = None  # Dead-reckoning sums at the last checked fix; None before the first fix
+    checked: Sums | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
     begun_at: complex = 0j  # Position of the first fix, east + j north [m]
-    references: References | None = None  # References for checking fixes; None until the frame angle theta is known
+    references: References | None = None  # References for checking fixes, or None until the frame angle theta is known
     distance: float = nan
-    """Distance of the last checked fix from the most contradicting reference; NaN before the first checked fix [m]."""
-    sigma: float = nan  # Standard deviation of `distance`; NaN before the first checked fix [m]
+    """Distance of the last checked fix from the most contradicting reference [m], or NaN before the first such fix."""
+    sigma: float = nan  # Standard deviation of `distance` [m], or NaN before the first checked fix
 
     def after(
         self,

@@ -17,7 +17,7 @@ class SpeedNetworkState(NamedTuple):
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the speed error [m/s2]
     network: T2FnnState | None = None
-    """State of the network, initialised at the first error; None before the first error."""
+    """State of the network, initialised at the first error, or None before the first error."""
     tau_c: float = 0.0  # Last output of the proportional controller [m/s]
     tau_n: float = 0.0  # Last output of the network [m/s]
 

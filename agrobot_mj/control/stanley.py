@@ -51,7 +51,7 @@ class StanleyState(NamedTuple):
 
     integral: float = 0.0  # Steering angle v of the integral term [rad]
     offset: float = nan
-    """Offset e_f of the front axle at the last tick [m]; NaN before the first tick in forward travel."""
+    """Offset e_f of the front axle at the last tick [m], or NaN before the first tick in forward travel."""
 
 
 class Gains(NamedTuple):

@@ -47,11 +47,11 @@ class Compass(NamedTuple):
     """Two-antenna heading minus the integrated yaw rate phi, smoothed while a gyro is available."""
 
     angle: float = nan
-    """Smoothed difference between heading and integrated yaw rate; NaN before the first heading [rad]."""
+    """Smoothed difference between heading and integrated yaw rate [rad], or NaN before the first heading."""
     rate: float = 0.0  # Rate of change of `angle`, the negative gyro error [rad/s]
 
     def after(self, shown: float, dt: float) -> "Compass":
-        """Return the state after `dt` [s] for the measured difference `shown` [rad]; NaN if no heading was measured."""
+        """Return the state after `dt` [s] for the measured difference `shown` [rad], or NaN if there is no heading."""
         if not isfinite(self.angle):
             return Compass(shown, 0.0)
         angle = self.angle + self.rate * dt
@@ -75,13 +75,13 @@ class Sums(NamedTuple):
     slip: float = 0.0  # Accumulated variance of the random walk of the wheel scale [-]
     lever: complex = 0j  # Position of the antenna relative to the rear axle, in the frame of `path` [m]
     behind: complex = 0j
-    """Position of an antenna on the implement relative to the rear axle [m]; 0 for an antenna on the tractor."""
+    """Position of an antenna on the implement relative to the rear axle [m], or 0 for an antenna on the tractor."""
     rest: complex = 0j  # Mean of `lever`, the antenna position, over `ROCKING_S` [m]
     rocking: float = 0.0  # Mean distance of the antenna from its mean position `rest` [m]
     swing: float = 0.0
-    """Angle of the towed implement to the tractor, from the path of the rear axle; 0 in steady reverse [rad]."""
+    """Angle of the towed implement to the tractor [rad], from the path of the rear axle, or 0 in steady reverse."""
     hopping: float = 0.0
-    """Mean variation of the vertical specific force, divided by g; 0 if the force is not measured [-]."""
+    """Mean variation of the vertical specific force, divided by g [-], or 0 if the force is not measured."""
     wheels: float = 0.0  # Smoothed wheel speed at the times of the fixes [m/s]
     fixes: float = 0.0  # Smoothed speed of the fixes [m/s]
     fix_t: float = 0.0  # Time of the last fix [s]
@@ -191,7 +191,7 @@ def _speeds(s: Sums, m: Sensed, fix: Fix) -> tuple[float, float, float]:
 
 @shared
 def heading_of(m: Sensed, fix: Fix) -> float:
-    """Return the two-antenna heading, corrected for the tilt of the tractor; NaN without such a heading [rad]."""
+    """Return the two-antenna heading [rad], corrected for the tilt of the tractor, or NaN without such a heading."""
     return fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if isfinite(m.roll + m.pitch) else 0.0)
 
 

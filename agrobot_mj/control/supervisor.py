@@ -68,7 +68,7 @@ class SupervisorState(NamedTuple):
     still_s: float = 0.0  # Time for which the tractor has been at rest during a stop [s]
     released: bool = False  # Whether the power of the pedal valve has been cut
     reason: str = ""  # Reason for the stop
-    limits: Limits | None = None  # Limits of the monitors; None before the first tick
+    limits: Limits | None = None  # Limits of the monitors, or None before the first tick
     reckoning: Reckoning = Reckoning()  # Dead reckoning by wheels and gyro
 
 

@@ -69,7 +69,7 @@ def installed(module: str) -> bool:
 
 
 def missing_extra(error: ModuleNotFoundError) -> str:
-    """Return the message about an import that failed for a missing extra; empty for other modules."""
+    """Return the message about an import that failed for a missing extra, or an empty string for other modules."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return ""

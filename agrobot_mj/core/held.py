@@ -56,7 +56,7 @@ def number_of(reference: Any) -> int:
 def with_references(function: Any, arguments: dict[str, types.Type], results: Any) -> Callable[..., Any]:
     """Return a function for compilation that takes and returns references for each `HeldType`.
 
-    `results` is the type of the result, or a tuple with the types of its elements; None for those without a reference.
+    `results` is the type of the result, or a tuple with the types of its elements. Types without a reference are None.
     """
     taken = ", ".join(f"{name}.value" if isinstance(kind, HeldType) else name for name, kind in arguments.items())
     several = isinstance(results, tuple)

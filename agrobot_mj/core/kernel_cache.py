@@ -111,7 +111,7 @@ class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(content + _checksum(path, content))
 
     def _content(self, path: str) -> bytes | None:
-        """Return the content of a file without its checksum; None if the file is missing. Raises `_DamagedError`."""
+        """Return the content of a file without its checksum, or None if the file is missing. Raises `_DamagedError`."""
         try:
             found = Path(path).read_bytes()
         except FileNotFoundError:
@@ -141,7 +141,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled code for the argument types `sig`; None if the cache does not contain the code."""
+        """Return the compiled code for the argument types `sig`, or None if the cache does not contain the code."""
         load = super().load_overload
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 

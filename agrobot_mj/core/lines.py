@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import SOUND, Distortion
 class SignalLine(NamedTuple):
     """State of a signal line between two ticks."""
 
-    last: float | None = None  # Last value that arrived; None before the first value
+    last: float | None = None  # Last value that arrived, or None before the first value
     pending: tuple[float, ...] = ()  # Values in transit, oldest first
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":

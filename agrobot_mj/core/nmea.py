@@ -46,7 +46,7 @@ def sentence(*fields: object) -> bytes:
 
 
 def fields_of(datagram: bytes) -> list[str] | None:
-    """Return the fields of a sentence, name first; None for an invalid sentence or a wrong checksum."""
+    """Return the fields of a sentence, name first, or None for an invalid sentence or a wrong checksum."""
     text = datagram.decode("ascii", errors="replace").strip()
     body, star, given = text.removeprefix("$").partition("*")
     if not text.startswith("$") or not star or given.upper() != checksum(body):

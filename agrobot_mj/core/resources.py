@@ -77,7 +77,7 @@ Stamp = tuple[str, int, int, int]
 
 
 def stamp(name: str) -> Stamp | None:
-    """Return the stamp of a file, which identifies its content; None if the file does not exist."""
+    """Return the stamp of a file, which identifies its content, or None if the file does not exist."""
     path = library_file(name)
     try:
         status = path.stat()

@@ -95,7 +95,7 @@ class Truth(NamedTuple):
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
     """Velocity of the rear-axle point R, ENU [m/s]."""
     implement: tuple[float, float] = (nan, nan)
-    """Working point of the implement, east and north; NaN without an implement [m]."""
+    """Working point of the implement [m], east and north, or NaN if there is no implement."""
 
 
 class Fix(NamedTuple):
@@ -110,11 +110,11 @@ class Fix(NamedTuple):
     vy: float
     """North velocity of the antenna [m/s]."""
     t: float = nan
-    """Time at which the solution is valid, since the start; NaN if the receiver does not report it [s]."""
+    """Time at which the solution is valid, since the start [s], or NaN if the receiver does not report it."""
     z: float = nan
-    """Height of the antenna; NaN if the receiver does not report it [m]."""
+    """Height of the antenna [m], or NaN if the receiver does not report it."""
     heading: float = nan
-    """Heading from two antennas, from east, counter-clockwise; NaN if not measured or ambiguous [rad]."""
+    """Heading from two antennas [rad], from east, counter-clockwise, or NaN if not measured or ambiguous."""
 
 
 NO_FIX = Fix(nan, nan, nan, nan)
@@ -218,7 +218,7 @@ class Measurement(NamedTuple):
     t: float
     """Time since the start [s]."""
     fix: Fix | None
-    """GNSS solution delivered in this tick; None if no solution was delivered."""
+    """GNSS solution delivered in this tick, or None if no solution was delivered."""
     quality: int
     """Quality of the newest delivered solution, a constant of `Quality`."""
     steer: float
@@ -226,12 +226,12 @@ class Measurement(NamedTuple):
     pedal: float
     """Filtered pedal position from the potentiometer [-]."""
     gyro: float
-    """Yaw rate from the gyro; NaN if not measured [rad/s]."""
+    """Yaw rate from the gyro [rad/s], or NaN if not measured."""
     roll: float = nan
     pitch: float = nan
-    """Angles `roll` and `pitch` of the inertial unit, left side up and nose down positive; NaN if missing [rad]."""
+    """Angles `roll` and `pitch` of the inertial unit [rad], left side up and nose down positive, or NaN if missing."""
     wheel_speed: float = nan
-    """Speed of the driven wheels from their sensor, forward positive; NaN if not measured [m/s]."""
+    """Speed of the driven wheels from their sensor [m/s], forward positive, or NaN if not measured."""
     readings: Mapping[str, Any] = MappingProxyType({})
     """Measurements of all sensors, by their names in `[sensors]`."""
 
@@ -258,9 +258,9 @@ class Estimate(NamedTuple):
     nis: float = nan
     """Normalised innovation squared of the position; mean 2 for a consistent filter, NaN without a fix [-]."""
     steer_bias: float = nan
-    """Measured steering angle minus the angle that explains the motion, left positive; NaN if not estimated [rad]."""
+    """Measured steering angle minus the angle that explains the motion [rad], left positive. NaN if not estimated."""
     sideslip: float = 0.0
-    """Course of the rear-axle point R minus heading, if `yaw` is the course; 0 if not identifiable [rad]."""
+    """Course of the rear-axle point R minus heading, if `yaw` is the course [rad], or 0 if not identifiable."""
     aligned: bool = True
     """Whether the yaw has been determined; until then `yaw` is the initial value."""
     fix_age: float = nan
@@ -293,7 +293,7 @@ class Reference(NamedTuple):
     curvature: float
     """Yaw rate divided by signed speed, left positive [1/m]."""
     curvature_rate: float = 0.0
-    """Time derivative of `curvature`; 0 where the curvature is discontinuous and at standstill [1/(m s)]."""
+    """Time derivative of `curvature` [1/(m s)], or 0 where the curvature is discontinuous and at standstill."""
 
 
 class PathPoint(NamedTuple):
@@ -340,7 +340,7 @@ class Drive(NamedTuple):
     steer_voltage: float
     """Steering valve voltage, 0-12 V, neutral at 6 V; higher voltages steer left [V]."""
     pedal_voltage: float
-    """Pedal valve voltage, 0-12 V, neutral at 6 V; higher voltages drive forward; NaN without power [V]."""
+    """Pedal valve voltage [V], 0-12 V, neutral at 6 V, or NaN without power. Higher voltages drive forward."""
     brake: float = 0.0
     """Applied fraction of the brake torque, 0 to 1 [-]."""
 

@@ -25,7 +25,7 @@ from agrobot_mj.core.signals import TICK_S
 
 @cache
 def attribute_docstrings(owner: type) -> dict[str, str]:
-    """Return the docstrings of the attributes of a class and its bases, by attribute; empty without source code."""
+    """Return the attribute docstrings of a class and its bases, or an empty mapping if there is no source code."""
     found: dict[str, str] = {}
     for base in reversed(owner.__mro__):
         found.update(_own(base))
@@ -133,7 +133,7 @@ class Spec(BaseModel):
 
     @classmethod
     def describe(cls, key: str) -> str:
-        """Return the description of a key in printable characters, by default its docstring; empty if there is none."""
+        """Return the printable description of a key, by default its docstring, or an empty string if there is none."""
         text = cls.model_fields[key].description or attribute_docstrings(cls).get(key, "")
         return "\n".join(UNPRINTABLE.sub("", line) for line in text.split("\n"))
 

@@ -81,7 +81,7 @@ class Key(NamedTuple):
 
     @property
     def kinds(self) -> dict[str, type[Spec]]:
-        """Classes of the table under the key, by kind; empty if the table has no kinds."""
+        """Classes of the table under the key, by kind, or an empty mapping if the table has no kinds."""
         tables = members(self.owner.model_fields[self.name].annotation)
         return tables if all("kind" in table.model_fields for table in tables.values()) else {}
 
@@ -158,7 +158,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys of `found`; empty if there are none."""
+    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` of `found`, or "" if it is empty."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 
@@ -181,7 +181,7 @@ def _like(name: str, known: Iterable[str]) -> list[str]:
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Return all classes that the table under these keys of `root` may have; empty if there is no such table."""
+    """Return all classes that the table under these keys of `root` may have, or an empty list if there is none."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

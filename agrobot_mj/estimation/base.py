@@ -28,7 +28,7 @@ class Health(NamedTuple):
     """Smoothed normalised innovation squared (NIS) of the position [-]; the mean of a consistent filter is 2."""
 
     def after(self, nis: float, fix_t: float, dt: float) -> "Health":
-        """Return the diagnostics after a tick with the NIS and time of an accepted fix; NaN if no fix was accepted."""
+        """Return the diagnostics after a tick, with the NIS and time of an accepted fix, or NaN if there is none."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(fix_t if fix_t == fix_t else self.fix_t, smooth)

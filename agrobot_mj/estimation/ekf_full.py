@@ -45,9 +45,9 @@ class FullState(NamedTuple):
     settings: Held[Settings]  # Constant parameters of the estimator, computed by `init`
     horizon: Horizon  # Filter state at the newest fix, and newer measurements
     health: Health  # Diagnostics that do not need the true state
-    tilt: SmoothedTilt = NO_TILT  # Smoothed roll and pitch of the last tick; NaN before the first tick
-    estimate: Estimate | None = None  # Estimate at the last tick; None before the first tick
-    errors: Errors = (nan,) * 6  # Logged errors and counts of the last tick; NaN before the first tick
+    tilt: SmoothedTilt = NO_TILT  # Smoothed roll and pitch of the last tick, or NaN before the first tick
+    estimate: Estimate | None = None  # Estimate at the last tick, or None before the first tick
+    errors: Errors = (nan,) * 6  # Logged errors and counts of the last tick, or NaN before the first tick
 
 
 class EkfFull(StateEstimator):
@@ -57,7 +57,7 @@ class EkfFull(StateEstimator):
     terrain_compensation: bool = False
     """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Time constant for filtering the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
+    """Time constant for filtering the antenna velocity due to tilting [s]. 0: no filter. Assumed value (0-0.2)."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis of the gyro assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
     compensation, the rate about a `body` axis is converted to a heading rate."""

@@ -19,8 +19,8 @@ class Inputs(NamedTuple):
     gyro: float  # Measured yaw rate [rad/s]
     wheel: float  # Measured wheel speed [m/s]
     steer: float  # Measured steering angle [rad]
-    roll: float  # Smoothed roll [rad]; 0 without terrain compensation
-    pitch: float  # Smoothed pitch [rad]; 0 without terrain compensation
+    roll: float  # Smoothed roll [rad], or 0 if there is no terrain compensation
+    pitch: float  # Smoothed pitch [rad], or 0 if there is no terrain compensation
     lean: tuple[float, float] = (0.0, 0.0)  # Measured roll and pitch without smoothing [rad]
 
 
@@ -104,7 +104,7 @@ class Core(NamedTuple):
     sway: SidewaysNoise = SidewaysNoise()
     """Estimated random variation of the course, independent of the modelled sideslip."""
     crab: Crab = Crab()  # Excess sideslip with a two-antenna heading
-    nis: float = nan  # Normalised innovation squared of the position in the last tick; NaN without a fix [-]
+    nis: float = nan  # Normalised innovation squared of the position in the last tick [-], or NaN if there is no fix
 
 
 @jit

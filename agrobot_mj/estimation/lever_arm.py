@@ -24,7 +24,7 @@ class Lever(NamedTuple):
     """Lever arm: horizontal offset of the antenna from the rear-axle point R, and its rate."""
 
     offset: tuple[float, float]
-    """East and north offset of the antenna from the rear-axle point R [m]; NaN before the first tick."""
+    """East and north offset of the antenna from the rear-axle point R [m], or NaN before the first tick."""
     swing: tuple[float, float] = (0.0, 0.0)  # Filtered rate of the offset, east and north [m/s]
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":

@@ -54,7 +54,7 @@ class PoseState(NamedTuple):
     pose: Vector  # Mean x, y, yaw (not wrapped) of the rear axle and other pose-filter states, shape (n,) [m, rad, ...]
     pose_covariance: Matrix  # Covariance of `pose`, shape (n, n)
     yaw_rate: float = 0.0  # Low-pass filtered rate of the estimated yaw [rad/s]
-    lever: Lever = UNKNOWN  # Lever arm of the tilted antenna; NaN before the first tick and without compensation
+    lever: Lever = UNKNOWN  # Lever arm of the tilted antenna, or NaN before the first tick and without compensation
     health: Health = Health()  # Diagnostics that do not need the true state
 
 
@@ -65,13 +65,13 @@ class EstimatorState(NamedTuple):
     law: Held[Any]  # Parameters of the compiled pose filter
     numbers: Held[PoseState]  # Means, covariances and diagnostics
     filters: tuple[VelocityKf, FixEkf] | None
-    """Filters of velocity and pose that are evaluated in Python; None if the tick is compiled."""
+    """Filters of velocity and pose that are evaluated in Python, or None if the tick is compiled."""
 
 
 class Prepared(NamedTuple):
     """Inputs of the pose filter in one tick."""
 
-    fix: Fix  # Fix of the rear-axle point R; NaN without a fix
+    fix: Fix  # Fix of the rear-axle point R, or NaN if there is no fix
     sigma: float  # Standard deviation of its position [m]
     lever: Lever
     motion: Vector
@@ -149,7 +149,7 @@ class PoseEstimator(StateEstimator):
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
     compiled: ClassVar[Any] = None
-    """Compiled tick with the parameters of the pose filter; None if the filters are evaluated in Python."""
+    """Compiled tick with the parameters of the pose filter, or None if the filters are evaluated in Python."""
 
     backend: Literal["compiled", "filterpy"] = "compiled"
     """Implementation of both Kalman filters: `compiled`, or the classes of `filterpy`."""
@@ -158,7 +158,7 @@ class PoseEstimator(StateEstimator):
     terrain_compensation: bool = False
     """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Time constant for filtering the antenna velocity due to tilting; 0 for no filter [s]. Assumed value (0-0.2)."""
+    """Time constant for filtering the antenna velocity due to tilting [s]. 0: no filter. Assumed value (0-0.2)."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15

@@ -35,7 +35,7 @@ class Scripted(Spec):
 
     @property
     def last_s(self) -> float:
-        """End of the time window; infinite without an end [s]."""
+        """End of the time window [s], or infinity if there is no end."""
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:

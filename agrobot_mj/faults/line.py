@@ -132,7 +132,7 @@ class Bias(LineFault):
     """Base class of measurement offsets; each kind has a key `bias` with the unit as a suffix."""
 
     ramp_s: NonNegative = 0.0
-    """Time over which the offset grows linearly from zero; 0 for an immediate offset [s]."""
+    """Time over which the offset grows linearly from zero [s], or 0 for an immediate offset."""
 
     @property
     def offset(self) -> float:

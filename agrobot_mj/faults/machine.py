@@ -29,7 +29,7 @@ class ValveWear(Scripted):
     dead_band_v: Annotated[float, Field(ge=0, le=6)] = 0.4
     """Increase of the half width of the dead band [V]. Assumed value (0.2-0.8: 2-7 % of the range)."""
     ramp_s: NonNegative = 0.0
-    """Time over which the wear grows linearly from zero; 0 for immediate wear [s]."""
+    """Time over which the wear grows linearly from zero [s], or 0 for immediate wear."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Reduce the flow and widen the dead band."""

@@ -51,7 +51,7 @@ class Driveline(Spec):
     power_limit_kw: Positive | None = None
     """Maximum power at the wheels [kW]. Default: scaled with the mass from 14 for the compact tractor."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake, braking force times rear wheel radius; 0 without a brake [N m]. Default:
+    """Torque of the service and parking brake [N m], braking force times rear wheel radius, or 0 for no brake. Default:
     for a deceleration of 3.55 m/s2 [EU2015], 1118 for the compact tractor."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Fraction of the braking force at the front wheels [-]. Default: rear brakes only, as on compact tractors. Assumed

@@ -140,7 +140,7 @@ class ValveLaw(NamedTuple):
     gain_left: float  # Flow per volt outside the dead band, steering left [m3/(s V)]
     gain_right: float  # Flow per volt outside the dead band, steering right [m3/(s V)]
     saturation: float  # Maximum flow, in both directions [m3/s]
-    supply: float = 0.0  # Supply pressure of a valve without pressure compensation; 0 for a compensated valve [Pa]
+    supply: float = 0.0  # Supply pressure of a valve without pressure compensation [Pa], or 0 for a compensated valve
 
 
 class ValveMemory(NamedTuple):

@@ -29,7 +29,7 @@ class AxleWheel(NamedTuple):
     load: float  # Static load of the wheel on level ground [N]
     stiffness: float  # Vertical stiffness of the tyre [N/m]
     damping: float  # Vertical damping of the tyre [N s/m]
-    size: TyreSize | None = None  # Tyre dimensions given by a size code; None without a code
+    size: TyreSize | None = None  # Tyre dimensions given by a size code, or None if there is no code
 
     @property
     def deflection(self) -> float:
@@ -193,8 +193,7 @@ class TractorParameters(Spec):
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
-        """Return the steering angle for driving the CG along an arc without slip [rad]; a right angle if the arc is too
-        tight.
+        """Return the steering angle for driving the CG along an arc without slip [rad], or pi/2 for too tight an arc.
 
         On an arc of `curvature` kappa [1/m] the CG has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
         tan(beta).

@@ -92,7 +92,7 @@ class Metric(Spec):
         return {column.name.partition(".")[0] for column in self.columns}
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return JSON values by name; an empty dict if the metric does not apply to the run."""
+        """Return JSON values by name, or an empty dict if the metric does not apply to the run."""
         raise NotImplementedError
 
 
@@ -103,29 +103,29 @@ def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] 
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean of the finite values raised to `power`; None for fewer than LEAST values or on overflow."""
+    """Return the mean of the finite values raised to `power`, or None for fewer than LEAST values or on overflow."""
     return _average(_finite(values), power)
 
 
 def mean_magnitude(values: Array) -> float | None:
-    """Return the mean magnitude of the finite values; None for fewer than LEAST values."""
+    """Return the mean magnitude of the finite values, or None for fewer than LEAST values."""
     return _average(np.abs(_finite(values)))
 
 
 def rms(values: Array) -> float | None:
-    """Return the root mean square of the finite values; None for fewer than LEAST values."""
+    """Return the root mean square of the finite values, or None for fewer than LEAST values."""
     mean_square = mean(values, 2)
     return None if mean_square is None else mean_square**0.5
 
 
 def abs_p95(values: Array) -> float | None:
-    """Return the 95th percentile of the magnitudes of the finite values; None for fewer than LEAST values."""
+    """Return the 95th percentile of the magnitudes of the finite values, or None for fewer than LEAST values."""
     finite = _finite(values)
     return float(np.percentile(np.abs(finite), 95)) if finite.size >= LEAST else None
 
 
 def abs_max(values: Array) -> float | None:
-    """Return the maximum magnitude of the finite values; None for fewer than LEAST values."""
+    """Return the maximum magnitude of the finite values, or None for fewer than LEAST values."""
     finite = _finite(values)
     return float(np.abs(finite).max()) if finite.size >= LEAST else None
 

@@ -40,8 +40,8 @@ class BesidePath(NamedTuple):
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
-    """Return the signed offset of the points (x, y) from `path` at times `t`, left positive, shape as `t` [m]; NaN for
-    positions that are not finite."""
+    """Return the signed offset [m] of the points (x, y) from `path` at times `t`, left positive, shape as `t`, with NaN
+    for positions that are not finite."""
     return track(path, t, x, y).offset
 
 

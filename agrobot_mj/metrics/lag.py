@@ -27,7 +27,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text about the lag for messages; empty for a lag within the limits LATE_M, LOSING_M and SLOW."""
+        """Text about the lag for messages, or an empty string for a lag within the limits LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")
@@ -37,7 +37,7 @@ class Lag(NamedTuple):
 
 
 def lag_of(log: LogLike) -> Lag | None:
-    """Return the lag at the end of a run; None for a short run, and for a last row that is not finite."""
+    """Return the lag at the end of a run, or None for a short run, and for a last row that is not finite."""
     t = log.column("t")
     last = slice(int(np.searchsorted(t, t[-1] - LAST_S)) if len(t) else 0, None)
     if len(t[last]) < 2:

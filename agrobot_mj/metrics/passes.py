@@ -34,7 +34,7 @@ class Passed(NamedTuple):
     """Offset of the CG from the line at these stations, positive to the left of the first pass, shape (n,) [m]."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """Return the errors of the pass, positive to the left of its direction; None for fewer than LEAST stations."""
+        """Return the errors of the pass, positive to the left of its direction, or None for under LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,
@@ -62,7 +62,7 @@ class PassAccuracy(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the pass-to-pass accuracy; an empty dict for a path without parallel passes."""
+        """Return the pass-to-pass accuracy, or an empty dict for a path without parallel passes."""
         if not isinstance(view.path, Parallel):
             return {}
         return {"iso_12188_2_style": pass_to_pass(view.path, view.cg_on_path.time, view.column("x"), view.column("y"))}

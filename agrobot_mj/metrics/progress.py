@@ -41,7 +41,7 @@ class PathProgress(NamedTuple):
 
     @property
     def share(self) -> float | None:
-        """Driven fraction of the path length; None for a path shorter than STEP_M [-]."""
+        """Driven fraction of the path length [-], or None for a path shorter than STEP_M."""
         return self.driven / self.length if self.length >= STEP_M else None
 
     @property

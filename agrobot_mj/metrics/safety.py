@@ -35,7 +35,7 @@ class Safety(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics after the first fault; an empty dict without fault or supervisor."""
+        """Return the metrics after the first fault, or an empty dict if there is no fault or supervisor."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         try:
             state = view.column("supervisor_state")
@@ -80,7 +80,7 @@ class BrakedDrift(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the maximum drift over all intervals with the brake applied; None if the brake was never applied."""
+        """Return the maximum drift over all intervals with the brake applied, or None if it was never applied."""
         braked, place = view.column("brake") > 0.0, np.column_stack([view.column("x"), view.column("y")])
         changes = np.flatnonzero(np.diff(braked, prepend=False, append=False))
         spells = [place[begin + round(STOPPED_S / TICK_S) : end] for begin, end in changes.reshape(-1, 2)]
@@ -89,6 +89,6 @@ class BrakedDrift(Metric):
 
 
 def drift_text(metrics: dict[str, Any]) -> str:
-    """Return a text about the drift of a parked tractor; empty for a drift of at most LEAST_M."""
+    """Return a text about the drift of a parked tractor, or an empty string for a drift of at most LEAST_M."""
     drift = metrics.get("braked_drift_m") or 0.0
     return f"moved {1e3 * drift:.1f} mm while its brake was applied" if drift > LEAST_M else ""

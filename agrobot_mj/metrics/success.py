@@ -33,7 +33,7 @@ def has_errors(row: Row) -> bool:
 
 
 def error_of(row: Row, name: str) -> float | None:
-    """Return the tracking error `name` of a run; None if invalid or not finite."""
+    """Return the tracking error `name` of a run, or None if invalid or not finite."""
     value = row.get(name) if has_errors(row) else None
     return float(value) if value is not None and isfinite(value) else None
 

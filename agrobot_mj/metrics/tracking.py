@@ -118,7 +118,7 @@ class ImplementErrors(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics of the implement; an empty dict for a tractor without implement."""
+        """Return the metrics of the implement, or an empty dict for a tractor without implement."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
         except (KeyError, ValueError):  # missing column
@@ -152,7 +152,7 @@ class Acquisition(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the acquisition metrics; empty for a path without start offset."""
+        """Return the acquisition metrics, or an empty mapping for a path without start offset."""
         if not view.path.start_offset_m:
             return {}
         t, e = view.column("t"), view.cg_on_path.offset

@@ -76,7 +76,7 @@ class ReferencePath(Spec):
 
     kind: str
     radius_key: ClassVar[str] = ""
-    """Key of the bend radius; empty if other keys determine the radius."""
+    """Key of the bend radius, or an empty string if other keys determine the radius."""
     speed_m_s: Speed = 1.2
     """Maximum speed of the reference [m/s]. Assumed value (1-1.5), which fits the paper's 120 s per turn."""
 

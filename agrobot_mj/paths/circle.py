@@ -29,7 +29,7 @@ class Circle(Transitions, ReferencePath):
     radius_m: Positive = 10.0
     """Radius of the circle [m]. Assumed value, as for the arcs of the figure-eight."""
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest; 0 for no ramp [s]. Assumed value, as for `figure_eight`."""
+    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, as for `figure_eight`."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]."""
     direction: Literal["left", "right"] = "left"

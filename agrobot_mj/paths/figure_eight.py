@@ -66,7 +66,7 @@ class FigureEight(Transitions, ReferencePath):
     straight_m: Positive = 28.0
     """Length of each straight without clothoids [m]. Assumed value; 119.7 s per lap with the other defaults."""
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest; 0 for no ramp [s]. Assumed value (2-6), typical of drivers."""
+    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value (2-6), typical of drivers."""
     run_in_m: NonNegative = 14.0
     """Distance before the first lap, at most half a straight [m]. Assumed value, sufficient to reach full speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2

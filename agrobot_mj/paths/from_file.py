@@ -17,7 +17,7 @@ class FromFile(Timed):
     reads_file: ClassVar[bool] = True
     """Always True: the course is read from a file."""
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """Accepted endings of the file name; empty for any ending."""
+    """Accepted endings of the file name, or an empty tuple for any ending."""
     max_bytes: ClassVar[int]
     """Maximum size of the file [bytes]."""
     if TYPE_CHECKING:

@@ -16,7 +16,7 @@ class Line(ReferencePath):
 
     kind: Literal["line"] = "line"
     ramp_s: Ramp = RAMP_S
-    """Duration of the acceleration from rest; 0 for no ramp [s]. Assumed value, as for `figure_eight`."""
+    """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value, as for `figure_eight`."""
     length_m: Positive = 144.0
     """Length of the line [m]. Assumed value, as long as one lap of the default figure-eight."""
     heading_deg: float = 0.0

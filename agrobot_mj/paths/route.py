@@ -127,7 +127,7 @@ class SampledRoute:
         return _ahead(self._samples, s)
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures at the arc lengths `distances` [m], positive left, shape (n,) [1/m]; 0 before 0."""
+        """Return the curvatures [1/m] at the arc lengths `distances` [m], left positive, shape (n,). 0 before 0 m."""
         distances = np.asarray(distances, dtype=float)
         found, most = _curvatures(self._samples, distances)
         if self.grows(most):

@@ -32,7 +32,7 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.signedinteger]]
 class Piece(NamedTuple):
     """Segment of a course: straight, arc or clothoid, or a pause between two segments."""
 
-    length: float  # Length of the segment; 0 for a pause [m]
+    length: float  # Length of the segment [m], or 0 for a pause
     curvature: float = 0.0  # Curvature at the start of the segment [1/m]
     speed: float = inf  # Maximum speed on the segment [m/s]
     sharpness: float = 0.0  # Change of curvature per metre travelled on the segment [1/m2]
@@ -46,12 +46,12 @@ class Course(NamedTuple):
     start: Pose
     lengths: Array  # Length of each segment, 0 only for pauses [m]
     curvatures: Array  # Curvature at the start of each segment [1/m]
-    speeds: Array  # Maximum speed on each segment; infinite if only the limits of the path apply [m/s]
+    speeds: Array  # Maximum speed on each segment [m/s], or infinity if only the limits of the path apply
     sharpnesses: Array  # Change of curvature per metre travelled on each segment [1/m2]
     directions: Array  # Direction of travel of each segment: 1 forward, -1 reverse [-]
     pauses: Array  # Duration of the pause of each segment [s]
     trends: Array
-    """Change of curvature of the approximated curve per metre travelled, for each segment; 0 for true arcs [1/m2]."""
+    """Change of curvature of the approximated curve per metre [1/m2] for each segment, or 0 for true arcs."""
 
     @property
     def ends(self) -> Array:

@@ -34,7 +34,7 @@ class Transitions(Spec):
     """Wheelbase for which `steer_rate_deg_s` is computed [m]. Default: wheelbase of the tractor."""
 
     def sharpness(self, speed: float) -> float:
-        """Return the change of curvature per metre of a bend at `speed` [m/s]; infinite without transitions [1/m2]."""
+        """Return the change of curvature per metre of a bend [1/m2] at `speed` [m/s]. Infinite without transitions."""
         if self.transition == "none":
             return inf
         return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)
@@ -49,7 +49,7 @@ class Bend(NamedTuple):
 
     angle: float  # Change of heading along the bend [rad]
     radius: float  # Radius of the arc, or radius at the joint of the clothoids of a bend without arc [m]
-    sharpness: float  # Change of curvature per metre in the clothoids; infinite without clothoids [1/m2]
+    sharpness: float  # Change of curvature per metre in the clothoids [1/m2], or infinity if there are no clothoids
     arc: float  # Length of the arc [m]
 
     @property

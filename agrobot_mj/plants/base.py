@@ -62,7 +62,7 @@ class RunningPlant(Protocol):
         """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre report of the four wheels, shape (24,), see `tyres.patch`; empty without a tyre model."""
+        """Return the tyre report of four wheels, (24,), see `tyres.patch`, or an empty array without a tyre model."""
         return np.empty(0)
 
     @property
@@ -79,7 +79,7 @@ class RunningPlant(Protocol):
         quantities that the plant does not model are NaN."""
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field; None on ground without ruts."""
+        """Return the ruts on the field, or None on ground without ruts."""
         return None
 
     def warnings(self) -> int:

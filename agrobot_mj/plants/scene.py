@@ -25,7 +25,7 @@ class Geom(NamedTuple):
     pos: tuple[float, float, float]  # Centre of the geom in the frame of its body [m]
     quat: tuple[float, float, float, float]  # Orientation of the geom in the frame of its body, quaternion w x y z
     rgba: tuple[float, float, float, float]
-    mesh: Mesh | None = None  # Triangle mesh of a geom of kind mesh; None for primitives
+    mesh: Mesh | None = None  # Triangle mesh of a geom of kind mesh, or None for primitives
 
 
 class Scene(NamedTuple):

@@ -55,7 +55,7 @@ class RecordedRun(NamedTuple):
     log: Log
     colour: int  # Colour as 0xRRGGBBAA
     below: int  # Number of tracks drawn below the track of this run
-    above: int  # Number of tracks drawn above the track of this run; 0 for the run with the opaque tractor
+    above: int  # Number of tracks drawn above the track of this run, or 0 for the run with the opaque tractor
 
     values: dict[str, Array]
     """Signals of the run that are plotted, in the unit of the plot, by path of the plot in `COMPARED`."""

@@ -21,7 +21,7 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return path, two modification times and size of a machine file; None for the default. Raises `ScenarioError`."""
+    """Return path, modification times and size of a machine file, or None for the default. Raises `ScenarioError`."""
     if name == COMPACT:
         return None
     shipped = machine_files()

@@ -101,7 +101,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key `tables`, by default from `default`; None for a table without kinds."""
+    """Return the kind of the table at the key `tables`, by default from `default`, or None if there are no kinds."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:

@@ -81,7 +81,7 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the abstract methods and properties that a class leaves undefined; empty if it derives from a kind."""
+    """Return the abstract methods and properties that a class leaves undefined; a kind's subclass has none."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []
@@ -207,7 +207,7 @@ def loaded_files() -> tuple[Path, ...]:
 
 
 def place_in_plugin(error: Exception) -> str:
-    """Return the innermost line of a plugin file in a traceback as ` (own.py, line 12)`; empty if there is none."""
+    """Return the innermost line of a plugin file in a traceback as ` (own.py, line 12)`, or an empty string."""
     files = set(map(str, _files))
     lines = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     found = [f" ({Path(file).name}, line {line})" for file, line in lines if file in files]
@@ -220,7 +220,7 @@ def plugin_options(files: Iterable[Path] | None = None) -> str:
 
 
 def plugin_note() -> str:
-    """Return the comment that lists the plugin files in the results of a run; empty without plugins."""
+    """Return the comment that lists the plugin files in the results of a run, or an empty string without plugins."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 

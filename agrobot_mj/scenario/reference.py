@@ -32,8 +32,8 @@ class Doc(NamedTuple):
     """Documentation of one key."""
 
     text: str  # Description without the sentence about the source
-    unit: str  # Unit in the description; empty for a key without unit
-    source: str  # Source of the default; empty if the description gives none
+    unit: str  # Unit in the description, or an empty string for a key without unit
+    source: str  # Source of the default, or an empty string if the description gives none
     kind: str
     default: str  # Default value as TOML text
 
@@ -248,7 +248,7 @@ def _kinds_of(table: str) -> list[str]:
 
 
 def usual_kind(table: str) -> str | None:
-    """Return the default kind of a table; None for lists, whose items must each set `kind`."""
+    """Return the default kind of a table, or None for lists, whose items must each set `kind`."""
     *above, last = table.split(".")
     owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
     found = (getattr(place.default, last, None) for place in owners)

@@ -199,7 +199,7 @@ def _contradictions(s: Tables) -> list[str]:
 
 
 def _special(terrain: Terrain) -> str:
-    """Return the key of ground properties that vary with position; empty for uniform ground."""
+    """Return the key of ground properties that vary with position, or an empty string for uniform ground."""
     found = {"patch": terrain.patch, "surface": terrain.surface, "variation": terrain.variation.active}
     return next((key for key, value in found.items() if value), "")
 

@@ -25,7 +25,7 @@ class CanopyState(NamedTuple):
     generator: Generator  # Random stream of the signal losses, advanced in place
     lapsed: bool  # Whether an antenna below the canopy currently has no solution
     outside_s: float = inf
-    """Time since the antenna left the canopy; infinite if the antenna was never below the canopy [s]."""
+    """Time since the antenna left the canopy [s], or infinity if the antenna was never below the canopy."""
 
 
 class Canopy(Spec):

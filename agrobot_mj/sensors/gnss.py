@@ -38,7 +38,7 @@ def _whole_ticks_apart(rate_hz: float) -> float:
 class GnssReading(NamedTuple):
     """Solution delivered in one tick."""
 
-    fix: Fix | None  # Position and velocity; None without a solution
+    fix: Fix | None  # Position and velocity, or None if there is no solution
     quality: int  # Quality of the solution, a constant of `Quality`
 
 
@@ -75,7 +75,7 @@ class ErrorPart(NamedTuple):
 class FurtherPart(NamedTuple):
     """Parameters of an additional correlated error of a fixed solution."""
 
-    sigma: float  # Standard deviation per axis; 0 without the error [m]
+    sigma: float  # Standard deviation per axis [m], or 0 without the error
     kept: Shares  # Weights of the last value and of white noise in the additional error [-]
 
 
@@ -152,7 +152,7 @@ class Delivery(NamedTuple):
     canopies: tuple[CanopyState, ...]  # State of each canopy
     heading: SignalLine = SignalLine()  # Signal line that transmits the heading from two antennas
     pending: tuple[GnssReading, ...] = ()  # Solutions in transit, one per tick, oldest first
-    last: Fix | None = None  # Last computed solution, which a frozen receiver repeats; None before the first solution
+    last: Fix | None = None  # Last computed solution, which a frozen receiver repeats, or None before the first one
 
 
 class GnssState(NamedTuple):
@@ -290,7 +290,7 @@ class Gnss(Sensor):
         return Delivery(canopies, line, pending, last), reading
 
     def report(self, reading: GnssReading) -> tuple[float, ...]:
-        """Return the height, and with two antennas the heading; NaN without a solution."""
+        """Return the height, and with two antennas the heading, or NaN if there is no solution."""
         z, heading = (reading.fix.z, reading.fix.heading) if reading.fix else (nan, nan)
         return (z, heading) if self.dual_antenna.enabled else (z,)
 

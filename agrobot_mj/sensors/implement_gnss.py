@@ -18,8 +18,8 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 class ImplementFix(NamedTuple):
     """Measured position of the implement's working point."""
 
-    x: float = nan  # East coordinate; NaN without a receiver [m]
-    y: float = nan  # North coordinate; NaN without a receiver [m]
+    x: float = nan  # East coordinate [m], or NaN if there is no receiver
+    y: float = nan  # North coordinate [m], or NaN if there is no receiver
 
 
 class ImplementGnssLaw(NamedTuple):

@@ -27,7 +27,7 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 
 
 class Attitude(NamedTuple):
-    """Measurement of the inertial unit; NaN without an inertial unit."""
+    """Measurement of the inertial unit, or NaN if there is no inertial unit."""
 
     roll: float  # Roll, left side up positive [rad]
     pitch: float  # Pitch, nose down positive [rad]
@@ -65,7 +65,7 @@ class ImuValues(NamedTuple):
     error: tuple[float, float]  # Slow error of roll and pitch, divided by its standard deviation [-]
     tilt: tuple[float, float] = (0.0, 0.0)  # Error of roll and pitch from accelerations interpreted as tilt [rad]
     last: UnitMotion = UnitMotion((nan, nan, nan), nan, nan)
-    """Motion at the end of the last tick; NaN before the first tick."""
+    """Motion at the end of the last tick, or NaN before the first tick."""
 
 
 @jit
@@ -107,7 +107,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration forward and to the left that is known from the aiding speed; 0 without aiding [m/s2]."""
+    """Return the acceleration known from the aiding speed [m/s2], forward and to the left, or 0 without aiding."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
@@ -144,7 +144,7 @@ class Imu(CompiledSensor):
     aiding: Literal["none", "speed"] = "speed"
     """Aiding: with `speed` the unit subtracts accelerations known from speed and yaw rate, as guidance systems do."""
     time_constant_s: NonNegative = 3.0
-    """Time constant of the levelling by accelerometers; 0 for an inclinometer [s]. Assumed value (1-20)."""
+    """Time constant of the levelling by accelerometers [s], or 0 for an inclinometer. Assumed value (1-20)."""
     ahead_m: float = 0.0
     """Distance of the unit ahead of the rear axle [m]. Assumed value: 0, above the axle."""
     left_m: float = 0.0

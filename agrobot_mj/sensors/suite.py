@@ -99,7 +99,7 @@ class Addresses(NamedTuple):
 
 
 class SensorReadings(NamedTuple):
-    """Measurements of the compiled sensors; NaN for absent sensors."""
+    """Measurements of the compiled sensors, with NaN for absent sensors."""
 
     gnss: tuple[Solved, float]  # Solution and heading computed in this tick
     steering_pot: float
@@ -156,7 +156,7 @@ class SensorState(NamedTuple):
     values: Held[Values]
     delivery: Delivery  # State of the GNSS receiver except its errors
     states: dict[str, Any]  # States of the sensors that are not compiled
-    readings: dict[str, Any]  # Last measurement of each sensor; empty before the first tick
+    readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
     """Signal lines distorted in the last tick, by name; other lines have transmitted the last measurement."""
 

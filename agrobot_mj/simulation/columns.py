@@ -37,14 +37,14 @@ class Signal(NamedTuple):
     """Column of the log with the source of its value."""
 
     column: Column
-    value: str | None  # Python expression of the fields of `Tick` and `Derived`; None for a value reported by a stage
+    value: str | None  # Python expression of fields of `Tick` and `Derived`, or None for a value reported by a stage
 
 
 class Derived(NamedTuple):
     """Signals computed from the messages of a tick."""
 
     gnss_x: float
-    gnss_y: float  # Position of the antenna from GNSS, east (`gnss_x`) and north (`gnss_y`); NaN without a fix [m]
+    gnss_y: float  # Position of the antenna from GNSS [m], east (`gnss_x`) and north (`gnss_y`), or NaN without a fix
     ahead: float
     left: float  # Position of the reference relative to the true CG, ahead and left in the frame of the reference [m]
     p_xx: float
@@ -166,7 +166,7 @@ _values: Callable[..., list[float]] = eval(
 
 
 def row(tick: Tick) -> list[float]:
-    """Return the values of `COLUMNS` for a tick; NaN for columns that a stage reports."""
+    """Return the values of `COLUMNS` for a tick, with NaN for columns that a stage reports."""
     return _values(*tick, *_derived(tick))
 
 

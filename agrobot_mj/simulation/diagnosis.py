@@ -94,7 +94,7 @@ def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
 
 
 def _value(tables: Any, key: str) -> Any:
-    """Return the value of a dotted key in nested tables; None for a missing key."""
+    """Return the value of a dotted key in nested tables, or None for a missing key."""
     for name in key.split("."):
         tables = tables.get(name) if isinstance(tables, dict) else None
     return tables
@@ -105,7 +105,7 @@ def _listed(names: list[str]) -> str:
 
 
 def attribution(row: Mapping[str, Any]) -> str:
-    """Return a sentence about the parts of the cross-track error in the metrics of a run; empty without this error."""
+    """Return a sentence that splits a run's cross-track error into its contributions, or "" without this error."""
     names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
     total, estimator, guidance = (row.get(name) for name in names)
     if total is None or estimator is None or guidance is None:

@@ -125,9 +125,9 @@ class Log:
     outcome: str  # Outcome of the run, one of `core.signals.Outcome`
     wall_s: float  # Wall time of the run [s]
     metrics: dict[str, Any] = field(default_factory=dict)  # Metrics of the run, see `metrics.metrics`
-    ruts: RutMap | None = None  # Ruts at the end of the run; None on rigid ground
+    ruts: RutMap | None = None  # Ruts at the end of the run, or None on rigid ground
     learned: Learned = field(default_factory=dict)
-    """Learned values of guidance law and steering loop; empty without learning."""
+    """Learned values of guidance law and steering loop, or an empty mapping if there is no learning."""
 
     @cached_property
     def signals(self) -> pa.Table:

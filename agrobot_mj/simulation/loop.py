@@ -226,7 +226,7 @@ class Loop:
 
     @property
     def stop_reason(self) -> str:
-        """Reason for the stop by the supervisor; empty without a stop."""
+        """Reason for the stop by the supervisor, or an empty string if there is no stop."""
         state = self.stages.supervisor
         return state.reason if self.supervisor.stopped(state) else ""
 

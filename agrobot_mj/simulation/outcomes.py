@@ -18,8 +18,8 @@ LEFT_M = 1.0
 class Standstill(NamedTuple):
     """Position and duration of a standstill."""
 
-    x: float = inf  # Position of the standstill, east; infinite before the first tick [m]
-    y: float = inf  # Position of the standstill, north; infinite before the first tick [m]
+    x: float = inf  # Position of the standstill [m], east, or infinity before the first tick
+    y: float = inf  # Position of the standstill [m], north, or infinity before the first tick
     tried_s: float = 0.0  # Time at standstill with a measured or commanded pedal position above STUCK_PEDAL [s]
     waited_s: float = 0.0  # Time at standstill while the tractor should follow its reference [s]
     distance: float = 0.0  # Distance from the reference at the start of `waited_s` [m]

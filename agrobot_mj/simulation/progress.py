@@ -21,7 +21,7 @@ LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
 
 
 def bar() -> "Bar | None":
-    """Return a progress bar on stderr; None without a terminal."""
+    """Return a progress bar on stderr, or None if there is no terminal."""
     if not sys.stderr.isatty():
         return None
     # imported here because runs in a pipe do not need it

@@ -95,7 +95,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Return the names in the mark of `folder`, or of all files for an empty mark; None without a mark."""
+    """Return the names in the mark of `folder`, or of all files for an empty mark, or None if there is no mark."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None

@@ -23,7 +23,7 @@ class LoopState(NamedTuple):
     stages: dict[str, Any]  # States of the stages, by name in `Stages`
     truth: Truth  # True state after the last step of the plant
     sensed: tuple[Measurement, Situation] | None
-    """Last measurement and situation, without the sampled path; None before the first measurement."""
+    """Last measurement and situation, without the sampled path, or None before the first measurement."""
 
 
 class Snapshot(NamedTuple):
@@ -33,7 +33,7 @@ class Snapshot(NamedTuple):
     loop: LoopState  # State of plant and stages
     rows: SavedRows
     standstill: Standstill  # Position and duration of the standstill
-    ending: tuple[str, str]  # Outcome and reason of the end of the run; empty before the end
+    ending: tuple[str, str]  # Outcome and reason of the end of the run, or empty strings before the end
 
 
 def loop_state(loop: Loop) -> LoopState:

@@ -43,14 +43,14 @@ class Case(NamedTuple):
 
     plant: str
     law: str
-    variant: str | None  # Name of the variant; None without a variant
+    variant: str | None  # Name of the variant, or None if there is no variant
     seed: int
     scenario: Scenario
     folder: str
 
     @property
     def controller(self) -> str | None:
-        """Kind of the yaw controller; None if the guidance law uses none."""
+        """Kind of the yaw controller, or None if the guidance law uses none."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 

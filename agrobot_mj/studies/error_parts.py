@@ -52,7 +52,7 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """Return the warnings about estimates in the table of a sweep as one sentence; empty without table or column."""
+    """Return the warnings about estimates in a sweep table, as one sentence, or an empty list for no warnings."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
         return []

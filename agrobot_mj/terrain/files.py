@@ -31,10 +31,10 @@ class Sheet(NamedTuple):
     """Grid read from a file."""
 
     values: Array  # Values of the grid, shape (rows, columns); row 0 is the south edge
-    cell: float | None = None  # Distance between nodes; None if the file does not state it [m]
+    cell: float | None = None  # Distance between nodes [m], or None if the file does not state it
     white: float = 1.0  # Value of white pixels in an image
     corner: tuple[float, float] | None = None
-    """Easting and northing of the south-west node on a map; None if the file does not state them [m]."""
+    """Easting and northing of the south-west node on a map [m], or None if the file does not state them."""
 
 
 def read_grid(file: str) -> Sheet:
@@ -130,7 +130,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
-    """Return the map coordinates of the south-west node, the middle of its cell [m]; None if the header has none."""
+    """Return the map coordinates of the south-west node, the middle of its cell [m], or None if the header has none."""
     west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
     return (west, south) if np.isfinite([west, south]).all() else None
 

@@ -75,7 +75,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the index of the tile at a row and column of tiles, allocating it if needed; -1 if the store is empty."""
+    """Return the index of the tile at a row and column, allocating it if needed, or -1 if the store is empty."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]

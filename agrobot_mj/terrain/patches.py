@@ -23,7 +23,7 @@ class Base(NamedTuple):
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """Factor on the friction [-], cone index [Pa] and rolling resistance [-]; 0 selects the value of the tyre law."""
-    variation: Variation | None = None  # Random variation about these properties; None for uniform ground
+    variation: Variation | None = None  # Random variation about these properties, or None for uniform ground
 
 
 def surface(patches: tuple[Special, ...], extent: Bounds, base: Base) -> Surface:

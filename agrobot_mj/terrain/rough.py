@@ -64,7 +64,7 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Return the spectrum S [m4] for wave numbers `k` [cycle/m] and roughness [m3]; zero at k = 0 and above `end`."""
+    """Return the spectrum S [m4] for wave numbers `k` [cycle/m] and roughness [m3], or 0 at k = 0 and above `end`."""
     table = end * np.geomspace(1e-4, 1.0, 800)
     # The substitution u = k cosh(v) removes the singularity of the Abel transform at u = k.
     v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)

@@ -132,9 +132,9 @@ class Structure(NamedTuple):
     length of 1.5 radii and scales with the relaxation length."""
     rolling_resistance: float = 0.0  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length_m: float | None = 0.0
-    """Half of the contact length [m]; 0 for no scrubbing moment, None for a value from the static deflection."""
+    """Half the contact length [m], 0 for no scrubbing moment, or None for a value from the static deflection."""
     trail_m: float = 0.0  # Pneumatic trail at small slip [m]
-    cone_index_pa: float = 0.0  # Cone index where the ground has no value; 0 for laws without a cone index [Pa]
+    cone_index_pa: float = 0.0  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
     carcass_share: tuple[float, float] = (0.0, 0.0)
     """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0 selects `relaxation_radii` [-]."""
     bearing: Bearing = FIRM  # Parameters of soil with plastic sinkage. Default: firm ground.
@@ -159,7 +159,7 @@ class TyreBase(Spec):
 
     @property
     def native(self) -> NativeContact | None:
-        """MuJoCo contact that replaces the law; None for a tyre with a force law."""
+        """MuJoCo contact that replaces the law, or None for a tyre with a force law."""
         return None
 
     @property
@@ -196,7 +196,7 @@ class CarcassTyre(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness [s]. Assumed value (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
-    """Half the contact length; 0 for no scrubbing moment [m]. Default: from radius and static deflection of each axle's
+    """Half the contact length [m]. 0: no scrubbing moment. Default: from radius and static deflection of each axle's
     tyres."""
     load_follows_carcass: bool = True
     """Whether the load acts at the contact patch as displaced by the side force, which reduces the tip-over angle. If

@@ -45,7 +45,7 @@ class Bearing(NamedTuple):
     """Pressure-sinkage parameters of soil."""
 
     k_c: float  # Cohesive modulus k_c, which is divided by the contact width [Pa/m^(n-1)]
-    k_phi: float  # Frictional modulus k_phi; 0 for firm ground [Pa/m^n]
+    k_phi: float  # Frictional modulus k_phi [Pa/m^n], or 0 for firm ground
     n: float  # Exponent n of the sinkage [-]
     rebound: float  # Elastic stiffness K_e [Pa/m]
     multipass: float  # Exponent a of the multipass law [-]

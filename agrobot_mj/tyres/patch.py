@@ -45,7 +45,7 @@ class TyreSet(NamedTuple):
     relaxation: Array
     """Longitudinal and lateral relaxation length, shape (4, 2) [m]: at static load, then updated by each step."""
     springs: Array  # Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]
-    twist_stiffness: Array  # Stiffness of the patch against turning; 0 for no scrubbing moment, shape (4,) [N m/rad]
+    twist_stiffness: Array  # Stiffness of the patch against turning [N m/rad], shape (4,), or 0 for no scrubbing moment
     twist_relaxation: Array  # Length over which rolling removes the twist of the patch, shape (4,) [m]
     scrub_arm: Array  # Maximum scrubbing moment divided by grip times load, shape (4,) [m]
     load_follows: bool
@@ -54,7 +54,7 @@ class TyreSet(NamedTuple):
     rolling_resistance: float  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length: Array  # Half the contact length, shape (4,) [m]
     trail: float  # Pneumatic trail at small slip [m]
-    cone_index: float  # Cone index where the ground has no value; 0 for laws without a cone index [Pa]
+    cone_index: float  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
     bearing: Bearing  # Parameters of yielding soil, or `FIRM`
     treads: tuple[Tread, Tread]  # Geometry of a front and a rear tyre on yielding soil
     grip: Array  # Factor on the friction of each wheel, set by faults, shape (4,) [-]

@@ -57,7 +57,7 @@ def from_compass(heading: float) -> float:
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
-    """Return the cross-track error [m] in a message, left positive; NaN if the host has no guidance line.
+    """Return the cross-track error [m] in a message, left positive, or NaN if the host has no guidance line.
 
     Byte 10 of the frame contains the error, right positive. AgOpenGPS sends the error in steps of 2 cm as an offset
     from 127 (up to 2.5 m), AgOpenWeb in signed centimetres (up to 1.3 m).

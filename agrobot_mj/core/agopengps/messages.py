@@ -59,8 +59,8 @@ class SteerState(NamedTuple):
     """Message 253: state reported by a steer module."""
 
     steer: float  # Measured steering angle, left positive [rad]
-    yaw: float = nan  # Yaw; NaN without an inertial unit [rad]
-    roll: float = nan  # Roll, left side up positive; NaN without an inertial unit [rad]
+    yaw: float = nan  # Yaw [rad], or NaN if there is no inertial unit
+    roll: float = nan  # Roll [rad], left side up positive, or NaN if there is no inertial unit
     switches: int = 0  # Bits of the switches: 0 work, 1 steer, 2 remote
     pwm: int = 0  # Magnitude of the motor output, for display only [PWM counts]
 

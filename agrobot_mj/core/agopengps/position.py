@@ -18,7 +18,7 @@ FIELDS = 16
 
 
 class BoardAttitude(NamedTuple):
-    """Attitude from the inertial unit or the second antenna; NaN if the tractor has neither."""
+    """Attitude from the inertial unit or the second antenna, or NaN if the tractor has neither."""
 
     yaw: float = nan  # Yaw [rad]
     roll: float = nan  # Roll, left side up positive [rad]
@@ -60,7 +60,7 @@ class Position(NamedTuple):
 
 
 def read(datagram: bytes) -> Position | None:
-    """Return the decoded position sentence; None for other or invalid sentences."""
+    """Return the decoded position sentence, or None for other or invalid sentences."""
     fields = fields_of(datagram)
     if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):
         return None

@@ -74,7 +74,7 @@ def read_traffic(path: Path) -> list[Datagram]:
 
 
 def recorded_scenario(path: Path) -> dict[str, Any]:
-    """Return the scenario in a `link.parquet`, or in `scenario.toml` next to it; empty if both are missing."""
+    """Return the scenario in a `link.parquet` or `scenario.toml` next to it, or an empty mapping without either."""
     text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
     beside = path.absolute().with_name("scenario.toml")
     if text is None and beside.is_file():

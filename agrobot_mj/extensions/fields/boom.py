@@ -63,8 +63,8 @@ class ImplementMotion(NamedTuple):
 
 
 def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
-    """Return the times at which a section starts and stops working on a pass; None if it never works. `span` contains
-    the arc lengths of the pass on the plan [m]; `rows` selects the motion near the pass."""
+    """Return the times at which a section starts and stops working on a pass, or None if it never works. `span`
+    contains the arc lengths of the pass on the plan [m]; `rows` selects the motion near the pass."""
     t, s = motion.t[rows], motion.s[rows]
     if len(t) < 2 or span[1] <= span[0]:
         return None
@@ -76,7 +76,7 @@ def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, bo
 
 
 def _reached(t: Array, s: Array, distance: float) -> float:
-    """Return the time at which the increasing array `s` reaches a distance; infinite if it does not reach it."""
+    """Return the time at which the increasing array `s` reaches a distance, or infinity if it does not reach it."""
     k = int(np.searchsorted(s, distance))
     if k == len(s):
         return float("inf")

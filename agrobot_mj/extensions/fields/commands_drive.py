@@ -170,7 +170,7 @@ def _rig(
 
 
 def _direction(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> float | None:
-    """Return the direction of the swaths [rad]; None for that with the fewest swaths."""
+    """Return the direction of the swaths [rad], or None for the direction with the fewest swaths."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.planner.contours import contour_direction
 

@@ -109,7 +109,7 @@ class FieldDrive:
         return kept
 
     def spans(self) -> list[Times | None]:
-        """Return, for each pass, the times between which at least one section works; None for a pass without work."""
+        """Return for each pass the times between which at least one section works, or None for a pass without work."""
         found: list[Times | None] = []
         for times in self.times:
             some = [each for each in times if each is not None]

@@ -17,13 +17,13 @@ class Field:
     obstacles: tuple[Polygon, ...] = ()
     """Obstacles inside the boundary, which neither the tractor nor the implement may touch [m]."""
     plane: Origin | None = None
-    """Geographic position of x = y = 0; None if the coordinate system of the file is unknown."""
+    """Geographic position of x = y = 0, or None if the coordinate system of the file is unknown."""
     notes: tuple[str, ...] = ()  # Sentences about repairs of the geometry in the file
     headland: Polygon | None = None
-    """Area inside the headland line of the file [m]; None if the file has no headland line."""
+    """Area inside the headland line of the file [m], or None if the file has no headland line."""
     crs: str = ""  # Coordinate system of the file, for example EPSG:32631. Empty for metres in an unknown system.
     shift: tuple[float, float] = (0.0, 0.0)
-    """East and north coordinates of the origin in the file, which are subtracted [m]; 0 for a file in degrees."""
+    """East and north coordinates of the origin in the file, which are subtracted [m], or 0 for a file in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +31,6 @@ class Leg:
     """Part of a plan with one driving direction and one working state of the implement."""
 
     points: Array  # Points in driving order, shape (n, 2) [m]
-    speed_m_s: float | None = None  # Speed of the leg [m/s]; None if the plan gives no speed
+    speed_m_s: float | None = None  # Speed of the leg [m/s], or None if the plan gives no speed
     working: bool = True  # Whether the implement works
     reverse: bool = False  # Whether the tractor drives in reverse

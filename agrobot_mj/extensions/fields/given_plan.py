@@ -26,7 +26,7 @@ APART_M, APART_RAD = 0.05, 0.02
 
 
 def stored_plan(file: Path) -> Plan | None:
-    """Return the plan in a file written by `field plan`; None for other files. Raise `ScenarioError` if damaged."""
+    """Return the plan in a file written by `field plan`, or None for other files. Raise `ScenarioError` if damaged."""
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None

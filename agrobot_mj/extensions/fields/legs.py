@@ -63,7 +63,7 @@ def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
 
 
 def _speed(said: Mapping[str, Any]) -> float | None:
-    """Return the speed given by the properties of a line [m/s]; None if the speed is not given."""
+    """Return the speed given by the properties of a line [m/s], or None if the speed is not given."""
     for key, factor in (("speed_m_s", 1.0), ("speed", 1.0), ("speed_kmh", 1 / 3.6), ("velocity", 1.0)):
         value = said.get(key)
         if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and value:

@@ -26,7 +26,7 @@ class StraightPass(NamedTuple):
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
-    """Return errors between neighbouring passes of the implement; None for fewer than `LEAST` common points."""
+    """Return errors between neighbouring passes of the implement, or None for fewer than `LEAST` common points."""
     ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
     differences = [np.empty(0)]
     for k, (across, stations, errors) in enumerate(ranked):

@@ -82,7 +82,7 @@ class AdaptiveState(NamedTuple):
     """Voltages that were commanded and are still delayed in the valve, relative to neutral, oldest first [V]."""
     spool: float = 0.0  # Voltage at the spool relative to neutral [V]
     mean: float = 0.0  # Mean spool voltage over the last tick [V]
-    steer: float | None = None  # Last measured steering angle [rad]; None before the first tick
+    steer: float | None = None  # Last measured steering angle [rad], or None before the first tick
     piece: Stretch = Stretch()  # Time segment in progress
     misses: tuple[float, float] = (0.0, 0.0)
     """Mean squared errors of the steering rates predicted by the learned map and by the initial map [rad2/s2]."""

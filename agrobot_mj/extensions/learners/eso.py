@@ -36,7 +36,7 @@ class EsoState(NamedTuple):
 
     inner: Any
     seen: tuple[float, float] | None = None
-    """Observed cross-track error [m] and heading error [rad]; None before the first tick."""
+    """Observed cross-track error [m] and heading error [rad], or None before the first tick."""
     crab: float = 0.0  # Estimated crab angle b [rad]
     curvature: float = 0.0  # Estimated disturbance curvature d [1/m]
 

@@ -31,7 +31,7 @@ class IlcState(NamedTuple):
 
     inner: Any
     lap: LapState = LapState()
-    s: float | None = None  # Arc length of the nearest point of the path [m]; None before the first tick
+    s: float | None = None  # Arc length of the nearest point of the path [m], or None before the first tick
     length: float = inf  # Length of a lap [m]
     steer: float = 0.0  # Last commanded steering angle [rad]
     ahead: float = 0.0  # Steering angle of the map in the last tick [rad]

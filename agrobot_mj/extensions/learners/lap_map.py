@@ -60,13 +60,13 @@ class LapState(NamedTuple):
     since: float = inf  # Distance travelled since the current map was first used [m]
     best: Array = NOTHING  # Map of the best lap [unit of the map]
     best_square: Array = NOTHING  # Squared error of the best lap, averaged over about WINDOW_M [m2]
-    best_rms: float = inf  # RMS error of the best lap [m]; infinite before the first complete lap
+    best_rms: float = inf  # RMS error of the best lap [m], or infinity before the first complete lap
     cells: Array = NOTHING  # Sums at each location in the present lap, columns as in `Cell`, shape (locations, 4)
     here: Array = NOTHING  # Squared error of the present lap, averaged over about WINDOW_M [m2]
     cell: tuple[int, Cell] = (0, Cell())  # Index of the present location, and the sums of its ticks
     square: float = 0.0  # Present squared error, averaged over about WINDOW_M [m2]
     wanted: Array = NOTHING
-    """Map plus correction after the last lap used for learning [unit of the map]; zero without such a lap."""
+    """Map plus correction after the last lap used for learning [unit of the map], or zero if there is no such lap."""
     whole: bool = False
     """Whether a single map has been used since the start of the lap, so that its error is known at the end."""
     returns: int = 0  # Number of returns to the best map
@@ -203,7 +203,7 @@ def _smooth(values: Array, width: float) -> Array:
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Return the fraction of map plus correction that repeats from the previous lap [-]; 1 without a previous lap."""
+    """Return the fraction of map plus correction that repeats from the previous lap [-], or 1 if there is none."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 

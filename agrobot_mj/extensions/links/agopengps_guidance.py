@@ -43,7 +43,7 @@ class Actuation(NamedTuple):
     engaged: bool = False
     steer: float = 0.0  # Setpoint for the steering loop of the tractor, left positive [rad]
     voltage: float | None = NEUTRAL_V
-    """Valve voltage that replaces the output of the steering loop [V]; None if the steering loop controls the valve."""
+    """Valve voltage that replaces the output of the steering loop [V], or None if the loop controls the valve."""
     asked: float = nan
     """Setpoint of the host, left positive [rad]. Also valid while not engaged. NaN before the first message."""
     cross_track: float = nan

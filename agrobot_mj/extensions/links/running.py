@@ -25,7 +25,7 @@ class LinkSession(Protocol):
 
     sim: Simulation
     ended: str | None
-    """Outcome set by the link; None if the outcome is determined by the simulation."""
+    """Outcome set by the link, or None if the outcome is determined by the simulation."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Simulate to the end and call `tell` after each tick. Raises `NotBegunError` if the program does not start."""

@@ -112,7 +112,7 @@ class Calibration(NamedTuple):
 
     @property
     def heading_error(self) -> float | None:
-        """Angle from the true to the recorded heading, left positive [rad]; None if not identified."""
+        """Angle from the true to the recorded heading, left positive [rad], or None if not identified."""
         return self.fit.values.get("heading_offset")
 
     @property

@@ -73,7 +73,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _ways(piece: FieldRecording) -> Array | None:
-    """Return distances covered in each interval `CHORD_S`, shape (3, n) [m]; None without positions.
+    """Return distances covered in each interval `CHORD_S`, shape (3, n) [m], or None if there are no positions.
 
     Row 0: distance between positions. Row 1: distance travelled by the antenna, computed from speed and yaw rate. Row
     2: lateral displacement of a point one metre ahead of the rear axle.
@@ -88,7 +88,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance between antenna and rear axle that explains the positions [m]; None if no distance does."""
+    """Return the distance from rear axle to antenna that explains the positions [m], or None if no distance does."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:

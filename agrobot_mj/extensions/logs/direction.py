@@ -37,8 +37,8 @@ class Directed(NamedTuple):
     """Recording whose speed is negative in reverse."""
 
     recording: FieldRecording
-    reverse_m: float  # Distance driven in reverse, if detected [m]; 0 for a signed recorded speed
-    mounting: float | None  # Mean angle from the course to the recorded heading [rad]; None if not identified
+    reverse_m: float  # Distance driven in reverse, if detected [m], or 0 for a signed recorded speed
+    mounting: float | None  # Mean angle from the course to the recorded heading [rad], or None if not identified
     how: str = ""  # Quantity that determined the direction. Empty if no reverse is detected.
 
 
@@ -118,7 +118,7 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the sections that best explain the yaw rate, mostly forwards; None if they explain little.
+    """Return the signs of the sections that best explain the yaw rate, mostly forwards, or None if they explain little.
 
     Centre, scale and sign of the steering sensor are unknown here.
     """

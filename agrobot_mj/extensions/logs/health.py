@@ -42,7 +42,7 @@ class CentrePart(NamedTuple):
 
 
 class LogHealth(NamedTuple):
-    """Properties of a log that need no fit; None for properties that are not identified."""
+    """Properties of a log that need no fit, with None for properties that are not identified."""
 
     name: str
     scatter_m: float | None  # Standard deviation of white noise in each coordinate of the positions [m]
@@ -59,7 +59,7 @@ class LogHealth(NamedTuple):
 
     @property
     def centre_error(self) -> float:
-        """Standard error of the mean steering centre, from its scatter over the parts [sensor unit]; 0 for one part."""
+        """Standard error of the mean steering centre, from its scatter over parts [sensor unit], or 0 for one part."""
         centres = [part.centre for part in self.parts]
         return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
 
@@ -93,7 +93,7 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
 
 
 def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
-    """Return the distance of the antenna ahead of the rear axle and its standard error [m]; None if not identified.
+    """Return the distance of the antenna ahead of the rear axle and its standard error [m], or None if not identified.
 
     The lateral velocity of the antenna is the yaw rate times this distance, plus the speed times the mounting angle of
     the heading, plus the product of speed and yaw rate times the latency of the heading.

@@ -240,7 +240,7 @@ def built_in(names: Sequence[str], log: str) -> LogMap:
 
 
 def known_map(names: Sequence[str]) -> LogMap | None:
-    """Return the first map of `BUILT_IN` with all columns present; None if none fits."""
+    """Return the first map of `BUILT_IN` with all columns present, or None if none fits."""
     return next((each for each in BUILT_IN if set(named_columns(each)) <= set(names)), None)
 
 
@@ -276,7 +276,7 @@ def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) ->
 
 
 def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
-    """Return a text that names missing tables required for a replay; empty if none is missing."""
+    """Return a text that names missing tables required for a replay, or an empty string if none is missing."""
     there = set(tables)
     lacks = [] if there & {"steer", "valve"} else ["no wheel angle"]
     lacks += [] if "speed" in there else ["no speed"]

@@ -72,7 +72,7 @@ class Finding(NamedTuple):
     """Result of one part of the analysis."""
 
     lines: Iterable[str]
-    content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file; empty if there is no result
+    content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file, or empty without a result
     write: Callable[[Path], object] = lambda folder: None  # Function that writes the other files to a results folder
     failed: str = ""  # Reason why the result is missing or incomplete; otherwise empty
 

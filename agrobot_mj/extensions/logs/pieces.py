@@ -85,7 +85,7 @@ class Bursts(NamedTuple):
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return the bursts of a recording with pauses; None if pauses are few or parts are long enough."""
+    """Return the bursts of a recording with pauses, or None if pauses are few or parts are long enough."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])

@@ -178,7 +178,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Return the derivative by local cubics of length `SMOOTHING_S`, except near gaps; None for too short a series."""
+    """Return the derivative by local cubics of length `SMOOTHING_S`, except near gaps, or None for a short series."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid

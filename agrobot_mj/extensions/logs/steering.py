@@ -40,7 +40,7 @@ class RoughSteering(NamedTuple):
     """Wheel angle per unit of the reading when steering left [rad/unit]; negative if readings increase to the right."""
     age: float  # Latency of the yaw rate relative to the steering [s]
     explained: float  # Fraction of the variance of the wheel angle that the relation explains [-]
-    right: float = 1.0  # Scale to the right divided by the scale to the left [-]; 1 for one line
+    right: float = 1.0  # Scale to the right divided by the scale to the left [-], or 1 for one line
 
     def wheel(self, reading: Array) -> Array:
         """Return the wheel angle [rad] for sensor readings."""
@@ -82,7 +82,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> TurningSamples | None:
-    """Return the samples of all segments; None if there are none."""
+    """Return the samples of all segments, or None if there are none."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     return TurningSamples(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
 
@@ -166,7 +166,7 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
 
 
 def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float | None:
-    """Return the mean reading with the wheels straight ahead, for the scales of `rough`; None without samples."""
+    """Return the mean reading with the wheels straight ahead, for the scales of `rough`, or None without samples."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]

@@ -149,7 +149,7 @@ def _unit(c: Calibration) -> str:
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return sentences about manoeuvres that would identify `missing` quantities (keys); empty if none is missing."""
+    """Return sentences about manoeuvres that would identify `missing` quantities (keys), or an empty list."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):

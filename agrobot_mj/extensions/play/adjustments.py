@@ -48,8 +48,8 @@ class NextStart(NamedTuple):
     """Settings that need a new start."""
 
     grade_deg: float  # Grade of the slope [deg]; level ground becomes a slope
-    tyre: str = ""  # Kind of the tyre law; empty to keep it
-    pressure_bar: float | None = None  # Pressure of all tyres [bar]; None to keep it
+    tyre: str = ""  # Kind of the tyre law, or an empty string to keep the law
+    pressure_bar: float | None = None  # Pressure of all tyres [bar], or None to keep the pressures
 
 
 def fault_kinds() -> list[str]:

@@ -45,7 +45,7 @@ class PlayDriver:
         self.session = session
         self.angle, self.speed, self.law = 0.0, 0.0, 0
         self.law_speed = nan
-        """Speed for guidance laws [m/s]; NaN for the speed of the path."""
+        """Speed for guidance laws [m/s], or NaN for the speed of the path."""
         self.chosen = 1
         """Number of the law to which the driver hands over next."""
         self.centring = True

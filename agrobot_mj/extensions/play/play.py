@@ -43,7 +43,7 @@ class PlayOptions(NamedTuple):
 
     port: int = 0
     network: bool = False  # Whether other computers can reach the page
-    seconds: float | None = None  # Wall-clock time after which the program ends [s]; None for no limit
+    seconds: float | None = None  # Wall-clock time after which the program ends [s], or None for no limit
     recorded: bool = True  # Whether each drive is recorded for Rerun
 
 

@@ -27,7 +27,7 @@ class PlayState(NamedTuple):
     """State of the guidance law `Played`."""
 
     given: PlayInput = PlayInput()  # Input of the current tick
-    law: int = 0  # Number of the law to which `inner` belongs; 0 for the driver
+    law: int = 0  # Number of the law to which `inner` belongs, or 0 for the driver
     inner: Any = None  # State of the law given by `law`
     time: float = 0.0  # Time on the path of the law that steers [s]
 
@@ -77,7 +77,7 @@ class Played(GuidanceLaw):
 
     @property
     def outside(self) -> str:
-        """Name of the command that runs this guidance; empty if recorded inputs are given."""
+        """Name of the command that runs this guidance, or an empty string if recorded inputs are given."""
         return "play" if self.inputs.file is None else ""
 
     def check(self) -> None:

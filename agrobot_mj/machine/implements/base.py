@@ -37,7 +37,7 @@ class DepthWheel(NamedTuple):
     """Wheel that carries the frame of a floating implement."""
 
     at: Place = (0.0, 0.0, 0.0)  # Lowest point of the unloaded wheel in contact with the ground [m]
-    stiffness: float = 0.0  # Vertical stiffness of the wheel; 0 without a depth wheel [N/m]
+    stiffness: float = 0.0  # Vertical stiffness of the wheel [N/m], or 0 if there is no depth wheel
     damping: float = 0.0  # Vertical damping of the wheel [N s/m]
     rolling: float = 0.0  # Rolling resistance divided by the load of the wheel [-]
 
@@ -65,10 +65,10 @@ class HitchedBody(NamedTuple):
     centre: Place  # Centre of mass of the implement without wheels, relative to the hitch of the tractor [m]
     inertia: tuple[float, float, float]  # Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]
     joints: tuple[Joint, ...]
-    """Hinges between tractor and implement; empty for an implement fixed rigidly to the tractor."""
+    """Hinges between tractor and implement, or an empty tuple for an implement fixed rigidly to the tractor."""
     point: Place  # Working point on the ground, for which the cross-track error is evaluated [m]
     antenna: Place | None
-    """Position of the GNSS antenna, relative to the hitch [m]; None if the antenna is on the tractor."""
+    """Position of the GNSS antenna, relative to the hitch [m], or None if the antenna is on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
@@ -81,10 +81,10 @@ class TowedImplement(NamedTuple):
     """Dimensions and state of the implement, as entered in the terminal of the tractor."""
 
     length: float = 0.0
-    """Distance of the implement axle behind the rear axle of the tractor; 0 without a drawn implement [m]."""
+    """Distance of the implement axle behind the rear axle of the tractor [m], or 0 if there is no drawn implement."""
     working: bool = False  # Whether the tool is in the soil
     antenna: float = 0.0
-    """Distance of the GNSS antenna behind the rear axle, in line; 0 if the antenna is on the tractor [m]."""
+    """Distance of the GNSS antenna behind the rear axle, in line [m], or 0 if the antenna is on the tractor."""
 
 
 class ImplementBase(Spec):
@@ -113,7 +113,7 @@ class ImplementBase(Spec):
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
-        """Return the distance of the antenna behind the rear axle, in line; 0 if the antenna is on the tractor [m]."""
+        """Return the distance of the antenna behind the rear axle [m], in line, or 0 for an antenna on the tractor."""
         hitched = self.hitched(tractor)
         return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 

@@ -128,7 +128,7 @@ class Drawn(ImplementBase):
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
-        """Return a toolbar with legs for images; empty if the tool is lifted."""
+        """Return a toolbar with legs for images, or an empty tuple if the tool is lifted."""
         if not self.lowered:
             return ()
         x, wide = -self.tool_behind_m, self.width_m / 2

@@ -42,7 +42,7 @@ class _Lines:
         return any(self.lines[self.at :])
 
     def peek(self) -> str:
-        """Return the next line without reading it; empty at the end."""
+        """Return the next line without reading it, or an empty string at the end."""
         return self.lines[self.at] if self.at < len(self.lines) else ""
 
     def next(self) -> str:
@@ -167,7 +167,7 @@ def _recorded(lines: _Lines) -> Iterator[Polyline]:
 
 
 def read_origin(text: str) -> Origin | None:
-    """Return the geographic position of the plane from Field.txt; None if the start fix is missing."""
+    """Return the geographic position of the plane from Field.txt, or None if the start fix is missing."""
     lines = [line.strip() for line in text.splitlines()]
     if "StartFix" not in lines[:-1]:
         return None

@@ -31,9 +31,9 @@ class ShapeFile:
     """Shapes of one file in the coordinates of this file."""
 
     shapes: tuple[Polyline, ...]  # Shapes in the order of the file; a hole follows the ring around it
-    crs: str = ""  # Coordinate system, for example EPSG:4326 for degrees; empty for metres of an unknown system
+    crs: str = ""  # Coordinate system, for example EPSG:4326 for degrees, or "" for metres of an unknown system
     origin: Origin | None = None
-    """Geographic position of the point (0, 0) if the coordinates are local metres; None if unknown."""
+    """Geographic position of the point (0, 0) if the coordinates are local metres, or None if unknown."""
     name: str = ""
     notes: tuple[str, ...] = ()  # Sentences about omitted or repaired shapes
 
@@ -49,7 +49,7 @@ class LocalShapes:
     """Shapes in a local plane, x east and y north [m]."""
 
     shapes: tuple[Polyline, ...]
-    origin: Origin | None = None  # Geographic position of x = y = 0; None if unknown
+    origin: Origin | None = None  # Geographic position of x = y = 0, or None if unknown
     crs: str = ""
     shift: tuple[float, float] = (0.0, 0.0)  # East and north offsets subtracted from the coordinates of the file [m]
     name: str = ""

@@ -43,7 +43,7 @@ class TableColumn(NamedTuple):
 
     name: str
     place: int
-    factor: float = 1.0  # Conversion factor from the unit of a speed column to m/s; 1 for other quantities
+    factor: float = 1.0  # Conversion factor from the unit of a speed column to m/s, or 1 for other quantities
 
 
 def read_table(text: str) -> ShapeFile:

@@ -49,7 +49,7 @@ class Part(NamedTuple):
     """Springs or dampers at contact points, defined by the value of one key."""
 
     key: str
-    value: float | None  # Value of the key; None if an external tyre or implement has no such key
+    value: float | None  # Value of the key, or None if an external tyre or implement has no such key
     stiffness: Array  # Stiffness at each point, shape (n,) [N/m]
     damping: Array  # Damping at each point, shape (n,) [N s/m]
 
@@ -223,7 +223,7 @@ class Mujoco(Spec):
     tyre: Tyre = MagicFormula()
     """Tyre model, selected by `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Minimum time of settling on the tyres before the run; 0 for no settling [s]. Assumed value (1-10)."""
+    """Minimum time of settling on the tyres before the run [s], or 0 for no settling. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
     """Maximum settling time, after which the run starts with a warning [s]. Assumed value (20-120)."""
 

@@ -27,7 +27,7 @@ class Clearance(NamedTuple):
     reach: float  # Maximum distance of a part from the z axis of the chassis [m]
     normal: Vector  # Normal of the ground [-]
     level: float
-    """Height of the ground along the normal [m]; infinite if bodies other than the chassis can touch the ground."""
+    """Height of the ground along the normal [m], or infinity if bodies other than the chassis can touch the ground."""
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:

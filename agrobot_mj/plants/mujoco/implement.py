@@ -171,7 +171,7 @@ class Motion(NamedTuple):
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
-    """Return the index of the drawbar yaw in qpos and the jackknife angle [rad]; None without a drawbar."""
+    """Return the index of the drawbar yaw in qpos and the jackknife angle [rad], or None if there is no drawbar."""
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
             return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP
@@ -204,7 +204,7 @@ class RunningImplement:
 
     @property
     def antenna(self) -> Motion | None:
-        """Motion of the GNSS antenna; None for an antenna on the tractor."""
+        """Motion of the GNSS antenna, or None for an antenna on the tractor."""
         return None if self.hitched.antenna is None else self.motion(self.hitched.antenna)
 
     @property

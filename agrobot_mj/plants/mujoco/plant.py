@@ -310,7 +310,7 @@ class MujocoPlant(RunningPlant):
         return self.implement.report() if self.implement else ()
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field; None on soil without memory."""
+        """Return the ruts on the field, or None on soil without memory."""
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:

@@ -111,7 +111,7 @@ class RecentMotion:
 
     @property
     def greatest(self) -> float:
-        """Maximum speed of the CG or of a point 1 m from it [m/s]; NaN if the motion is not finite."""
+        """Maximum speed of the CG or of a point 1 m from it [m/s], or NaN if the motion is not finite."""
         return float(self.speeds.max())
 
     @property
@@ -142,7 +142,7 @@ def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
 
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
     """Return a warning with the reason why the tractor is not at rest on four wheels after `settled_s` [s], and the
-    keys to change; empty for a tractor at rest and for a diverged simulation."""
+    keys to change, or an empty string for a tractor at rest and for a diverged simulation."""
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
@@ -181,8 +181,8 @@ def _held(drift: float, used: float, where: str) -> str:
 
 
 def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """Return the reason why the wheels roll on ground that rises by `along` [rad] in the heading direction; empty if
-    the torque limit of the drive suffices to hold the tractor."""
+    """Return the reason why the wheels roll on ground that rises by `along` [rad] in the heading direction, or an
+    empty string if the torque limit of the drive suffices to hold the tractor."""
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)

@@ -40,7 +40,7 @@ class TractorMotion(NamedTuple):
     spin: float  # Mean angular velocity of the driven wheels [rad/s]
     actuation: Vector
     """Oil flow to the steering cylinder [m3/s], its pressure [Pa], and torque on the driven wheels [N m]."""
-    fastest: float  # Maximum velocity component of CG and antenna [m/s]; infinite if the motion is not finite
+    fastest: float  # Maximum velocity component of CG and antenna [m/s], or infinity if the motion is not finite
     lean_cosine: float  # Cosine of the angle between the upward axis of the chassis and the vertical [-]
 
 
@@ -51,7 +51,7 @@ class Oil(NamedTuple):
     steer_limit: float  # Maximum steering angle in both directions, given by the stops [rad]
     steer_windup: float  # Deflection of the steering at relief pressure: relief torque divided by stiffness [rad]
     steer_lead: float  # Damping of the steering divided by its stiffness [s]
-    steer_play: float  # Half the backlash between cylinder and wheels; 0 without backlash [rad]
+    steer_play: float  # Half the backlash between cylinder and wheels [rad], or 0 if there is no backlash
     drive_radius: float  # Rim speed divided by angular velocity of the wheels [m]
     drive_torque: float  # Relief torque of the hydrostat [N m]
     drive_power: float  # Maximum driving power [W]
@@ -59,7 +59,7 @@ class Oil(NamedTuple):
     drive_lead: float  # Damping of the drive divided by its stiffness [s]
     droop: float  # Relative decrease of the drive's speed at its power limit [-]
     front_share: float
-    """Fraction of the motor torque that acts at the front wheels; 0 without motors at the front wheels [-]."""
+    """Fraction of the motor torque that acts at the front wheels [-], or 0 without motors at the front wheels."""
     front_gear: float  # Radius of the front wheels divided by radius of the rear wheels [-]
 
 

@@ -35,7 +35,7 @@ DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
 class Attached(NamedTuple):
     """Data of an implement for the compiled loop; the arrays are written in place."""
 
-    body: int  # MuJoCo id of the implement's body; 0 without an implement
+    body: int  # MuJoCo id of the implement's body, or 0 if there is no implement
     native: bool  # Whether MuJoCo contact carries the wheels
     working: bool  # Whether a tool is in the soil
     tool: ToolLaw

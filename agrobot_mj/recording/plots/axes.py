@@ -52,10 +52,10 @@ class Range(NamedTuple):
 class Frame(NamedTuple):
     """Axes and legend of a plot."""
 
-    values: Range | None = None  # Range of the values; None for the automatic range of the viewer
+    values: Range | None = None  # Range of the values, or None for the automatic range of the viewer
     legend: Corner2D = Corner2D.RightTop
-    room: float = 0.0  # Fraction of the time axis reserved for the legend [-]; 0 if the legend fits in a corner
-    mean_s: float | None = None  # Window length of the moving mean drawn with the signals [s]; None without a mean
+    room: float = 0.0  # Fraction of the time axis reserved for the legend [-], or 0 if the legend fits in a corner
+    mean_s: float | None = None  # Window length of the moving mean drawn with the signals [s], or None without a mean
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:

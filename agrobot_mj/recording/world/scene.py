@@ -114,7 +114,7 @@ LEAST_RISE_M = 0.4  # Minimum height difference of the ground at which contour l
 
 
 def interval(low: float, high: float) -> float | None:
-    """Return the height interval between contour lines: 1, 2 or 5 times a power of ten [m]; None for level ground."""
+    """Return the height between contour lines [m], 1, 2 or 5 times a power of ten, or None for level ground."""
     if high - low < LEAST_RISE_M:
         return None
     least = (high - low) / MOST_LINES
@@ -138,7 +138,7 @@ def contours(corners: Array) -> list[Array]:
 
 
 def contour_lines(corners: Array, lift: float = 0.0) -> rr.LineStrips3D | None:
-    """Return contour lines of `corners` (rows, columns, 3) raised by `lift` [m]; None for level ground."""
+    """Return contour lines of `corners` (rows, columns, 3) raised by `lift` [m], or None for level ground."""
     lines = contours(corners)
     if not lines:
         return None

@@ -154,7 +154,7 @@ class RowFiles:
             yield task, row, False
 
     def row(self, task: Task) -> Row | None:
-        """Return the stored row of a task without its identity; None if the row is missing, damaged or outdated."""
+        """Return the stored row of a task without its identity, or None if the row is missing, damaged or outdated."""
         try:
             row = json.loads(self.row_file(task).read_bytes())
         except (OSError, ValueError, RecursionError):

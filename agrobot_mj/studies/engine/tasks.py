@@ -45,9 +45,9 @@ class Task(NamedTuple):
     """Files of the run to keep, see `SweepFile.keep`. In addition, `poses` keeps the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
     """Function that computes additional numbers from the log. Worker processes must be able to import it."""
-    branches: tuple[Branch, ...] | None = None  # Branches of the random streams; None for a run without branches
+    branches: tuple[Branch, ...] | None = None  # Branches of the random streams, or None for a run without branches
     number: int = 0
-    identity: Identity | None = None  # Identity of the row; None if any version of the code may perform the task
+    identity: Identity | None = None  # Identity of the row, or None if any version of the code may perform the task
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":

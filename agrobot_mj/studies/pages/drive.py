@@ -110,7 +110,7 @@ def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
 
 
 def told(times: int) -> str:
-    """Return the part of a title that gives the enlargement of cross-track errors; empty without enlargement."""
+    """Return the part of a title that states the magnification of cross-track errors, or "" if drawn to scale."""
     return f", cross-track errors enlarged {times} times" if times > 1 else ""
 
 

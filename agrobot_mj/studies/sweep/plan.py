@@ -36,7 +36,7 @@ class RunPlan(NamedTuple):
     """One run of a sweep: its number, variant and overrides."""
 
     number: int  # Number of the run, counted from 0
-    variant: str | None  # Name of the variant; None without variants
+    variant: str | None  # Name of the variant, or None if there are no variants
     seed: int
     parameters: dict[str, Any]
     overrides: dict[str, Any]  # Overrides of the base scenario by dotted key, in the order in which they are applied

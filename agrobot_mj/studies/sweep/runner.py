@@ -25,7 +25,7 @@ Shard = tuple[int, int]  # Number of a part of the runs, from 1, and number of p
 class SweepOptions(NamedTuple):
     """Options of a sweep."""
 
-    jobs: int | None = None  # Number of processes; None for one per core
+    jobs: int | None = None  # Number of processes, or None for one per core
     scheduler: str | None = None
     shard: Shard = (1, 1)  # Part of the runs that this process simulates
     fresh: bool = False  # Whether existing results are deleted first

@@ -54,7 +54,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
 
 
 def begun(folder: Path) -> dict[str, Any] | None:
-    """Return the content of `plan.json` in a folder; None if the file is missing."""
+    """Return the content of `plan.json` in a folder, or None if the file is missing."""
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
     except FileNotFoundError:
@@ -150,7 +150,7 @@ class Store(RowFiles):
 
     @property
     def in_table(self) -> int:
-        """Number of rows in the table; 0 without a table."""
+        """Number of rows in the table, or 0 if there is no table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):

@@ -18,7 +18,7 @@ BAND = 2.0  # Maximum change of the RMS lateral error when the step is halved [%
 
 
 def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
-    """Return the RMS lateral error of the CG on the figure eight [m]; infinite if the run does not complete."""
+    """Return the RMS lateral error of the CG on the figure eight [m], or infinity if the run does not complete."""
     changes = {"physics_dt_s": dt, **({"duration_s": duration_s} if duration_s else {})}
     scenario = load_scenario("figure_eight", changes).model_copy(update={"plant": Mujoco(tyre=tyre)})
     log = simulate(scenario)

@@ -62,7 +62,7 @@ def paper_gradient(kind: str) -> float:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical understeer gradient of a tyre [rad s2/m]; None for the contact model of MuJoCo."""
+    """Return the theoretical understeer gradient of a tyre [rad s2/m], or None for the contact model of MuJoCo."""
     if kind in (BICYCLE, Linear().kind):
         return paper_gradient(kind)
     if not tyre_of(kind).judged:

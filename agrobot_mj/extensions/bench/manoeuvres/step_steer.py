@@ -96,7 +96,7 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical steady gain [1/s]; None for the contact model of MuJoCo."""
+    """Return the theoretical steady gain [1/s], or None for the contact model of MuJoCo."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)

@@ -37,7 +37,7 @@ class TiltTest(NamedTuple):
 
     lifted_deg: float  # Slope at which the upper rear wheel last touched the ground [deg]
     slid_deg: float | None
-    """Slope at which the tractor has slid by `SLID_M` [deg]; None if the tractor tipped over first."""
+    """Slope at which the tractor has slid by `SLID_M` [deg], or None if the tractor tipped over first."""
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:

@@ -41,7 +41,7 @@ def longitudinal(table: pa.Table) -> Figure:
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Plot aligning moment over slip angle, with one curve per load; None for tyres without an aligning moment."""
+    """Plot aligning moment over slip angle, one curve per load. Return None for tyres without an aligning moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
@@ -97,7 +97,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time in contact over the slip angle, one curve per speed; None if contact is permanent."""
+    """Plot the fraction of time in contact over slip angle, one curve per speed. Return None for permanent contact."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)

@@ -54,7 +54,7 @@ class TestBench(Protocol):
     """Interface of rigs with one wheel, independent of how the forces are computed."""
 
     relaxation: float
-    """Relaxation length of the tyre [m]; 0 without relaxation."""
+    """Relaxation length of the tyre [m], or 0 if there is no relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
         """Return the measured values at each step since the start of the motion, shape (steps, 5)."""

@@ -26,7 +26,7 @@ class Ring(NamedTuple):
 
     points: Array  # Corners in the order of driving, shape (n, 2) [m]. The first corner is not repeated.
     number: int  # Number of the lap, counted from 0 at the boundary
-    hole: int = -1  # Number of the obstacle around which the lap leads; -1 for a lap along the boundary
+    hole: int = -1  # Number of the obstacle around which the lap leads, or -1 for a lap along the boundary
 
     @property
     def line(self) -> LinearRing:
@@ -83,12 +83,12 @@ def rounding(rig: FieldMachine) -> Rounding:
 
 
 def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the course of a lap that starts at the arc length `distance` [m]; None if the machine cannot follow it."""
+    """Return the course of a lap from the arc length `distance` [m] on, or None if the machine cannot follow it."""
     return drivable(from_point(ring, distance), True, rig)
 
 
 def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the course along a polyline with rounded corners; None if a bend is too tight or the course reverses."""
+    """Return the course along a polyline with rounded corners, or None if a bend is too tight or it reverses."""
     try:
         course = rounded(points, closed, rounding(rig))
     except ValueError:

@@ -45,7 +45,7 @@ class Leaving:
         return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
 
     def warnings(self) -> list[str]:
-        """Return warnings with the places at which the plan leaves the field; empty if it stays inside."""
+        """Return warnings with the places at which the plan leaves the field, or an empty list if it stays inside."""
         swings = self.outside[1] * (self.excess <= 0.0) * (self.outside[0] <= WARNED_M)
         leaves = np.where(swings > 0.0, 0.0, self.outside.max(axis=0))
         said = zip(LEAVES, (leaves, swings), strict=True)

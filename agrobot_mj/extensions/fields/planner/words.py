@@ -40,7 +40,7 @@ class Word(NamedTuple):
     """Type of a connection: two outer bends and the segment between them."""
 
     first: int  # Side of the first bend: 1 left, -1 right
-    middle: int  # Side of the middle bend; 0 for a straight segment
+    middle: int  # Side of the middle bend, or 0 for a straight segment
     last: int  # Side of the last bend
     reverse: bool = False  # Whether the middle bend is driven in reverse
 
@@ -128,7 +128,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the three values of a word with clothoids, starting from `guess`; None if the solver fails."""
+    """Return the three values of a word with clothoids, starting from `guess`, or None if the solver fails."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:

@@ -113,7 +113,7 @@ class BoardState(NamedTuple):
 
     settings: SteerSettings
     config: SteerConfig = SteerConfig(0)
-    asked: SteerData | None = None  # Last steering message of the host; None before the first one
+    asked: SteerData | None = None  # Last steering message of the host, or None before the first one
     heard_at: float = -inf  # Arrival time of the last steering message in board time [s]
     latched: bool = True
     """Whether the board is latched: it does not steer until a message without the engaged bit has arrived."""

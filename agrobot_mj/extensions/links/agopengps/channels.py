@@ -25,7 +25,7 @@ class Channel(Protocol):
 
     @property
     def pace(self) -> Pace | None:
-        """Timing statistics of the turns; None for a channel without a clock."""
+        """Timing statistics of the turns, or None for a channel without a clock."""
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:

@@ -36,8 +36,8 @@ QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FL
 class ReceiverState(NamedTuple):
     """State of the simulated GNSS and IMU board between two ticks."""
 
-    yaw: float = nan  # Heading integrated from the gyro [rad]; NaN before the first measurement
-    heading: float = nan  # Last heading from two antennas [rad]; NaN before the first heading
+    yaw: float = nan  # Heading integrated from the gyro [rad], or NaN before the first measurement
+    heading: float = nan  # Last heading from two antennas [rad], or NaN before the first heading
     solution: Solution | None = None
     fresh: bool = False  # Whether the last measurement contained a solution
     attitude: BoardAttitude = BoardAttitude()  # Attitude in the last measurement
@@ -57,7 +57,7 @@ class Receiver(NamedTuple):
         return ReceiverState(yaw, heading, solution, m.fix is not None, attitude)
 
     def sentence(self, state: ReceiverState, t: float) -> bytes | None:
-        """Return the position sentence at time `t` [s]; None without a new solution."""
+        """Return the position sentence at time `t` [s], or None if there is no new solution."""
         if state.solution is None or not state.fresh:
             return None
         write = paogi if self.spec.position == "paogi" and not isnan(state.heading) else panda
@@ -94,7 +94,7 @@ class LinkOptions(NamedTuple):
     address: str = "127.0.0.1"
     port: int = BOARD_PORT
     host_port: int = HOST_PORT
-    replay: Path | None = None  # Recorded session to replay instead of a host; None for a host
+    replay: Path | None = None  # Recorded session to replay instead of a host, or None for a host
     start: Literal["heard", "engaged", "now"] = "heard"
     """Event at which the clock of the run starts: first message or engagement of the host, or opening of the link."""
     wait_s: float = 60.0  # Maximum time to wait for the start event [s]
@@ -118,7 +118,7 @@ class Session:
         self.received = ReceiverState()
         self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
-        """Outcome set by the link; None if the outcome is determined by the simulation."""
+        """Outcome set by the link, or None if the outcome is determined by the simulation."""
 
     @property
     def now(self) -> float:

@@ -211,7 +211,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
-        """Return an image of the tractor on its path, uint8, shape (height, width, 3); None without a render mode."""
+        """Return an image of the tractor on its path, uint8, (height, width, 3), or None without a render mode."""
         if self.render_mode is None:
             return None
         sim = self._running

@@ -53,7 +53,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Return the time for which the node waited for a program at the start of a run [s]; 0 for runs without a node."""
+    """Return the time for which the node waited for a program at the start of a run [s], or 0 if there is no node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):

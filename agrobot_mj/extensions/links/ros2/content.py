@@ -32,7 +32,7 @@ TickSample = namedtuple(
     "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
     defaults=(nan, nan, nan, nan, nan, nan),
 )
-"""Signals of one tick, with names and units as in the log; NaN for signals that a run does not have."""
+"""Signals of one tick, with names and units as in the log. Signals that a run does not have are NaN."""
 
 
 def sample_of(sim: Simulation) -> TickSample:

@@ -62,7 +62,7 @@ class Port(Protocol):
     refused: int
     """Number of ignored commands with values that are not finite."""
     last: VelocityMessage | None
-    """Newest command; None before the first one."""
+    """Newest command, or None before the first one."""
 
     def publish(self, topic: str, content: Content) -> None:
         """Publish a message on a topic."""
@@ -73,7 +73,7 @@ class Port(Protocol):
         ...
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, with a fix; empty if the reason is unknown."""
+        """Return the reason why no commands arrive, with a fix, or an empty string if the reason is unknown."""
         ...
 
 
@@ -116,7 +116,7 @@ class RosSession:
         self.latencies: list[float] = []
         """Wall-clock times between publishing the sensors and the first command of each turn [s]."""
         self.ended: str | None = None
-        """Outcome set by the link; None if the outcome is determined by the simulation."""
+        """Outcome set by the link, or None if the outcome is determined by the simulation."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Simulate to the end and call `tell` after each tick. Raises `NoProgramError` if no command arrives in

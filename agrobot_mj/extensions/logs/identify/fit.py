@@ -151,7 +151,7 @@ class _Units(NamedTuple):
     scale: Array
     mean: Array  # Means of the priors
     weight: Array
-    """Typical magnitude of each parameter divided by the standard deviation of its prior; 0 without a prior."""
+    """Typical magnitude of each parameter divided by the standard deviation of its prior, or 0 if there is no prior."""
 
     def known(self, x: Array) -> Array:
         """Return the differences from the prior means as residuals."""

@@ -69,10 +69,10 @@ class Identified(NamedTuple):
     gain_left_l_min_v: float  # Flow per volt outside the dead band, steering left [l/(min V)]
     gain_right_l_min_v: float  # Flow per volt outside the dead band, steering right [l/(min V)]
     rate_limit_deg_s: float | None
-    """Maximum steering rate in both directions, limited by the pump flow [deg/s]; None if the run does not reach it."""
+    """Maximum steering rate in both directions, limited by the pump flow [deg/s], or None if not reached in the run."""
     time_constant_s: float  # Time constant of the spool [s]
     delay_s: float  # Transport delay of the valve [s]
-    backlash_deg: float | None  # Total play between cylinder and wheels [deg]; None if the run does not show it
+    backlash_deg: float | None  # Total play between cylinder and wheels [deg], or None if not identifiable
     errors: dict[str, float]  # Standard errors of the parameters by name, in the units of the parameters
     rate_reached_deg_s: float  # Maximum steering rate of the fitted model in the run [deg/s]
     residual_rms_deg: float  # RMS difference of measured and fitted angle, relative to the mean of each window [deg]

@@ -64,7 +64,7 @@ class FitPiece(NamedTuple):
     yaw_rate: Array | None
     """Recorded yaw rate (gyro or heading) if the speed is that of the antenna [rad/s]; otherwise None."""
     heading: Callable[[Array], Array] | None
-    """Function that interpolates the recorded heading [rad]; None without a heading."""
+    """Function that interpolates the recorded heading [rad], or None if there is no heading."""
     windows: slice  # Index range of the windows, in each channel, that belong to this segment
 
 

@@ -37,7 +37,7 @@ class OpenedLog(NamedTuple):
     """Input for `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
     notes: tuple[str, ...]  # Notes about data that were selected or omitted
     log_map: LogMap | None  # Map of the columns, if known and sufficient for a replay; otherwise None
-    missing: str  # Quantities missing for a replay, identification or calibration, as text; empty if none is missing
+    missing: str  # Text that names quantities missing for a replay, identification or calibration, or ""
     tables: dict[str, dict[str, Any]]
     """Map tables for the known columns, as a template for a user-defined map. Empty for free columns."""
 

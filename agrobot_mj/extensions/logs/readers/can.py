@@ -39,7 +39,7 @@ class BusSignal(NamedTuple):
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Return the value in the data bytes of a message; None if it is unavailable or the message is too short."""
+        """Return the value in the data bytes of a message, or None if it is unavailable or the message is too short."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")

@@ -94,6 +94,6 @@ def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
 
 
 def _unit(source: Source, name: str) -> str:
-    """Return the unit in the metadata of a column; empty without metadata."""
+    """Return the unit in the metadata of a column, or an empty string if there is no metadata."""
     schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
     return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")

@@ -158,7 +158,7 @@ def _layout(name: str, data: bytes) -> Layout:
 
 
 def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
-    """Return source and signal of a process value; None if the value is unknown."""
+    """Return source and signal of a process value, or None if the value is unknown."""
     if ddi == SPEED:
         return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:

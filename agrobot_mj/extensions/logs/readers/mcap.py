@@ -131,6 +131,6 @@ def _unpacked(chunk: Any, name: str) -> bytes:
 
 
 def _stamp(message: Any) -> float:
-    """Return the time stamp in the header of a message [s]; 0 without a header."""
+    """Return the time stamp in the header of a message [s], or 0 if there is no header."""
     stamp = getattr(getattr(message, "header", message), "stamp", None)
     return stamp.sec + stamp.nanosec * 1e-9 if stamp is not None else 0.0

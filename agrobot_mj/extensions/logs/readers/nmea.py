@@ -81,7 +81,7 @@ class _Sentences:
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
-        """Set the time to the time of a sentence and return its quantities; None if invalid or before the first fix."""
+        """Set the time to that of a sentence and return its quantities, or None if invalid or before the first fix."""
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)

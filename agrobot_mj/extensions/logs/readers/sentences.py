@@ -28,7 +28,7 @@ class Sentence(NamedTuple):
 
     at: int  # Offset in the file [bytes]
     kind: str  # Type of the sentence, a key of `KINDS`
-    fields: list[str]  # Fields of the sentence, name first; empty if the checksum is missing or invalid
+    fields: list[str]  # Fields of the sentence, name first, or an empty list if the checksum is missing or invalid
     text: str
 
 
@@ -117,7 +117,7 @@ def _board(fields: list[str]) -> Quantities:
 
 
 def _place(fields: list[str]) -> Quantities:
-    """Return latitude and longitude; empty if the fields are empty."""
+    """Return latitude and longitude, or an empty mapping if the fields are empty."""
     if not (fields[0] and fields[2]):
         return {}
     return {"latitude": degrees_of(*fields[:2]), "longitude": degrees_of(*fields[2:])}
@@ -140,7 +140,7 @@ class Kind(NamedTuple):
 
     quantities: Callable[[list[str]], Quantities]
     """Function that converts the fields to quantities, NaN if missing. Raises ValueError or IndexError."""
-    time: int = 1  # Index of the field that contains the time of day; 0 if there is none
+    time: int = 1  # Index of the field that contains the time of day, or 0 if there is none
 
 
 KINDS = {

@@ -64,7 +64,7 @@ def first_metres_end(recording: FieldRecording) -> float:
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return the positions on the first `START_M` of the track, by the recorded speed; None without positions."""
+    """Return the positions on the first `START_M` of the track, by the recorded speed, or None without positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -107,7 +107,7 @@ Replayed = tuple[FieldRecording, Driven]  # Segment of a recording and its repla
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
-    """Return metrics of a replay over all segments [SI, rad]; None for values that cannot be computed."""
+    """Return metrics of a replay over all segments [SI, rad], with None for values that cannot be computed."""
     speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
@@ -183,7 +183,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
     """Return times (n,) [s], position errors ahead and to the left (n, 2) [m], and window errors (n,) [m].
 
     Errors are plant minus recording, in the axes of the plant. Window errors are distances after the best rigid motion
-    of each window; NaN in a window with too few positions.
+    of each window, or NaN in a window with too few positions.
     """
     fixes, model = beside(recording, driven)
     east, north = (model - fixes.value).T
@@ -196,7 +196,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return recorded positions, and positions of the plant at the same times (n, 2) [m]; empty without positions."""
+    """Return recorded positions, and plant positions at the same times, (n, 2) [m]. Empty if there are no positions."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -213,7 +213,7 @@ def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded track divided by the length of the plant's track [-]; NaN without a track."""
+    """Return the length of the recorded track divided by that of the plant's track [-], or NaN without a track."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = beside(recording, driven)

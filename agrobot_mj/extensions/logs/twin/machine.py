@@ -66,7 +66,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return one key for both axles, with the mean of the relaxation lengths; empty if none is identified."""
+    """Return one key for both axles with the mean relaxation length, or an empty mapping if none is identified."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -143,7 +143,7 @@ def twin_faults(c: Calibration) -> list[dict[str, Any]]:
 
 
 def _step(c: Calibration) -> float:
-    """Return the smallest step between sensor readings [unit of the reading]; 0 for continuous readings."""
+    """Return the smallest step between sensor readings [unit of the reading], or 0 for continuous readings."""
     steer = c.pieces.kept[0].steer
     steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
     return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0

@@ -39,7 +39,7 @@ SLOWEST_M_S = 0.1  # Minimum speed of waypoints [m/s]
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """Return east, north [m] and speed [m/s] of the CG on the longest forward section, (n, 3); None if too short."""
+    """Return east, north [m] and speed [m/s] of the CG on the longest forward section, (n, 3), or None if too short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)

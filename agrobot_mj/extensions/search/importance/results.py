@@ -157,7 +157,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of point means that is caused by seeds; None with one seed."""
+    """Return the fraction of the variance of point means that is caused by seeds, or None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None

@@ -32,13 +32,13 @@ class Share(NamedTuple):
     high: float  # Upper end of the interval [-]. In a screening it includes all unexplained variance.
     effect: float  # First-order index, or standardised slope of the regression [-]
     half: float  # Half width of the interval of `effect` [-]
-    correlation: float | None = None  # Rank correlation between draw and metric [-]; None for Sobol indices
+    correlation: float | None = None  # Rank correlation between draw and metric [-], or None for Sobol indices
     best: int = 1  # Smallest rank that the intervals allow
     worst: int = 1  # Largest rank that the intervals allow
 
     @property
     def rank(self) -> str:
-        """Rank as text; a range such as 2-4 if intervals overlap."""
+        """Rank as text, or a range such as 2-4 if intervals overlap."""
         return str(self.best) if self.best == self.worst else f"{self.best}-{self.worst}"
 
 
@@ -50,8 +50,8 @@ class Influence(NamedTuple):
     deviation: float
     """Standard deviation over the points of the design, after averaging over seeds [unit of the metric]."""
     noise: float | None
-    """Fraction of the variance that is caused by seeds, after averaging over the seeds [-]; None with one seed."""
-    unexplained: float | None  # Upper limit of the variance fraction not due to regression or noise [-]; None for Sobol
+    """Fraction of the variance that is caused by seeds, after averaging over the seeds [-], or None with one seed."""
+    unexplained: float | None  # Maximum variance fraction not due to regression or noise [-], or None for Sobol
     flaws: tuple[str, ...]  # Reasons why the intervals are unreliable. In this case there is no ranking.
     shares: tuple[Share, ...]
 

@@ -44,7 +44,7 @@ class Tried(NamedTuple):
     """Results of all runs at one value of the varied key."""
 
     value: float
-    runs: int  # Number of independent runs; 1 if seeds have no effect
+    runs: int  # Number of independent runs, or 1 if seeds have no effect
     failed: int  # Number of failed runs, see `Condition.fails`
     low: float  # Lower end of the interval of the success rate [-]; the rate itself if seeds have no effect
     high: float  # Upper end of the interval of the success rate [-]

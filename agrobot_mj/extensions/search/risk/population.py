@@ -30,7 +30,7 @@ class Run(NamedTuple):
 
     @property
     def level(self) -> float:
-        """Maximum margin of the run [-]; infinite for a failed run."""
+        """Maximum margin of the run [-], or infinity for a failed run."""
         return inf if self.failed else self.rises[-1][1]
 
     def above(self, level: float) -> int:

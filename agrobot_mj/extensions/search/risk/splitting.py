@@ -25,7 +25,7 @@ class Leveled(Protocol):
 
     @property
     def level(self) -> float:
-        """Maximum score that the path has reached; infinite for a failed path."""
+        """Maximum score that the path has reached, or infinity for a failed path."""
         ...
 
 
