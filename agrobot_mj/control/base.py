@@ -62,7 +62,7 @@ class Situation(NamedTuple):
     reference: Reference  # Reference on the path at time `t`
     route: Route  # Path of the run
     machine: TractorParameters  # Parameters of the tractor
-    steer: float  # Measured steering angle, left positive [rad]
+    steer: float  # Measured steering angle [rad], left positive
     roll: float = nan  # Measured roll angle [rad], positive with the left side up, or NaN if there is no inertial unit
     implement: tuple[float, float] = (nan, nan)
     """Measured east and north position of the implement's working point [m], or NaN if not measured."""
@@ -112,7 +112,7 @@ class GuidanceLaw(Learner):
         raise NotImplementedError
 
     def feedback(self, state: Any, command: Command) -> float:
-        """Return the feedback part of the last steering command, without feed-forward [rad]."""
+        """Return the feedback part of the last steering command [rad], without feed-forward."""
         return command.steer
 
     @property
@@ -160,7 +160,7 @@ YAW_COLUMNS = (
 class YawCommand(NamedTuple):
     """Steering command of a yaw controller and its components."""
 
-    steer: float  # Front-wheel angle, positive left, limited to the maximum steering angle [rad]
+    steer: float  # Front-wheel angle [rad], positive left, limited to the maximum steering angle
     tau_c: float = 0.0  # Output of the conventional (PD) controller [rad]
     tau_n: float = 0.0
     """Output tau_n of the network or of the integral term [rad]; `steer` is tau_c - tau_n, limited to the maximum."""

@@ -63,9 +63,9 @@ class PathDeviation(NamedTuple):
     leg: tuple[float, float]  # Arc lengths of the start and end of the current leg [m]
     direction: float  # Direction of travel: 1 forward, -1 reverse
     speed: float
-    """Estimated speed along the heading, with the sign of `direction` and a magnitude of at least SLOWEST_M_S [m/s]."""
+    """Estimated speed along the heading [m/s], with the sign of `direction` and a magnitude of at least SLOWEST_M_S."""
     yaw: float  # Heading of an error-free tractor at the nearest path point [rad]
-    cross_track: float  # Cross-track error of the CG, positive left of the heading [m]
+    cross_track: float  # Cross-track error of the CG [m], positive left of the heading
     heading: float  # Heading error: estimated heading minus `yaw`, wrapped [rad]
     steer_here: float  # Steering angle for the path curvature at the nearest point [rad]
     steer_ahead: float  # Steering angle for the path curvature `preview_s` ahead [rad]

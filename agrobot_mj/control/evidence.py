@@ -48,7 +48,7 @@ class Sensed(NamedTuple):
     roll: float  # Roll measured by the inertial unit [rad]
     pitch: float  # Pitch measured by the inertial unit [rad]
     wheel_speed: float  # Measured wheel speed [m/s]
-    specific_force: tuple[float, float, float]  # Specific force from the inertial unit, forward, left and up [m/s2]
+    specific_force: tuple[float, float, float]  # Specific force from the inertial unit [m/s2], forward, left and up
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
@@ -68,7 +68,7 @@ class Evidence(NamedTuple):
     """East and north position predicted from the last RTK fix by integrating velocities [m], or NaN after a gap."""
     east: float = 0.0  # Accumulated east difference between RTK positions and integrated velocities [m]
     north: float = 0.0  # Accumulated north difference between RTK positions and integrated velocities [m]
-    change: tuple[float, float] = (0.0, 0.0)  # Velocity change between the last two fixes, east and north [m/s]
+    change: tuple[float, float] = (0.0, 0.0)  # Velocity change between the last two fixes [m/s], east and north
     variance: float = 0.0
     """Variance per axis of the accumulated differences due to integration errors between the fixes [m2]."""
     moving: bool = False  # Whether the tractor was moving at the last change of the position

@@ -38,7 +38,7 @@ from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""Speeds for which gains are computed, in both directions of travel [m/s]."""
+"""Speeds for which gains are computed [m/s], in both directions of travel."""
 STANDING_M_S = 0.1  # Speed below which the integral is frozen [m/s]
 
 
@@ -47,7 +47,7 @@ class LqrState(NamedTuple):
 
     integral: float = 0.0  # Integral of the cross-track error, stored as a steering angle [rad]
     delayed: Vector = np.zeros(0)
-    """Feedback parts of the last steering commands, which act after the steering delay, oldest first [rad]."""
+    """Feedback parts of the last steering commands [rad], which act after the steering delay, oldest first."""
     errors: Vector = np.zeros(0)
     """Path errors, steering angle and delayed commands at the last tick, or an empty array before the first tick."""
     table: Matrix = np.zeros((0, 0))  # Gains by speed, see `_table`, or an empty array before the first tick

@@ -81,7 +81,7 @@ class MonitorSignals(NamedTuple):
 
     fix_age: float = 0.0  # Age of the newest fix that the estimator has accepted [s]
     place: float = 0.0  # Arc length of the nearest path point [m]
-    curvature: float = 0.0  # Curvature of the path at the nearest point, positive left [1/m]
+    curvature: float = 0.0  # Curvature of the path at the nearest point [1/m], positive left
     offset: float = 0.0  # Estimated distance from the path [m]
     closest: float = inf  # Minimum estimated distance from the path so far, updated in steps of at least `CLOSER_M` [m]
     closing_s: float = 0.0  # Time since the minimum distance from the path last decreased [s]

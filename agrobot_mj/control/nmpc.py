@@ -43,8 +43,8 @@ DISTURBANCES = np.zeros(4)
 class NmpcState(NamedTuple):
     """State of `Nmpc`."""
 
-    rates: Array  # Planned rates of change of the steering command, shape (STEPS,) [rad/s]
-    delayed: tuple[float, float]  # Last two steering commands, oldest first [rad]
+    rates: Array  # Planned rates of change of the steering command [rad/s], shape (STEPS,)
+    delayed: tuple[float, float]  # Last two steering commands [rad], oldest first
     mean: Array = DISTURBANCES
     """Estimated cross-track error [m], heading error, crab angle [rad] and curvature disturbance [1/m], shape (4,)."""
     covariance: Array = np.diag([1.0, 1.0, 0.0, 0.0])  # Covariance of `mean`, shape (4, 4)
@@ -105,7 +105,7 @@ class Nmpc(Following):
     def _plan(
         self, memory: NmpcState, mean: Array, deviation: PathDeviation, situation: Situation, delta: float
     ) -> Array:
-        """Return the rates of the steering command with minimum cost, shape (STEPS,) [rad/s]."""
+        """Return the rates of the steering command with minimum cost [rad/s], shape (STEPS,)."""
         m, solver = situation.machine, _solver()
         distances = [
             min(deviation.place.s + abs(deviation.speed) * STEP_S * (k + 0.5), deviation.leg[1]) for k in range(STEPS)

@@ -15,7 +15,7 @@ from agrobot_mj.control.pid import clip
 from agrobot_mj.core.spec import NonNegative
 
 TRANSIENT_RAD_S = 0.3
-"""Yaw-rate error above which the integral is frozen, as during an approach to the path [rad/s]. Assumed value."""
+"""Yaw-rate error above which the integral is frozen [rad/s], as during an approach to the path. Assumed value."""
 
 
 class PiState(NamedTuple):

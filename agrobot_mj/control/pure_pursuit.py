@@ -33,7 +33,7 @@ BRISK_M_S = 1.2
 
 
 MAX_INTEGRATED_M = 0.1
-"""Limit of the integrated cross-track error, which prevents windup during an approach [m]. Assumed value."""
+"""Limit of the integrated cross-track error [m], which prevents windup during an approach. Assumed value."""
 
 
 class PursuitState(NamedTuple):

@@ -69,7 +69,7 @@ class References(NamedTuple):
     means: Matrix
     """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and extra compliance, shape (n, 7)."""
     covariances: Covariances  # Covariances of the states in `means`, shape (n, 7, 7)
-    begun: Vector  # Start time of each reference, shape (n,) [s]. Later fixes update only the first reference.
+    begun: Vector  # Start time of each reference [s], shape (n,). Later fixes update only the first reference.
 
     @classmethod
     def first(cls, at: Sums, place: complex, theta: float) -> "References":
@@ -168,7 +168,7 @@ class Reckoning(NamedTuple):
 
     sums: tuple[Sums, ...] = (Sums(),)  # Dead-reckoning sums after each of the last ticks, oldest first
     checked: Sums | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
-    begun_at: complex = 0j  # Position of the first fix, east + j north [m]
+    begun_at: complex = 0j  # Position of the first fix [m], east + j north
     references: References | None = None  # References for checking fixes, or None until the frame angle theta is known
     distance: float = nan
     """Distance of the last checked fix from the most contradicting reference [m], or NaN before the first such fix."""

@@ -58,7 +58,7 @@ class Gains(NamedTuple):
     """Gains of the Stanley law and dimensions of the tractor, as numbers for compiled kernels."""
 
     k: float  # Approach speed per offset of the front axle [1/s]
-    softening: float  # Softening speed, which reduces the gain at low speed [m/s]
+    softening: float  # Softening speed [m/s], which reduces the gain at low speed
     damping: float  # Steering angle per yaw-rate error in forward travel [s]
     reverse: float  # Steering angle per heading error in reverse [-]
     integral: float  # Steering angle per unexpected motion of the front axle [rad/m]
@@ -126,7 +126,7 @@ class Stanley(Integrating):
     gain_per_s: Positive = 0.91
     """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
     softening_m_s: NonNegative = 0.99
-    """Softening speed u_0, which reduces the gain at low speed [m/s]. Assumed value (0-1)."""
+    """Softening speed u_0 [m/s], which reduces the gain at low speed. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
     """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (0.2-0.8), the lag."""
     reverse_heading_gain: Positive = 1.5

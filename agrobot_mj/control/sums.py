@@ -88,7 +88,7 @@ class Sums(NamedTuple):
     tilt: SmoothedTilt = SmoothedTilt(0.0, 0.0)  # Smoothed roll and pitch
     compass: Compass = Compass()  # Antenna heading relative to `phi`, which replaces the gyro after a failure
     gyro_s: float = 0.0
-    """Accumulated time with gyro measurements, in which the gyro bias rotates the frame of the dead reckoning [s]."""
+    """Accumulated time with gyro measurements [s], in which the gyro bias rotates the frame of the dead reckoning."""
     turning: float = 0.0  # Accumulated variance of the frame angle theta while the gyro was missing [rad2]
     blind: bool = False  # Whether the gyro measurement was missing in the last tick
 

@@ -36,7 +36,7 @@ class T2Fnn(Spec):
     """Type-2 fuzzy neural network and its learning laws; the paper states only the values of delta_s and the floor."""
 
     alpha: Positive = 0.02
-    """Learning rate, with a lower bound from Theorem 1 [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`."""
+    """Learning rate [rad/s], with a lower bound from Theorem 1. Assumed value, tuned; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
     """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)

@@ -15,19 +15,19 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 LARGE_STEP = 0.01  # Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value.
 MIN_MEMBERSHIP = 1e-6
 """Minimum membership of the input in a shrinking set, above rounding errors (guard 3) [-]. Assumed value."""
-TINY = 1e-12  # Minimum denominator of a width update, which keeps the width finite [-]
+TINY = 1e-12  # Minimum denominator of a width update [-], which keeps the width finite
 
 
 class T2FnnState(NamedTuple):
     """Parameters of the network and its last inputs."""
 
-    c1: Vector  # Centres of the fuzzy sets of input x1, shape (I,) [unit of x1]
-    c2: Vector  # Centres of the fuzzy sets of input x2, shape (J,) [unit of x2]
-    d1_lower: Vector  # Widths of the lower fuzzy sets of input x1, shape (I,) [unit of x1]
-    d1_upper: Vector  # Widths of the upper fuzzy sets of input x1, shape (I,) [unit of x1]
-    d2_lower: Vector  # Widths of the lower fuzzy sets of input x2, shape (J,) [unit of x2]
-    d2_upper: Vector  # Widths of the upper fuzzy sets of input x2, shape (J,) [unit of x2]
-    f: Matrix  # Consequents of the fuzzy rules, shape (I, J) [rad]
+    c1: Vector  # Centres of the fuzzy sets of input x1 [unit of x1], shape (I,)
+    c2: Vector  # Centres of the fuzzy sets of input x2 [unit of x2], shape (J,)
+    d1_lower: Vector  # Widths of the lower fuzzy sets of input x1 [unit of x1], shape (I,)
+    d1_upper: Vector  # Widths of the upper fuzzy sets of input x1 [unit of x1], shape (I,)
+    d2_lower: Vector  # Widths of the lower fuzzy sets of input x2 [unit of x2], shape (J,)
+    d2_upper: Vector  # Widths of the upper fuzzy sets of input x2 [unit of x2], shape (J,)
+    f: Matrix  # Consequents of the fuzzy rules [rad], shape (I, J)
     q: float  # Weight q of the lower firing strengths in the output [-]
     x1: float | None = None  # Last input x1 [unit of x1]; if None, the centres do not move in the next update
     x2: float | None = None  # Last input x2 [unit of x2]; if None, the centres do not move in the next update
@@ -130,7 +130,7 @@ def width_rates(x: float, c: Array, d: Array, alpha_sgn: float, floor: float) ->
 
 @jit
 def f_rates(W_lower: Array, W_upper: Array, q: float, alpha_sgn: float, floor: float) -> Array:
-    """Return the rates of change of the rule consequents, shape (I, J) [rad/s]."""
+    """Return the rates of change of the rule consequents [rad/s], shape (I, J)."""
     W = q * W_lower + (1 - q) * W_upper
     return -W * alpha_sgn / floored((W * W).sum(), floor)  # [agrobots: fij]
 

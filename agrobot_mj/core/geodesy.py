@@ -15,8 +15,8 @@ from agrobot_mj.core.signals import Array
 
 
 class _Place(NamedTuple):
-    latitude: float  # Latitude, north positive [deg]
-    longitude: float  # Longitude, east positive [deg]
+    latitude: float  # Latitude [deg], north positive
+    longitude: float  # Longitude [deg], east positive
 
 
 class Origin(_Place):

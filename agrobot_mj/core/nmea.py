@@ -20,11 +20,11 @@ class Solution(NamedTuple):
     """Navigation solution of a receiver at one time."""
 
     t: float  # Time since the start of the run [s]
-    latitude: float  # Latitude, north positive [deg]
-    longitude: float  # Longitude, east positive [deg]
-    altitude: float  # Height of the antenna above z = 0, which represents the ellipsoid [m]
+    latitude: float  # Latitude [deg], north positive
+    longitude: float  # Longitude [deg], east positive
+    altitude: float  # Height of the antenna above z = 0 [m], which represents the ellipsoid
     speed: float  # Speed over ground [m/s]
-    course: float  # Direction of motion, from east, counter-clockwise [rad]
+    course: float  # Direction of motion [rad], from east, counter-clockwise
     quality: int = RTK_FIX  # Fix quality indicator of the GGA sentence
     satellites: int = 14  # Number of satellites in use [-]. Assumed value.
     hdop: float = 0.7  # Horizontal dilution of precision [-]. Assumed value.

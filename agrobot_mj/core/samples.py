@@ -24,8 +24,8 @@ class Sample(NamedTuple):
     x: float  # East coordinate [m]
     y: float  # North coordinate [m]
     yaw: float  # Heading of a tractor on the path at this point [rad]
-    curvature: float  # Curvature, positive left [1/m]
-    speed: float  # Speed along the heading, negative in reverse [m/s]
+    curvature: float  # Curvature [1/m], positive left
+    speed: float  # Speed along the heading [m/s], negative in reverse
     s: float = 0.0  # Arc length from the start [m]
     turned: float = 0.0  # Accumulated absolute heading change from the start [rad]
     direction: float = 0.0  # Direction of travel: 1 forward, -1 reverse, 0 unknown [-]

@@ -59,11 +59,11 @@ class Truth(NamedTuple):
     z: float
     """Height coordinate of the CG [m]."""
     yaw: float
-    """Heading from east, counter-clockwise, wrapped to (-pi, pi] [rad]."""
+    """Heading from east [rad], counter-clockwise, wrapped to (-pi, pi]."""
     pitch: float
     """Pitch, nose down positive [rad]."""
     roll: float
-    """Roll, left side up positive [rad]."""
+    """Roll [rad], left side up positive."""
     speed: float
     """Velocity of the CG along the heading, u in the paper [m/s]."""
     lateral_speed: float
@@ -71,7 +71,7 @@ class Truth(NamedTuple):
     yaw_rate: float
     """Yaw rate, gamma in the paper [rad/s]."""
     steer: float
-    """Angle of the virtual front wheel of the bicycle model, left positive [rad]."""
+    """Angle of the virtual front wheel of the bicycle model [rad], left positive."""
     pedal: float
     """Pedal position, -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
@@ -83,9 +83,9 @@ class Truth(NamedTuple):
     antenna_velocity: tuple[float, float, float]
     """Velocity of the GNSS antenna, ENU [m/s]."""
     steer_samples: Array
-    """Steering angle after each physics step of the last tick, oldest first, shape (n,) [rad]."""
+    """Steering angle after each physics step of the last tick [rad], oldest first, shape (n,)."""
     pedal_samples: Array
-    """Pedal position after each physics step of the last tick, oldest first, shape (n,) [-]."""
+    """Pedal position after each physics step of the last tick [-], oldest first, shape (n,)."""
     wheel_speed: float = nan
     """Mean circumferential speed of the rear wheels: angular velocity times free radius, forward positive [m/s]."""
     body_rates: tuple[float, float, float] = (nan, nan, nan)
@@ -172,7 +172,7 @@ class Conditions(NamedTuple):
     gnss_quality: int = Quality.FIX
     """Quality of the solution at the antenna, a constant of `Quality`."""
     gnss_latency_s: float = 0.0
-    """Latency added to the latency of the receiver, in whole ticks [s]."""
+    """Latency added to the latency of the receiver [s], in whole ticks."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)
     """Offsets of `gnss_offset`, the position [m], and of the velocity [m/s] of the solution, east and north."""
@@ -200,7 +200,7 @@ class Conditions(NamedTuple):
     drawbar: float = 0.0
     """Pull of an implement at the hitch, against the direction of motion [N]."""
     side_force: float = 0.0
-    """Horizontal force on the CG, to the left of the heading [N]."""
+    """Horizontal force on the CG [N], to the left of the heading."""
     grip: float = 1.0
     """Factor on the ground friction under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
@@ -222,7 +222,7 @@ class Measurement(NamedTuple):
     quality: int
     """Quality of the newest delivered solution, a constant of `Quality`."""
     steer: float
-    """Filtered steering angle from the potentiometer, left positive [rad]."""
+    """Filtered steering angle from the potentiometer [rad], left positive."""
     pedal: float
     """Filtered pedal position from the potentiometer [-]."""
     gyro: float
@@ -291,7 +291,7 @@ class Reference(NamedTuple):
     yaw: float
     """Heading of the tractor, wrapped to (-pi, pi] [rad]."""
     curvature: float
-    """Yaw rate divided by signed speed, left positive [1/m]."""
+    """Yaw rate divided by signed speed [1/m], left positive."""
     curvature_rate: float = 0.0
     """Time derivative of `curvature` [1/(m s)], or 0 where the curvature is discontinuous and at standstill."""
 
@@ -310,22 +310,22 @@ class PathPoint(NamedTuple):
     yaw: float
     """Heading of a tractor on the path at this point, wrapped to (-pi, pi] [rad]."""
     curvature: float
-    """Curvature of the path at this point, left positive [1/m]."""
+    """Curvature of the path at this point [1/m], left positive."""
     speed: float
-    """Speed of the reference along the heading, negative in reverse [m/s]."""
+    """Speed of the reference along the heading [m/s], negative in reverse."""
     offset: float
-    """Signed distance of the query point from the path, positive to the left of the heading [m]."""
+    """Signed distance of the query point from the path [m], positive to the left of the heading."""
     direction: float = 1.0
-    """Direction of travel, also defined where the reference is at rest: 1 forward, -1 in reverse [-]."""
+    """Direction of travel [-], also defined where the reference is at rest: 1 forward, -1 in reverse."""
 
 
 class Command(NamedTuple):
     """Command of a guidance law to the low-level loops."""
 
     steer: float
-    """Commanded angle of the virtual front wheel of the bicycle model, left positive [rad]."""
+    """Commanded angle of the virtual front wheel of the bicycle model [rad], left positive."""
     speed: float
-    """Commanded velocity along the heading, negative in reverse [m/s]."""
+    """Commanded velocity along the heading [m/s], negative in reverse."""
     steer_voltage: float | None = None
     """Voltage of the steering valve from a law that bypasses the steering loop; otherwise None [V]."""
     pedal: float | None = None

@@ -119,9 +119,9 @@ class EkfBias(PoseEstimator):
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the fix variance, as used by the filter [-]. Assumed value, as for the receiver."""
+    """Correlated fraction of the fix variance [-], as used by the filter. Assumed value, as for the receiver."""
     gnss_correlation_time_s: Positive = 30.0
-    """Correlation time of the fix error, as used by the filter [s]. Assumed value, as for the receiver."""
+    """Correlation time of the fix error [s], as used by the filter. Assumed value, as for the receiver."""
 
     def pose_filter(self, tractor: TractorParameters) -> BiasEkf:
         """Return the EKF with states for steering bias and correlated error."""

@@ -69,7 +69,7 @@ class EkfFull(StateEstimator):
     """Unmeasured roll in a bend divided by the specific side force [deg s2/m]. Assumed value: 0.4 on firm ground and
     tilled soil, 0.6 in ruts."""
     pitch_deg: float = -0.3
-    """Unmeasured mean pitch on level ground, positive nose down [deg]. Assumed value: rear wheels and implements lower
+    """Unmeasured mean pitch on level ground [deg], positive nose down. Assumed value: rear wheels and implements lower
     the rear by 0.05 deg (firm ground), 0.15 deg (ruts) or 0.9 deg (carried implement)."""
     pitch_sigma_deg: NonNegative = 0.3
     """Standard deviation of the error of `pitch_deg` or the measured pitch [deg]. Assumed value, as for `pitch_deg`."""
@@ -92,9 +92,9 @@ class EkfFull(StateEstimator):
     heading_sigma_deg: Positive = 0.25
     """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Standard deviation of the gyro noise, as used by the filter [deg/s]. Assumed value, as for the sensor."""
+    """Standard deviation of the gyro noise [deg/s], as used by the filter. Assumed value, as for the sensor."""
     wheel_sigma_m_s: Positive = 0.02
-    """Standard deviation of the wheel-speed noise, as used by the filter [m/s]. Assumed value, as for the sensor."""
+    """Standard deviation of the wheel-speed noise [m/s], as used by the filter. Assumed value, as for the sensor."""
     steer_sigma_deg_s: Positive = 1.0
     """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7

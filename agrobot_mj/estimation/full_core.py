@@ -79,8 +79,8 @@ class Smooth(NamedTuple):
 
     standing: int = 0  # Number of consecutive ticks with the wheels at rest
     cruise: float = 0.0  # Low-pass filtered speed of the tractor [m/s]
-    steady: float = 0.0  # Low-pass filtered modelled sideslip, positive to the right [rad]
-    bend: float = 0.0  # Low-pass filtered path curvature, without the effect of bumps [1/m]
+    steady: float = 0.0  # Low-pass filtered modelled sideslip [rad], positive to the right
+    bend: float = 0.0  # Low-pass filtered path curvature [1/m], without the effect of bumps
 
 
 class Crab(NamedTuple):

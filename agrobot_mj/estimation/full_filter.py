@@ -170,7 +170,7 @@ def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway:
 
 @jit
 def _crab(core: Core, inputs: Inputs) -> float:
-    """Return the modelled sideslip, positive to the right [rad]."""
+    """Return the modelled sideslip [rad], positive to the right."""
     return modelled_crab(core.mean, core.mean[V], SideLoad(side_of(inputs), core.smooth.bend))
 
 

@@ -71,7 +71,7 @@ class FullLevels(NamedTuple):
     sideslip_sigma: float = radians(2.0)
     """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
     turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
-    roll: float = 0.0  # Outward roll in a bend divided by the specific side force, without compensation [rad s2/m]
+    roll: float = 0.0  # Outward roll in a bend divided by the specific side force [rad s2/m], without compensation
 
 
 class FixNoise(NamedTuple):

@@ -57,7 +57,7 @@ class FixNumbers(NamedTuple):
     vx: float  # East velocity of the rear-axle point R [m/s]
     vy: float  # North velocity of the rear-axle point R [m/s]
     heading: float  # Heading from two antennas [rad], or NaN if not measured
-    lever_east: float  # East offset of the antenna from the rear-axle point R, which rotates with the yaw [m]
+    lever_east: float  # East offset of the antenna from the rear-axle point R [m], which rotates with the yaw
     lever_north: float  # North offset of the antenna from the rear-axle point R [m]
     velocity_variance: float  # Variance of the velocity per axis [m2/s2]
     course_variance: float  # Variance of the course due to its random variation [rad2]

@@ -92,7 +92,7 @@ class Present(NamedTuple):
 
     x: float  # East position of the rear-axle point R [m]
     y: float  # North position of the rear-axle point R [m]
-    heading: float  # Heading of the tractor, not wrapped [rad]
+    heading: float  # Heading of the tractor [rad], not wrapped
     sideslip: float  # Course of the rear-axle point R minus heading [rad]
     speed: float  # Speed of the rear-axle point R along its course [m/s]
     yaw_rate: float  # Estimated yaw rate [rad/s]

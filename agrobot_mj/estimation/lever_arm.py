@@ -25,7 +25,7 @@ class Lever(NamedTuple):
 
     offset: tuple[float, float]
     """East and north offset of the antenna from the rear-axle point R [m], or NaN before the first tick."""
-    swing: tuple[float, float] = (0.0, 0.0)  # Filtered rate of the offset, east and north [m/s]
+    swing: tuple[float, float] = (0.0, 0.0)  # Filtered rate of the offset [m/s], east and north
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
         """Return the lever arm after `dt` [s] with a new offset [m]; `filter_s` [s] is the filter time constant."""

@@ -179,7 +179,7 @@ class PoseEstimator(StateEstimator):
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value; the tractor starts at rest."""
+    """Standard deviation of the initial velocity [m/s], which is zero. Assumed value; the tractor starts at rest."""
     initial_yaw_sigma_deg: Positive = 5.0
     """Standard deviation of the initial yaw [deg]. Assumed value for a tractor aligned by eye."""
 

@@ -20,7 +20,7 @@ class Linearised(NamedTuple):
     F: Matrix  # Transition, shape (n, n)
     Q: Matrix  # Process noise, shape (n, n)
     H: Matrix  # Jacobian of the position of a fix, shape (2, n)
-    R: Matrix  # Noise of this position, shape (2, 2) [m2]
+    R: Matrix  # Noise of this position [m2], shape (2, 2)
 
 
 @jit

@@ -93,7 +93,7 @@ class GnssDgps(Scripted):
 
     kind: Literal["gnss_dgps"] = "gnss_dgps"
     wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the position drift per axis, in its steady state [m]. Assumed value (0.02-0.4). Measured
+    """Standard deviation of the position drift per axis [m], in its steady state. Assumed value (0.02-0.4). Measured
     drift: up to 0.59 at rest, typically 0.05 and at most 0.2 after 1.4 s of driving [Jones2026]."""
     wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
     """Correlation time of the position drift [s]. Assumed value (1-10)."""
@@ -118,7 +118,7 @@ class GnssLatency(Scripted):
 
     kind: Literal["gnss_latency"] = "gnss_latency"
     latency_s: Latency = 0.2
-    """Latency added to the latency of the receiver, in whole ticks [s]. Assumed value (0.1-0.5 over a radio link)."""
+    """Latency added to the latency of the receiver [s], in whole ticks. Assumed value (0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Increase the latency of the GNSS solutions."""
@@ -132,7 +132,7 @@ class FloatState(NamedTuple):
     floating: bool  # Whether the solution is float at present; always true without `flicker_s`
     turns_s: float  # Time of the next change between float and fix [s]
     jumps_s: float  # Time of the next jump of the offset [s]
-    offset: tuple[float, float]  # Position offset, east and north [m]
+    offset: tuple[float, float]  # Position offset [m], east and north
 
 
 class GnssFloat(Scripted):

@@ -152,7 +152,7 @@ class SteeringPotBias(Bias):
 
     kind: Literal["steering_pot_bias"] = "steering_pot_bias"
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 2.0
-    """Offset of the measurement, left positive [deg]. Assumed value (1-5: a slipped clamp)."""
+    """Offset of the measurement [deg], left positive. Assumed value (1-5: a slipped clamp)."""
 
 
 class PedalPotBias(Bias):
@@ -160,7 +160,7 @@ class PedalPotBias(Bias):
 
     kind: Literal["pedal_pot_bias"] = "pedal_pot_bias"
     bias: Annotated[float, Field(ge=-2, le=2)] = 0.1
-    """Offset of the measurement, forward positive [-]. Assumed value (0.05-0.2: a slipped clamp)."""
+    """Offset of the measurement [-], forward positive. Assumed value (0.05-0.2: a slipped clamp)."""
 
 
 class GyroBias(Bias):
@@ -168,7 +168,7 @@ class GyroBias(Bias):
 
     kind: Literal["gyro_bias"] = "gyro_bias"
     bias_deg_s: Annotated[float, Field(ge=-1000, le=1000)] = 5.0
-    """Offset of the measurement, left positive [deg/s]. Assumed value (2-20: a shock, a low supply voltage)."""
+    """Offset of the measurement [deg/s], left positive. Assumed value (2-20: a shock, a low supply voltage)."""
 
 
 class AttitudeBias(Bias):
@@ -179,7 +179,7 @@ class AttitudeBias(Bias):
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]
     bias_deg: Annotated[float, Field(ge=-90, le=90)] = 5.0
-    """Offset of the angle, left side up or nose down positive [deg]. Assumed value (1-10: a displaced bracket)."""
+    """Offset of the angle [deg], left side up or nose down positive. Assumed value (1-10: a displaced bracket)."""
 
 
 class HeadingBias(Bias):
@@ -187,4 +187,4 @@ class HeadingBias(Bias):
 
     kind: Literal["heading_bias"] = "heading_bias"
     bias_deg: Annotated[float, Field(ge=-180, le=180)] = 10.0
-    """Offset of the heading, left positive [deg]. Assumed value (5-180: 11 for one wavelength across the baseline)."""
+    """Offset of the heading [deg], left positive. Assumed value (5-180: 11 for one wavelength across the baseline)."""

@@ -96,7 +96,7 @@ class Payload(Scripted):
     ahead_m: Metres = -0.6
     """Distance ahead of the rear axle [m]. Assumed value: at the three-point hitch; 2.2 for a front loader."""
     left_m: Metres = 0.0
-    """Lateral offset, left positive [m]."""
+    """Lateral offset [m], left positive."""
     up_m: NonNegative = 0.7
     """Height above the ground [m]. Assumed value (0.5-1) for a load on the three-point hitch."""
 

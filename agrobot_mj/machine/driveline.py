@@ -150,7 +150,7 @@ class DriveMemory(NamedTuple):
     """State of the drive between two physics steps; the arrays are written in place."""
 
     pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
-    speed: Array  # Rim speed that corresponds to the oil flow, shape (1,) [m/s]
+    speed: Array  # Rim speed that corresponds to the oil flow [m/s], shape (1,)
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:

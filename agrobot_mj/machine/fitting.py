@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParam
 DEEPEST_SHARE = 0.15
 """Static deflection divided by free radius above which a tyre is flat [-]. Assumed value, half the section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
-"""Load divided by width times diameter above which no tyre of that size exists, for tractor and implement [kPa].
+"""Load divided by width times diameter above which no tyre of that size exists [kPa], for tractor and implement.
 Assumed values: up to 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
 """Weight divided by the sum of diameter squared times width of the wheels, below which the wheels are too large

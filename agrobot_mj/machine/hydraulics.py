@@ -56,7 +56,7 @@ class Valve(Spec):
     gain_right_l_min_v: Positive = 2.8
     """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less than to the left."""
     pump_flow_l_min: Positive = 12.0
-    """Pump flow, at which the valve saturates in both directions [l/min]. Paper, section V-B."""
+    """Pump flow [l/min], at which the valve saturates in both directions. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
     """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
@@ -127,7 +127,7 @@ class Cylinder(Spec):
 class OilColumn(NamedTuple):
     """Oil in the steering cylinder, hoses and linkage, referred to the kingpin of the virtual front wheel."""
 
-    relief_torque: float  # Maximum torque of the cylinder, at which the relief valve opens [N m]
+    relief_torque: float  # Maximum torque of the cylinder [N m], at which the relief valve opens
     stiffness: float  # Stiffness of oil column and linkage [N m/rad]
     damping: float  # Damping of oil column and linkage [N m s/rad]
 
@@ -139,15 +139,15 @@ class ValveLaw(NamedTuple):
     dead_band: float  # Half width of the dead band about neutral [V]
     gain_left: float  # Flow per volt outside the dead band, steering left [m3/(s V)]
     gain_right: float  # Flow per volt outside the dead band, steering right [m3/(s V)]
-    saturation: float  # Maximum flow, in both directions [m3/s]
+    saturation: float  # Maximum flow [m3/s], in both directions
     supply: float = 0.0  # Supply pressure of a valve without pressure compensation [Pa], or 0 for a compensated valve
 
 
 class ValveMemory(NamedTuple):
     """State of the valve between steps; the arrays are written in place."""
 
-    spool: Array  # Lagged voltage at the spool, shape (1,) [V]
-    queue: Array  # Ring buffer of the delayed voltages, shape (delay steps + 1,) [V]
+    spool: Array  # Lagged voltage at the spool [V], shape (1,)
+    queue: Array  # Ring buffer of the delayed voltages [V], shape (delay steps + 1,)
     head: Index  # Index of the next element to write in the ring buffer, shape (1,)
 
 

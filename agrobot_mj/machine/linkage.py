@@ -44,7 +44,7 @@ class Linkage(Spec):
         return -tan(radians(self.caster_deg)), -side * tan(radians(self.kingpin_inclination_deg)), 1.0
 
     def foot(self, side: int, radius: float) -> tuple[float, float, float]:
-        """Return the ground point of a kingpin axis relative to the wheel centre, in vehicle axes [m]; `side` as in
+        """Return the ground point of a kingpin axis relative to the wheel centre [m], in vehicle axes; `side` as in
         `axis`, `radius` is the loaded radius of the wheel [m]."""
         return radius * tan(radians(self.caster_deg)), -side * self.kingpin_offset_m, -radius
 

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from agrobot_mj.core.spec import NonNegative, Positive, Spec, fill, printable
 from agrobot_mj.machine.tyre_size import TyreSize, nominal_size, tyre_size
 
-GRAVITY = 9.81  # Gravitational acceleration, as MuJoCo's default [m/s2]
+GRAVITY = 9.81  # Gravitational acceleration [m/s2], as MuJoCo's default
 Body = Literal["open", "roll_bar", "cab", "robot"]
 """Appearance of a machine: a seat without roll bar, with roll bar or in a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
@@ -63,7 +63,7 @@ class TractorParameters(Spec):
     }
 
     wheelbase_m: Annotated[float, Field(ge=0.5, le=10)] = 1.40
-    """Wheelbase L, from front to rear axle [m]. Assumed value (1.4-1.6 for this class)."""
+    """Wheelbase L [m], from front to rear axle. Assumed value (1.4-1.6 for this class)."""
     track_m: Annotated[float, Field(ge=0.3, le=6)] = 1.00
     """Track width between the centre planes of the wheels, both axles [m]. Assumed value (0.9-1.1, adjustable)."""
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
@@ -111,7 +111,7 @@ class TractorParameters(Spec):
     rear_tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
-    """Angle at which the oscillating front axle meets its stops, in both directions [deg]. Assumed value (8-12)."""
+    """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (8-12)."""
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
     """Height of the front axle's pivot above the wheel centres, divided by the free radius of the front wheels [-].
     Assumed value (0-0.3)."""
@@ -122,7 +122,7 @@ class TractorParameters(Spec):
     antenna_ahead_m: AntennaPlace = 0.0
     """Distance of the GNSS antenna ahead of the rear axle [m]. Paper, section V-A; up to 1 on a cab roof."""
     antenna_left_m: AntennaPlace = 0.0
-    """Lateral offset of the GNSS antenna, left positive [m]. Paper, section V-A; up to 0.5 on a cab roof."""
+    """Lateral offset of the GNSS antenna [m], left positive. Paper, section V-A; up to 0.5 on a cab roof."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
@@ -203,7 +203,7 @@ class TractorParameters(Spec):
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the circle driven by the CG at the steering limit, without slip [m]."""
+        """Radius of the circle driven by the CG at the steering limit [m], without slip."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property

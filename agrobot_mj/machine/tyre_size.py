@@ -26,7 +26,7 @@ INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
 """Ratio of section height to section width for inch codes without a ratio, and for codes with `L` or a rim in half
 inches [-]. Assumed values: 0.82-0.91 from 9.5-24 to 20.8-38, 0.67-0.72 from 11L-15 to 28L-26."""
 USUAL_DEFLECTION = 0.20
-"""Ratio of deflection to section height, which determines the pressure if none is given [-]. Assumed value: 0.17-0.28
+"""Ratio of deflection to section height [-], which determines the pressure if none is given. Assumed value: 0.17-0.28
 from published loaded radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
 """Minimum and maximum pressure computed from the load [bar]. Assumed values: range of the pressure tables of field

@@ -24,8 +24,8 @@ FARTHEST_M = 1e7  # Maximum plausible distance of a position from the origin [m]
 class BesidePath(NamedTuple):
     """Positions relative to a path: arrays of n rows, NaN for points that are not finite."""
 
-    offset: Array  # Signed distance from the path, left positive, shape (n,) [m]
-    time: Array  # Time at which the reference passes the nearest point, shape (n,) [s]
+    offset: Array  # Signed distance from the path [m], left positive, shape (n,)
+    time: Array  # Time at which the reference passes the nearest point [s], shape (n,)
     circles: Array
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 

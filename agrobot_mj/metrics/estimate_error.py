@@ -87,7 +87,7 @@ def _foot(roll: Array, pitch: Array) -> Vectors:
 
 
 def _latency(view: RunView) -> Array:
-    """Return the latency of the receiver at each tick, including faults [s]."""
+    """Return the latency of the receiver at each tick [s], including faults."""
     scenario: Any = view.log.scenario
     t = view.column("t")
     faults = [fault for fault in scenario.fault if isinstance(fault, GnssLatency)]

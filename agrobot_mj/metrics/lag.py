@@ -21,7 +21,7 @@ above LOSING_M [m]. Assumed values: starting from rest causes a small lag in eve
 class Lag(NamedTuple):
     """Lag of the tractor behind its reference at the end of a run."""
 
-    behind_m: float  # Distance of the tractor behind the reference, along the heading of the reference [m]
+    behind_m: float  # Distance of the tractor behind the reference [m], along the heading of the reference
     speed_m_s: float  # Mean speed of the tractor in the final part [m/s]
     reference_m_s: float  # Mean speed of the reference in the final part [m/s]
 

@@ -31,7 +31,7 @@ class Passed(NamedTuple):
     span: float  # Length of the pass without the run-in [m]
     stations: Array  # Stations passed, as integer multiples of STATION_M, shape (n,) [-]
     errors: Array
-    """Offset of the CG from the line at these stations, positive to the left of the first pass, shape (n,) [m]."""
+    """Offset of the CG from the line at these stations [m], positive to the left of the first pass, shape (n,)."""
 
     def numbers(self, number: int) -> dict[str, Any]:
         """Return the errors of the pass, positive to the left of its direction, or None for under LEAST stations."""

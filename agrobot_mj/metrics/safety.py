@@ -61,7 +61,7 @@ class Safety(Metric):
 
 
 def _recent(commanded: Array) -> Array:
-    """Return the maximum command of the last `MEMORY` ticks, at least `SLOWEST_M_S`, shape (ticks,) [m/s]."""
+    """Return the maximum command of the last `MEMORY` ticks [m/s], at least `SLOWEST_M_S`, shape (ticks,)."""
     before = np.full(MEMORY - 1, SLOWEST_M_S)
     found: Array = sliding_window_view(np.concatenate((before, commanded)), MEMORY).max(axis=1)
     return np.maximum(found, SLOWEST_M_S)

@@ -134,7 +134,7 @@ class ImplementErrors(Metric):
 
 BAND_M = 0.05  # Maximum distance from an acquired path [m]. Assumed value: twice the stated accuracy of RTK guidance.
 HELD_S = 5.0  # Minimum time within BAND_M of an acquired path [s]. Assumed value: longer than half an oscillation.
-END_S = 2.0  # Duration of the final part of the run, in which the maximum remaining offset is measured [s]
+END_S = 2.0  # Duration of the final part of the run [s], in which the maximum remaining offset is measured
 
 
 class Acquisition(Metric):

@@ -31,7 +31,7 @@ class Pose(NamedTuple):
 
     x: float  # East coordinate [m]
     y: float  # North coordinate [m]
-    yaw: float  # Heading, not wrapped [rad]
+    yaw: float  # Heading [rad], not wrapped
 
 
 class Place(NamedTuple):

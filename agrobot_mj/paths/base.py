@@ -25,7 +25,7 @@ from agrobot_mj.core.signals import TICK_S, Array, Reference
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.paths.arc import Place, Speed
 
-MAX_SAMPLES = 1000  # Maximum number of samples of an outline, which are computed in a few milliseconds [-]
+MAX_SAMPLES = 1000  # Maximum number of samples of an outline [-], which are computed in a few milliseconds
 
 
 class PathOutline(NamedTuple):
@@ -34,7 +34,7 @@ class PathOutline(NamedTuple):
     t: Array  # Time of each sample [s]
     x: Array  # East coordinate of each sample [m]
     y: Array  # North coordinate of each sample [m]
-    curvature: Array  # Curvature at each sample, positive left [1/m]
+    curvature: Array  # Curvature at each sample [1/m], positive left
     speed: Array  # Absolute speed at each sample [m/s]
 
 
@@ -81,9 +81,9 @@ class ReferencePath(Spec):
     """Maximum speed of the reference [m/s]. Assumed value (1-1.5), which fits the paper's 120 s per turn."""
 
     start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Initial lateral offset of the tractor from the path, positive left [m]; the reference remains on the path."""
+    """Initial lateral offset of the tractor from the path [m], positive left; the reference remains on the path."""
     start_heading_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
-    """Initial heading of the tractor relative to the path, positive left [deg]."""
+    """Initial heading of the tractor relative to the path [deg], positive left."""
 
     def check(self) -> None:
         """Read the files of the path. Raise ValueError with the key if they do not define a path."""

@@ -15,7 +15,7 @@ class Contour(Parallel):
 
     kind: Literal["contour"] = "contour"
     uphill_deg: float = 90.0
-    """Direction of steepest ascent, counter-clockwise from east [deg]."""
+    """Direction of steepest ascent [deg], counter-clockwise from east."""
     first_uphill: Literal["left", "right"] = "left"
     """Uphill side of the first pass, seen in the direction of travel."""
 

@@ -31,7 +31,7 @@ from agrobot_mj.paths.transition import Transitions, bend
 class _Piece(NamedTuple):
     """Straight, arc or clothoid of a lap."""
 
-    start: float  # Arc length at the start of the segment, from the start of the lap [m]
+    start: float  # Arc length at the start of the segment [m], from the start of the lap
     pose: Pose
     curvature: float  # Curvature at the start of the segment [1/m]
     sharpness: float  # Change of curvature per metre [1/m2]
@@ -68,7 +68,7 @@ class FigureEight(Transitions, ReferencePath):
     ramp_s: Ramp = RAMP_S
     """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value (2-6), typical of drivers."""
     run_in_m: NonNegative = 14.0
-    """Distance before the first lap, at most half a straight [m]. Assumed value, sufficient to reach full speed."""
+    """Distance before the first lap [m], at most half a straight. Assumed value, sufficient to reach full speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]. Paper."""
 

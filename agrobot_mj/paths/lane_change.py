@@ -23,7 +23,7 @@ class LaneChange(Timed):
 
     kind: Literal["lane_change"] = "lane_change"
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
-    """Distance to the other line, positive left [m]. Assumed value (2-4): a traffic lane, or three track widths."""
+    """Distance to the other line [m], positive left. Assumed value (2-4): a traffic lane, or three track widths."""
     change_m: Positive = 12.0
     """Length of the change along the line [m]. Assumed value (8-20); bend radius of 8.8 m with the default offset."""
     straight_m: Positive = 20.0
@@ -31,7 +31,7 @@ class LaneChange(Timed):
     double: bool = False
     """Whether the path returns to the first line."""
     heading_deg: float = 0.0
-    """Direction of the lines, counter-clockwise from east [deg]."""
+    """Direction of the lines [deg], counter-clockwise from east."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start [m]."""
     start_y_m: Coordinate = 0.0

@@ -20,7 +20,7 @@ class Line(ReferencePath):
     length_m: Positive = 144.0
     """Length of the line [m]. Assumed value, as long as one lap of the default figure-eight."""
     heading_deg: float = 0.0
-    """Direction of travel, counter-clockwise from east [deg]."""
+    """Direction of travel [deg], counter-clockwise from east."""
     start_x_m: float = 0.0
     """East coordinate of the start [m]."""
     start_y_m: float = 0.0
@@ -33,7 +33,7 @@ class Line(ReferencePath):
 
     @property
     def max_curvature(self) -> float:
-        """Maximum absolute curvature, which is 0 [1/m]."""
+        """Maximum absolute curvature [1/m], which is 0."""
         return 0.0
 
     @property

@@ -78,9 +78,9 @@ class ClothoidPiece(CoursePiece):
     length_m: Positive
     """Length of the clothoid [m]."""
     from_per_m: Curvature = 0.0
-    """Curvature at the start of the clothoid, positive left [1/m]."""
+    """Curvature at the start of the clothoid [1/m], positive left."""
     to_per_m: Curvature
-    """Curvature at the end of the clothoid, positive left [1/m]."""
+    """Curvature at the end of the clothoid [1/m], positive left."""
 
     def shape(self) -> tuple[float, float, float]:
         """Return length, initial curvature and change of curvature per metre."""
@@ -110,7 +110,7 @@ class Manoeuvre(Timed):
     cusp_pause_s: NonNegative = 2.0
     """Duration of the standstill at each cusp [s]. Assumed value (1-4), the time to change gear and turn the wheels."""
     heading_deg: float = 0.0
-    """Initial heading, counter-clockwise from east [deg]."""
+    """Initial heading [deg], counter-clockwise from east."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start [m]."""
     start_y_m: Coordinate = 0.0

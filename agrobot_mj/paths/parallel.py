@@ -23,7 +23,7 @@ from agrobot_mj.paths.track import Course, Piece, chain
 from agrobot_mj.paths.transition import Transitions
 
 Count = Annotated[int, Field(ge=1, le=1000)]
-LEAVE_M = 5.0  # Straight distance after the last pass, which lets a tractor behind its reference complete the pass [m]
+LEAVE_M = 5.0  # Straight distance after the last pass [m], which lets a tractor behind its reference complete the pass
 Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 

@@ -116,7 +116,7 @@ class Timed(ReferencePath):
     acceleration_m_s2: Acceleration = 0.3
     """Maximum acceleration and deceleration [m/s2]. Assumed value (0.2-0.5), typical of drivers."""
     lateral_acceleration_m_s2: Acceleration = 0.5
-    """Maximum lateral acceleration, which limits the speed in bends [m/s2]. Assumed value (0.3-1) for comfort."""
+    """Maximum lateral acceleration [m/s2], which limits the speed in bends. Assumed value (0.3-1) for comfort."""
 
     ends = True
     reads_file: ClassVar[bool] = False

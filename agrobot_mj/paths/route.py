@@ -114,7 +114,7 @@ class SampledRoute:
 
     @property
     def distances(self) -> Array:
-        """Arc length of all current samples, shape (n,) [m]."""
+        """Arc length of all current samples [m], shape (n,)."""
         return self._samples[:, S]
 
     def sample(self, k: int) -> "Sample":

@@ -21,13 +21,13 @@ class Sinusoid(Timed):
 
     kind: Literal["sinusoid"] = "sinusoid"
     amplitude_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 2.0
-    """Amplitude, positive if the first crest is left of the axis [m]. Assumed value for a bend radius of 11.4 m."""
+    """Amplitude [m], positive if the first crest is left of the axis. Assumed value for a bend radius of 11.4 m."""
     wavelength_m: Positive = 30.0
     """Wavelength along the axis [m]. Assumed value for a bend radius of 11.4 m with the default amplitude."""
     count: Annotated[int, Field(ge=1, le=1000)] = 4
     """Number of waves [-]. Assumed value for a length of 120 m."""
     heading_deg: float = 0.0
-    """Direction of the axis, counter-clockwise from east [deg]."""
+    """Direction of the axis [deg], counter-clockwise from east."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start [m]."""
     start_y_m: Coordinate = 0.0

@@ -16,7 +16,7 @@ class Swaths(Parallel):
 
     kind: Literal["swaths"] = "swaths"
     heading_deg: float = 0.0
-    """Direction of the first pass, counter-clockwise from east [deg]."""
+    """Direction of the first pass [deg], counter-clockwise from east."""
     first_turn: Literal["left", "right"] = "left"
     """Side of the first pass on which the other passes lie, seen in its direction of travel."""
 

@@ -18,7 +18,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.arc import Place, Pose
 
 STEP_M = 0.5  # Maximum length of a segment after division [m]
-PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp, for acceleration and deceleration [-]
+PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp [-], for acceleration and deceleration
 CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
 MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
@@ -37,7 +37,7 @@ class Piece(NamedTuple):
     speed: float = inf  # Maximum speed on the segment [m/s]
     sharpness: float = 0.0  # Change of curvature per metre travelled on the segment [1/m2]
     direction: float = 1.0  # Direction of travel: 1 forward, -1 reverse [-]
-    pause: float = 0.0  # Duration of a pause, for segments of length 0 [s]
+    pause: float = 0.0  # Duration of a pause [s], for segments of length 0
 
 
 class Course(NamedTuple):
@@ -74,7 +74,7 @@ class Course(NamedTuple):
         return found
 
     def distances(self) -> Array:
-        """Return the arc length of each joint, including both ends, shape (segments + 1,) [m]."""
+        """Return the arc length of each joint [m], including both ends, shape (segments + 1,)."""
         return np.concatenate(([0.0], np.cumsum(self.lengths)))
 
     def joints(self) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ from agrobot_mj.core.signals import Array, Index
 class Mesh(NamedTuple):
     """Triangle mesh."""
 
-    vertices: Array  # Vertex positions in the frame of the geom, shape (n, 3) [m]
+    vertices: Array  # Vertex positions in the frame of the geom [m], shape (n, 3)
     triangles: Index  # Vertex indices of each triangle, shape (m, 3)
 
 

@@ -37,7 +37,7 @@ COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Initial position of the following camera relative to the default tractor: forward, left and up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Initial target point of the following camera, relative to the default tractor: forward, left and up [m]."""
+"""Initial target point of the following camera [m], relative to the default tractor: forward, left and up."""
 VIEWED = (2.2, 0.85)
 """Width and height of the ground visible in the top view, divided by the camera height [-]. Measured in the viewer."""
 TILT = 0.1

@@ -26,7 +26,7 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
 
 SPARE_BYTES = 1_000_000
-"""Disk space reserved for other files of the run, in addition to the size of all signals [bytes]."""
+"""Disk space reserved for other files of the run [bytes], in addition to the size of all signals."""
 
 
 class Recording:

@@ -67,7 +67,7 @@ class DualAntenna(Spec):
     wander_time_s: Positive = 115.0
     """Correlation time of the slow error [s]. Assumed value: carrier phase on short baselines [Miller2012]."""
     mounting_deg: float = 0.0
-    """Constant mounting error of the heading, left positive [deg]. Assumed value (up to 1 before calibration)."""
+    """Constant mounting error of the heading [deg], left positive. Assumed value (up to 1 before calibration)."""
 
     def parameters(self, dt: float) -> DualAntennaLaw:
         """Return the parameters of `antenna_heading` for ticks of length `dt` [s]."""

@@ -95,8 +95,8 @@ class Sky(NamedTuple):
     """Reception conditions and faults of a solution."""
 
     quality: int = Quality.FIX  # Quality of the solution, a constant of `Quality`
-    offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported position, east and north [m]
-    velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported velocity, east and north [m/s]
+    offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported position [m], east and north
+    velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the reported velocity [m/s], east and north
 
 
 CLEAR = Sky()
@@ -188,18 +188,18 @@ class Gnss(Sensor):
     drift_time_s: Positive = 900.0
     """Correlation time of the slow error [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Height error divided by horizontal error per axis, for all errors [-]. Assumed value (1.5-3)."""
+    """Height error divided by horizontal error per axis [-], for all errors. Assumed value (1.5-3)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
-    """Number of solutions per second, at intervals of whole ticks [Hz]. Assumed value (5-20 for guidance)."""
+    """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (5-20 for guidance)."""
     latency_s: Latency = 0.0
     """Latency of a solution in whole ticks [s]. Assumed value: below a tick in receivers, up to 0.2 over radio."""
     configured_ahead_m: AntennaPlace | None = None
     """Distance of the antenna ahead of the rear axle as configured in the on-board computer [m]. Default: the true
     `tractor.antenna_ahead_m`."""
     configured_left_m: AntennaPlace | None = None
-    """Lateral offset of the antenna as configured in the on-board computer, left positive [m]. Default: the true
+    """Lateral offset of the antenna as configured in the on-board computer [m], left positive. Default: the true
     `tractor.antenna_left_m`."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading. Default: absent."""

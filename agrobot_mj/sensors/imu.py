@@ -29,11 +29,11 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 class Attitude(NamedTuple):
     """Measurement of the inertial unit, or NaN if there is no inertial unit."""
 
-    roll: float  # Roll, left side up positive [rad]
+    roll: float  # Roll [rad], left side up positive
     pitch: float  # Pitch, nose down positive [rad]
-    force_x: float = nan  # Specific force along the chassis x axis, mean over the tick, forward positive [m/s2]
-    force_y: float = nan  # Specific force along the chassis y axis, mean over the tick, left positive [m/s2]
-    force_z: float = nan  # Specific force along the chassis z axis, mean over the tick, up positive [m/s2]
+    force_x: float = nan  # Specific force along the chassis x axis [m/s2], mean over the tick, forward positive
+    force_y: float = nan  # Specific force along the chassis y axis [m/s2], mean over the tick, left positive
+    force_z: float = nan  # Specific force along the chassis z axis [m/s2], mean over the tick, up positive
 
 
 class UnitMotion(NamedTuple):
@@ -99,7 +99,7 @@ def _unit_motion(p: ImuLaw, motion: SensedMotion) -> UnitMotion:
 
 @jit
 def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -> Vector:
-    """Return the mean acceleration of the unit in a tick, forward, left and up in the level frame [m/s2]."""
+    """Return the mean acceleration of the unit in a tick [m/s2], forward, left and up in the level frame."""
     east, north = now.velocity[0] - last.velocity[0], now.velocity[1] - last.velocity[1]
     forward, left = to_heading(last.yaw + turned / 2, east / dt, north / dt)
     return forward, left, (now.velocity[2] - last.velocity[2]) / dt
@@ -148,7 +148,7 @@ class Imu(CompiledSensor):
     ahead_m: float = 0.0
     """Distance of the unit ahead of the rear axle [m]. Assumed value: 0, above the axle."""
     left_m: float = 0.0
-    """Lateral offset of the unit, left positive [m]. Assumed value: 0, on the centre line."""
+    """Lateral offset of the unit [m], left positive. Assumed value: 0, on the centre line."""
     up_m: float = 1.0
     """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3), cab floor to cab roof."""
     sigma_deg: NonNegative = 0.1

@@ -27,7 +27,7 @@ class PotentiometerLaw(NamedTuple):
 
     before: Index  # Index of the physics step before each sample, shape (samples,)
     shares: Matrix  # Interpolation weights of the physics steps before and after each sample, shape (samples, 2) [-]
-    weights: Vector  # Weight of each sample in the measurement, shape (samples,) [-]
+    weights: Vector  # Weight of each sample in the measurement [-], shape (samples,)
     counts: float  # Resolution steps (counts) per unit of the measured signal
     sigma: float  # Standard deviation of the white noise of each sample [counts]
 
@@ -135,7 +135,7 @@ class SteeringPotentiometer(Potentiometer):
         return delta + radians(self.centre_deg) if self.centre_deg else delta
 
     def seen(self, truth: Truth) -> Array:
-        """Return the measured angles without noise after each physics step, left positive, shape (n,) [rad]."""
+        """Return the measured angles without noise after each physics step [rad], left positive, shape (n,)."""
         if self.at == "virtual" or truth.knuckle_samples is None:
             return self.characteristic(truth.steer_samples)
         return self.characteristic(truth.knuckle_samples[0 if self.at == "left" else 1])
@@ -147,11 +147,11 @@ class PedalPotentiometer(Potentiometer):
     place = "pedal_pot"
 
     travel_deg: Positive = 25.0
-    """Potentiometer angle at full pedal, in both directions [deg]. Assumed value (20-30)."""
+    """Potentiometer angle at full pedal [deg], in both directions. Assumed value (20-30)."""
 
     @property
     def degrees_per_unit(self) -> float:
-        """Potentiometer angle per unit of the measured signal, which is full pedal [deg]."""
+        """Potentiometer angle per unit of the measured signal [deg], which is full pedal."""
         return self.travel_deg
 
     def seen(self, truth: Truth) -> Array:

@@ -46,7 +46,7 @@ class Derived(NamedTuple):
     gnss_x: float
     gnss_y: float  # Position of the antenna from GNSS [m], east (`gnss_x`) and north (`gnss_y`), or NaN without a fix
     ahead: float
-    left: float  # Position of the reference relative to the true CG, ahead and left in the frame of the reference [m]
+    left: float  # Position of the reference relative to the true CG [m], ahead and left in the frame of the reference
     p_xx: float
     p_xy: float
     p_yy: float  # Estimated covariance of the rear-axle position: elements `p_xx`, `p_xy` and `p_yy` [m2]

@@ -90,7 +90,7 @@ class Tilted(Landscape):
     grade_deg: Grade = 0.0
     """Inclination of the plane [deg]."""
     direction_deg: float = 90.0
-    """Direction of steepest ascent, from east, counter-clockwise [deg]."""
+    """Direction of steepest ascent [deg], from east, counter-clockwise."""
 
     @property
     def gradient(self) -> tuple[float, float]:

@@ -46,12 +46,12 @@ class Bumps(Generated):
     spacing_m: Positive = 3.0
     """Distance between bump centres in a row [m]. Assumed value (2-10). With 1.4, both axles rise at the same time."""
     stagger_m: float = 0.0
-    """Lateral offset to the left of every second bump in a row, for bumps on alternating sides [m]."""
+    """Lateral offset to the left of every second bump in a row [m], for bumps on alternating sides."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing, for at least five nodes along and across a bump [m]."""
+        """Return the maximum node spacing [m], for at least five nodes along and across a bump."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:

@@ -27,7 +27,7 @@ class Surface(NamedTuple):
     x0: float  # West edge of the grid [m]
     y0: float  # South edge of the grid [m]
     spacing: float  # Side length of a cell [m]
-    friction: Array  # Factor on the tyre friction, shape (rows, columns) [-]
+    friction: Array  # Factor on the tyre friction [-], shape (rows, columns)
     cone_index: Array  # Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]
     rolling: Array = np.empty((0, 0))
     """Rolling resistance divided by load on firm ground, same shape or empty; 0 selects the value of the tyre [-]."""
@@ -45,7 +45,7 @@ class Ground(NamedTuple):
     x0: float  # East coordinate of column 0 [m]
     y0: float  # North coordinate of row 0 [m]
     spacing: float  # Distance between neighbouring nodes in both directions [m]
-    heights: Array  # Heights of the nodes, shape (rows, columns), at least 2 x 2 [m]
+    heights: Array  # Heights of the nodes [m], shape (rows, columns), at least 2 x 2
     surface: Surface = NOTHING_SPECIAL
     planar: bool = False  # Whether the grid was created as a plane with more than one cell
     memory: SoilMemory = FORGETS  # Ruts in soil with plastic deformation; each plant has a separate copy

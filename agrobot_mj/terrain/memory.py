@@ -50,9 +50,9 @@ class RutMap(NamedTuple):
     """Ruts on a field, one entry per cell with plastic sinkage."""
 
     cell: float  # Side length of a cell [m]
-    x: Array  # East coordinates of the cell centres, shape (n,) [m]
-    y: Array  # North coordinates of the cell centres, shape (n,) [m]
-    depth: Array  # Plastic sinkage, shape (n,) [m]
+    x: Array  # East coordinates of the cell centres [m], shape (n,)
+    y: Array  # North coordinates of the cell centres [m], shape (n,)
+    depth: Array  # Plastic sinkage [m], shape (n,)
 
 
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:

@@ -36,9 +36,9 @@ class Ridges(Generated):
     spacing_m: Positive = 0.75
     """Distance from crest to crest [m]. Assumed value (0.5-0.9) for row crops."""
     furrow_direction_deg: float = 90.0
-    """Direction of the furrows, from east, counter-clockwise [deg]. With 90, a path to the east crosses the furrows."""
+    """Direction of the furrows [deg], from east, counter-clockwise. With 90, a path to the east crosses the furrows."""
     offset_m: float = 0.0
-    """Distance of a crest from the origin, to the right of the furrow direction [m]."""
+    """Distance of a crest from the origin [m], to the right of the furrow direction."""
     profile: Literal["sine", "flat"] = "sine"
     """Cross-section: `sine`, or `flat` with level crests and troughs as in beds."""
 

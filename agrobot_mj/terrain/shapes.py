@@ -67,7 +67,7 @@ class RectanglePatch(Special):
     width_m: Positive = 10.0
     """Width across the heading [m]."""
     heading_deg: float = 0.0
-    """Heading of the long axis, from east, counter-clockwise [deg]."""
+    """Heading of the long axis [deg], from east, counter-clockwise."""
 
     def bounds(self) -> Bounds:
         """Return the bounding box of the shape."""

@@ -22,7 +22,7 @@ class SurfaceProperties(NamedTuple):
     """Properties of a named surface."""
 
     cone_index_kpa: float  # Cone index [kPa]
-    rolling_resistance: float  # Rolling resistance divided by the load, for tyres on firm ground [-]
+    rolling_resistance: float  # Rolling resistance divided by the load [-], for tyres on firm ground
     friction: float  # Factor on the tyre friction [-]
 
 

@@ -55,8 +55,8 @@ class Slip(NamedTuple):
 class TyreForce(NamedTuple):
     """Force returned by a tyre law."""
 
-    x: float  # Longitudinal force, forward positive [N]
-    y: float  # Lateral force, left positive [N]
+    x: float  # Longitudinal force [N], forward positive
+    y: float  # Lateral force [N], left positive
     held: float  # Fraction of the bristle deflection that the available friction holds [-]
     used: float  # Used fraction of the available friction [-]
 

@@ -79,8 +79,8 @@ class Pressed(NamedTuple):
     """Reaction of the soil on one wheel."""
 
     load: float  # Force along the ground normal [N]
-    push: float  # Compaction resistance at the wheel centre, forward positive: negative in forward travel [N]
-    edge: float  # Force to the left, from rut walls and from sliding down into a rut [N]
+    push: float  # Compaction resistance at the wheel centre [N], forward positive: negative in forward travel
+    edge: float  # Force to the left [N], from rut walls and from sliding down into a rut
     area: float  # Contact area [m2]
     length: float  # Contact length [m]
     deflection: float  # Maximum deflection of the carcass [m]

@@ -20,7 +20,7 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 REACH = 0.8
-"""Half the length of the evaluated ground divided by the wheel radius, for contact up to 53 degrees ahead [-]."""
+"""Half the length of the evaluated ground divided by the wheel radius [-], for contact up to 53 degrees ahead."""
 BLEND = 0.005
 """Difference of penetration below which two points share the load [m]. Assumed value: a third of the deflection."""
 ALONG = 0.01
@@ -37,15 +37,15 @@ class WheelPlane(NamedTuple):
     z: float  # Height of the wheel centre [m]
     ahead: tuple[float, float]  # Horizontal unit vector along the line
     level: float  # Cosine of the camber [-]
-    camber: float  # Sine of the camber, positive with the left side up [-]
-    offset: float  # Distance of the line from the wheel centre, to the left [m]
+    camber: float  # Sine of the camber [-], positive with the left side up
+    offset: float  # Distance of the line from the wheel centre [m], to the left
 
 
 class Node(NamedTuple):
     """End of a straight ground segment in the wheel plane, relative to the wheel centre."""
 
     s: float  # Distance ahead of the wheel centre [m]
-    w: float  # Distance above the wheel centre, in the wheel plane [m]
+    w: float  # Distance above the wheel centre [m], in the wheel plane
     s_left: float  # Derivative of `s` with respect to a displacement of the wheel along its axle [-]
     w_left: float  # Derivative of `w` with respect to a displacement of the wheel along its axle [-]
 
@@ -55,7 +55,7 @@ class Spot(NamedTuple):
 
     distance: float  # Distance D from the wheel centre [m]
     s: float  # Distance ahead of the wheel centre [m]
-    w: float  # Distance above the wheel centre, in the wheel plane [m]
+    w: float  # Distance above the wheel centre [m], in the wheel plane
     left: float  # Derivative of the distance with respect to a displacement of the wheel along its axle [-]
 
 

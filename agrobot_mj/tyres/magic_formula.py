@@ -108,7 +108,7 @@ class Curve(Spec):
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
     """Shape factor C [-]. Assumed value: 1.3 laterally, 1.3-1.65 longitudinally, 1.65 for road tyres [Pacejka2012]."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
-    """Curvature factor E, at most 1 [-]. Assumed value (-2-1)."""
+    """Curvature factor E [-], at most 1. Assumed value (-2-1)."""
 
     @property
     def peak(self) -> float:
@@ -130,9 +130,9 @@ class AxleTyre(Spec):
     reference_load_n: Positive | None = None
     """Reference load F_z0 [N]. Default: the static load of a wheel of this axle."""
     lateral: Curve = Curve()
-    """Lateral curve, as a function of the slip angle [rad]."""
+    """Lateral curve [rad], as a function of the slip angle."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
-    """Longitudinal curve, as a function of the slip ratio [-]."""
+    """Longitudinal curve [-], as a function of the slip ratio."""
 
     def clamped(self, df: float) -> str:
         """Return a text with the coefficients clamped to their minimum at a relative load change `df`; may be empty."""

@@ -39,20 +39,20 @@ class TyreSet(NamedTuple):
 
     front: TyreLaw  # Law of the front tyres: a named tuple whose class selects the compiled code
     rear: TyreLaw  # Law of the rear tyres, of the same class
-    radius: Array  # Free radius, shape (4,) [m]
-    stiffness: Array  # Vertical stiffness, shape (4,) [N/m]
-    damping: Array  # Vertical damping, shape (4,) [N s/m]
+    radius: Array  # Free radius [m], shape (4,)
+    stiffness: Array  # Vertical stiffness [N/m], shape (4,)
+    damping: Array  # Vertical damping [N s/m], shape (4,)
     relaxation: Array
     """Longitudinal and lateral relaxation length, shape (4, 2) [m]: at static load, then updated by each step."""
     springs: Array  # Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]
     twist_stiffness: Array  # Stiffness of the patch against turning [N m/rad], shape (4,), or 0 for no scrubbing moment
-    twist_relaxation: Array  # Length over which rolling removes the twist of the patch, shape (4,) [m]
-    scrub_arm: Array  # Maximum scrubbing moment divided by grip times load, shape (4,) [m]
+    twist_relaxation: Array  # Length over which rolling removes the twist of the patch [m], shape (4,)
+    scrub_arm: Array  # Maximum scrubbing moment divided by grip times load [m], shape (4,)
     load_follows: bool
     """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
     bristle_damping: float  # Damping time tau of the bristle, see the module docstring [s]
     rolling_resistance: float  # Rolling resistance moment divided by load times rolling radius [-]
-    patch_half_length: Array  # Half the contact length, shape (4,) [m]
+    patch_half_length: Array  # Half the contact length [m], shape (4,)
     trail: float  # Pneumatic trail at small slip [m]
     cone_index: float  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
     bearing: Bearing  # Parameters of yielding soil, or `FIRM`
@@ -67,22 +67,22 @@ class WheelMotion(NamedTuple):
     centre: Vector  # Position of the wheel centre [m]
     axle: Vector  # Unit vector along the axle, to the left
     velocity: Vector  # Velocity of the wheel centre [m/s]
-    rotation: Vector  # Angular velocity, including the spin about the axle [rad/s]
+    rotation: Vector  # Angular velocity [rad/s], including the spin about the axle
 
 
 class ContactPatch(NamedTuple):
     """Contact of one wheel with the ground: frame, penetration and velocities."""
 
-    penetration: float  # Penetration along the ground normal, positive in contact [m]
+    penetration: float  # Penetration along the ground normal [m], positive in contact
     rate: float  # Rate of the penetration [m/s]
     n: Vector  # Ground normal in world axes
     f: Vector  # Forward direction in the ground plane, in world axes
     l: Vector  # noqa: E741
     """Left direction in the ground plane, in world axes."""
     arm: Vector  # Vector from the wheel centre to the patch [m]
-    v_x: float  # Forward velocity of the patch over the ground, without the spin of the wheel [m/s]
+    v_x: float  # Forward velocity of the patch over the ground [m/s], without the spin of the wheel
     v_y: float  # Velocity of the patch to the left, the lateral sliding velocity [m/s]
-    spin: float  # Angular velocity about the axle, forward rolling positive [rad/s]
+    spin: float  # Angular velocity about the axle [rad/s], forward rolling positive
     turn: float  # Angular velocity about the ground normal [rad/s]
 
 

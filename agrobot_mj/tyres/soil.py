@@ -82,7 +82,7 @@ class SoilLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, SATURATED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the soil, without the tyre's own loss [N]."""
+        """Return the motion resistance of the soil [N], without the tyre's own loss."""
         s, W = slip_of_faster(slip), slip.load
         B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
         if self.radial > 0.5:
@@ -97,7 +97,7 @@ class Soil(CarcassTyre):
     cone_index_kpa: ConeIndex = 1200.0
     """Cone index CI [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
-    """Carcass type, which affects motion resistance and lateral force [-]. Default: from the size code, if given."""
+    """Carcass type [-], which affects motion resistance and lateral force. Default: from the size code, if given."""
     section_height_share: Positive = 0.75
     """Section height divided by section width of tyres without a size code [-]. Assumed value (0.7-0.85)."""
 

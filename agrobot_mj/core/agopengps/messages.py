@@ -16,7 +16,7 @@ NO_LINE = 255  # Cross-track byte of a host without a guidance line
 class SteerData(NamedTuple):
     """Message 254: steering command of the host."""
 
-    speed: float  # Speed estimated by the host, without sign [m/s]
+    speed: float  # Speed estimated by the host [m/s], without sign
     status: int  # Status bits; the bit for "engaged" depends on the host program
     steer: float  # Setpoint of the steering angle, left positive; valid also while steering is not engaged [rad]
     cross_track: int = NO_LINE  # Cross-track byte in the encoding of the host program
@@ -58,18 +58,18 @@ class Scan(NamedTuple):
 class SteerState(NamedTuple):
     """Message 253: state reported by a steer module."""
 
-    steer: float  # Measured steering angle, left positive [rad]
+    steer: float  # Measured steering angle [rad], left positive
     yaw: float = nan  # Yaw [rad], or NaN if there is no inertial unit
     roll: float = nan  # Roll [rad], left side up positive, or NaN if there is no inertial unit
     switches: int = 0  # Bits of the switches: 0 work, 1 steer, 2 remote
-    pwm: int = 0  # Magnitude of the motor output, for display only [PWM counts]
+    pwm: int = 0  # Magnitude of the motor output [PWM counts], for display only
 
 
 class HelloReply(NamedTuple):
     """Message 126 or 121: reply of a module to a hello message."""
 
     module: int  # Number of the module, which is also the number of the message
-    steer: float = 0.0  # Measured steering angle, left positive [rad]
+    steer: float = 0.0  # Measured steering angle [rad], left positive
     counts: int = 0  # Raw value of the angle sensor [counts]
     switches: int = 0  # Switch bits as in `SteerState`
 

@@ -21,9 +21,9 @@ class BoardAttitude(NamedTuple):
     """Attitude from the inertial unit or the second antenna, or NaN if the tractor has neither."""
 
     yaw: float = nan  # Yaw [rad]
-    roll: float = nan  # Roll, left side up positive [rad]
+    roll: float = nan  # Roll [rad], left side up positive
     pitch: float = nan  # Pitch, nose down positive [rad]
-    yaw_rate: float = nan  # Yaw rate, left positive [rad/s]
+    yaw_rate: float = nan  # Yaw rate [rad/s], left positive
 
 
 def panda(s: Solution, a: BoardAttitude) -> bytes:

@@ -41,8 +41,8 @@ class ImplementMotion(NamedTuple):
     t: Array  # Time [s]
     x: Array  # East coordinate [m]
     y: Array  # North coordinate [m]
-    yaw: Array  # Heading of the implement, without jumps of full turns [rad]
-    s: Array  # Arc length on the plan at the position of the implement, as estimated by the guidance computer [m]
+    yaw: Array  # Heading of the implement [rad], without jumps of full turns
+    s: Array  # Arc length on the plan at the position of the implement [m], as estimated by the guidance computer
 
     def at(self, times: Array) -> "ImplementMotion":
         """Return the motion at the times `times` [s], linearly interpolated."""

@@ -22,7 +22,7 @@ from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 AROUND_M = 5.0
-"""Distance along the plan, before and after a pass, within which sections of this pass may be switched [m]."""
+"""Distance along the plan [m], before and after a pass, within which sections of this pass may be switched."""
 
 
 @dataclass(frozen=True)

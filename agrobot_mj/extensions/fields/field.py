@@ -30,7 +30,7 @@ class Field:
 class Leg:
     """Part of a plan with one driving direction and one working state of the implement."""
 
-    points: Array  # Points in driving order, shape (n, 2) [m]
+    points: Array  # Points in driving order [m], shape (n, 2)
     speed_m_s: float | None = None  # Speed of the leg [m/s], or None if the plan gives no speed
     working: bool = True  # Whether the implement works
     reverse: bool = False  # Whether the tractor drives in reverse

@@ -22,7 +22,7 @@ class StraightPass(NamedTuple):
 
     along: tuple[float, float]  # Unit vector in the direction of the swaths (east, north)
     motion: ImplementMotion  # Motion of the working point of the implement while the implement works
-    planned: float  # Planned offset of the pass from the origin, to the left of the swath direction [m]
+    planned: float  # Planned offset of the pass from the origin [m], to the left of the swath direction
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:

@@ -39,7 +39,7 @@ NOISE = radians(0.1)
 MOVING, SHIFT = radians(1.0), 0.2
 """Mean rate above which the wheels turned during the complete segment [rad/s]. Otherwise the dead band is shifted by
 this fraction of the prediction error [-]. Assumed values: twice the noise of the rate."""
-MOST = radians(6.0)  # Maximum rate error used in an update, which limits the effect of outliers [rad/s]. Assumed value.
+MOST = radians(6.0)  # Maximum rate error used in an update [rad/s], which limits the effect of outliers. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
 """Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""
 SIDES = ("left", "right")
@@ -98,7 +98,7 @@ class AdaptiveLoop(AngleLoop):
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
     """Initial dead band of both sides [V]. Assumed value; above the true dead band the loop oscillates."""
     delay_s: Latency = 0.1
-    """Delay of the valve, in whole ticks [s]. Assumed value, as in `Valve`."""
+    """Delay of the valve [s], in whole ticks. Assumed value, as in `Valve`."""
     lag_s: Positive = 0.1
     """Time constant of the spool [s]. Assumed value, as in `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25

@@ -22,7 +22,7 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance without learning after an invalid tick, while the tractor returns to the path [m]. Assumed value (6-15): the
+"""Distance without learning after an invalid tick [m], while the tractor returns to the path. Assumed value (6-15): the
 corrections on this distance repeat after every tight turn, but a map cannot remove them."""
 
 

@@ -99,8 +99,8 @@ class ImplementIlcState(NamedTuple):
     s: float | None = None  # Arc length of the path point nearest to the implement [m], or None before the first tick
     length: float = inf  # Length of one lap [m]
     yaw: float = nan  # Heading of the implement from the tractrix [rad], or NaN before the first tick
-    offset: float = nan  # Offset of the implement from the path, left positive [m]
-    beside: float = 0.0  # Offset of the shifted line of the tractor from the path, left positive [m]
+    offset: float = nan  # Offset of the implement from the path [m], left positive
+    beside: float = 0.0  # Offset of the shifted line of the tractor from the path [m], left positive
     learning: bool = False  # Whether the last tick is used for learning
 
 

@@ -56,7 +56,7 @@ class LapState(NamedTuple):
     lap: int = 0
     s: float = 0.0  # Arc length along the path [m]
     map_: Array = NOTHING  # Map in use [unit of the map]
-    before: Array = NOTHING  # Previous map, which is faded out [unit of the map]
+    before: Array = NOTHING  # Previous map [unit of the map], which is faded out
     since: float = inf  # Distance travelled since the current map was first used [m]
     best: Array = NOTHING  # Map of the best lap [unit of the map]
     best_square: Array = NOTHING  # Squared error of the best lap, averaged over about WINDOW_M [m2]

@@ -50,16 +50,16 @@ LEAST_TRACE = 0.01
 class PathInput(NamedTuple):
     """Inputs from the path and the ground."""
 
-    curvature: float  # Curvature of the path ahead, left positive [1/m]
+    curvature: float  # Curvature of the path ahead [1/m], left positive
     speed: float  # Speed of the reference [m/s]
-    roll: float = 0.0  # Roll of the ground, left side up positive [rad]
+    roll: float = 0.0  # Roll of the ground [rad], left side up positive
 
 
 class PathNetworkState(NamedTuple):
     """Learned consequents of the network and traces of its rules."""
 
     f: Array  # Consequents, shape (rules,), with curvature as the slowest and roll as the fastest index [rad]
-    trace: Array  # Trace of each rule, which is its lagged weight w, shape (rules,) [-]
+    trace: Array  # Trace of each rule [-], which is its lagged weight w, shape (rules,)
 
 
 class PathNetwork(Spec):
@@ -76,7 +76,7 @@ class PathNetwork(Spec):
     curvature_range_per_m: Positive = 0.5
     """Absolute curvature of the outermost centres [1/m]. Assumed value (0.3-0.7): a radius of 2 m."""
     speed_sets: int = Field(2, ge=1, le=21)
-    """Number of speed sets, with centres from 0 upwards [-]. Assumed value (1-5)."""
+    """Number of speed sets [-], with centres from 0 upwards. Assumed value (1-5)."""
     speed_range_m_s: Positive = 3.0
     """Speed of the highest centre [m/s]. Assumed value (2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
@@ -95,7 +95,7 @@ class PathNetwork(Spec):
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
     def firing(self, x: PathInput) -> Array:
-        """Return the weight w of each rule in the output, shape (rules,) [-]."""
+        """Return the weight w of each rule in the output [-], shape (rules,)."""
         lower, upper = np.ones(1), np.ones(1)
         for value, sets in zip(x, _sets(self), strict=True):
             inside = min(max(value, sets.centres[0]), sets.centres[-1])  # the outermost sets apply outside the range

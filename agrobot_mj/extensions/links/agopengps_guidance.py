@@ -41,13 +41,13 @@ class Actuation(NamedTuple):
     """Steering output of the steer module in one tick."""
 
     engaged: bool = False
-    steer: float = 0.0  # Setpoint for the steering loop of the tractor, left positive [rad]
+    steer: float = 0.0  # Setpoint for the steering loop of the tractor [rad], left positive
     voltage: float | None = NEUTRAL_V
     """Valve voltage that replaces the output of the steering loop [V], or None if the loop controls the valve."""
     asked: float = nan
-    """Setpoint of the host, left positive [rad]. Also valid while not engaged. NaN before the first message."""
+    """Setpoint of the host [rad], left positive. Also valid while not engaged. NaN before the first message."""
     cross_track: float = nan
-    """Cross-track error computed by the host, left positive [m]. NaN without a line or without messages of the host."""
+    """Cross-track error computed by the host [m], left positive. NaN without a line or without messages of the host."""
 
 
 class AgOpenGps(GuidanceLaw):

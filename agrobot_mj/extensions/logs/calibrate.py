@@ -72,7 +72,7 @@ class _Drive(NamedTuple):
     scrub: float  # Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]
     slip_lead: float  # Half width of the interval of a wheel speed's latency due to slip [s]
     gyro: bool  # Whether latencies are relative to a gyro
-    lag_m: float  # Half width of the interval of the antenna's distance ahead, due to lag of tyres and body sway [m]
+    lag_m: float  # Half width of the interval of the antenna's distance ahead [m], due to lag of tyres and body sway
 
 
 class Calibration(NamedTuple):
@@ -106,7 +106,7 @@ class Calibration(NamedTuple):
 
     @property
     def centre_error(self) -> float:
-        """Error of the wheel angle due to the centre given in the map, left positive [rad]."""
+        """Error of the wheel angle due to the centre given in the map [rad], left positive."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 

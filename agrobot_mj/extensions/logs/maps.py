@@ -124,9 +124,9 @@ class PositionColumns(Spec):
     """Definition of the columns with the position of a point: latitude and longitude, or east and north."""
 
     latitude: Name | None = None
-    """Column of the latitude, north positive [deg]."""
+    """Column of the latitude [deg], north positive."""
     longitude: Name | None = None
-    """Column of the longitude, east positive [deg]."""
+    """Column of the longitude [deg], east positive."""
     origin_lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     """Latitude of x = y = 0 [deg]. Default: latitude of the first fix."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None

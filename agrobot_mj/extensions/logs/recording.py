@@ -69,11 +69,11 @@ class FieldRecording(NamedTuple):
     speed: TimeSeries  # Speed along the heading of the tractor [m/s]
     wheel_speed: bool  # Whether the speed is that of the driven wheels, which slip
     antenna_speed: bool  # Whether the recorded speed is the speed of the recorded point (antenna), not of the rear axle
-    steer: TimeSeries | None  # Wheel angle, left positive [rad]
+    steer: TimeSeries | None  # Wheel angle [rad], left positive
     voltage: TimeSeries | None  # Voltage of the steering valve [V]
-    yaw_rate: TimeSeries | None  # Yaw rate, left positive [rad/s]
+    yaw_rate: TimeSeries | None  # Yaw rate [rad/s], left positive
     yaw_rate_source: str  # Source of the yaw rate: `gyro`, `heading`, `course`, or `none`
-    heading: TimeSeries | None  # Heading from east, counter-clockwise, unwrapped [rad]
+    heading: TimeSeries | None  # Heading from east [rad], counter-clockwise, unwrapped
     position: TimeSeries | None  # East and north coordinates of the recorded point, shape (n, 2) [m]
     left_out: tuple[str, ...]  # Descriptions of implausible values that were omitted
     arm: tuple[float, float, float]  # Position of the recorded point relative to R: ahead, to the left and up [m]

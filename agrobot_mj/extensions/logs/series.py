@@ -35,7 +35,7 @@ LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics 
 class TimeSeries(NamedTuple):
     """Time series of values."""
 
-    t: Array  # Increasing times, shape (n,) [s]
+    t: Array  # Increasing times [s], shape (n,)
     value: Array  # Values in SI units, shape (n,) or (n, 2)
 
     def at(self, t: Array) -> Array:

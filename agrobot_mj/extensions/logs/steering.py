@@ -48,7 +48,7 @@ class RoughSteering(NamedTuple):
         return np.where(angle < 0, self.right * angle, angle)
 
     def less_wheel(self, reading: Array, angle: Array) -> Array:
-        """Return the readings that remain with the wheels straight ahead, by removing known wheel angles [rad]."""
+        """Return the readings that remain with the wheels straight ahead [rad], by removing known wheel angles."""
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
@@ -62,7 +62,7 @@ class TurningSamples(NamedTuple):
     """Samples of sensor readings, and of the wheel angle without slip as computed from the yaw rate."""
 
     reading: Array  # Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
-    angle: Array  # Wheel angle without slip, shape (n,) [rad]
+    angle: Array  # Wheel angle without slip [rad], shape (n,)
     weight: Array  # Weights of the samples, shape (n,)
 
 

@@ -154,7 +154,7 @@ class PlaySession:
         self.message = f"back at {self.sim.truth.t:.1f} s"
 
     def cross_track(self) -> float:
-        """Return the cross-track error, positive to the left of the path [m]."""
+        """Return the cross-track error [m], positive to the left of the path."""
         truth, route = self.sim.truth, self.sim.path
         r = route.at(nearest_time(route, truth.x, truth.y, self.played.search_s))
         side = -sin(r.yaw) * (truth.x - r.x) + cos(r.yaw) * (truth.y - r.y)

@@ -19,14 +19,14 @@ class Joint(NamedTuple):
 
     name: str
     axis: Place  # Unit vector of the hinge axis [-]
-    at: Place  # Point on the hinge axis, relative to the hitch of the tractor [m]
+    at: Place  # Point on the hinge axis [m], relative to the hitch of the tractor
     limit: float  # Maximum angle of the hinge in both directions [rad]
 
 
 class Axle(NamedTuple):
     """Axle of an implement, with two wheels."""
 
-    at: Place  # Midpoint between the wheel centres at static load, relative to the hitch of the tractor [m]
+    at: Place  # Midpoint between the wheel centres at static load [m], relative to the hitch of the tractor
     track: float  # Distance between the centre planes of the wheels [m]
     wheel: AxleWheel  # Properties of each wheel
     slip_stiffness: float  # Slip stiffness divided by the slip stiffness of the plant's tyre law [-]
@@ -54,7 +54,7 @@ class Shape(NamedTuple):
 
     name: str
     half: Place  # Half lengths of the edges of the box [m]
-    at: Place  # Position of the centre of the box, relative to the hitch of the tractor [m]
+    at: Place  # Position of the centre of the box [m], relative to the hitch of the tractor
     paint: str  # Name of the material of the box in `models/tractor.xml`
 
 
@@ -62,17 +62,17 @@ class HitchedBody(NamedTuple):
     """Body of an implement at the hitch of the tractor."""
 
     mass: float  # Mass of the implement without wheels [kg]
-    centre: Place  # Centre of mass of the implement without wheels, relative to the hitch of the tractor [m]
+    centre: Place  # Centre of mass of the implement without wheels [m], relative to the hitch of the tractor
     inertia: tuple[float, float, float]  # Moments of inertia about the centre of mass: roll, pitch and yaw [kg m2]
     joints: tuple[Joint, ...]
     """Hinges between tractor and implement, or an empty tuple for an implement fixed rigidly to the tractor."""
-    point: Place  # Working point on the ground, for which the cross-track error is evaluated [m]
+    point: Place  # Working point on the ground [m], for which the cross-track error is evaluated
     antenna: Place | None
     """Position of the GNSS antenna, relative to the hitch [m], or None if the antenna is on the tractor."""
     axle: Axle | None = None
     depth_wheel: DepthWheel = DepthWheel()
     tool: ToolLaw | None = None
-    tool_at: Place = (0.0, 0.0, 0.0)  # Position of the tool tip, relative to the hitch of the tractor [m]
+    tool_at: Place = (0.0, 0.0, 0.0)  # Position of the tool tip [m], relative to the hitch of the tractor
     unevenness: Unevenness = Unevenness()
     shapes: tuple[Shape, ...] = ()
 

@@ -20,7 +20,7 @@ ToolType = Literal[
 Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")  # Soil textures in the order of the factors F_1, F_2, F_3 of D497
 DEEPEST = 2.0
-"""Ratio of depth to intended depth above which the draught is constant, as the frame slides [-]. Assumed value."""
+"""Ratio of depth to intended depth above which the draught is constant [-], as the frame slides. Assumed value."""
 
 
 class Draught(NamedTuple):
@@ -31,7 +31,7 @@ class Draught(NamedTuple):
     c: float  # Coefficient C of the draught proportional to the squared speed [unit of A per (km/h)^2]
     textures: tuple[float, float, float]  # Factors of the soil texture for fine, medium and coarse soil [-]
     by_depth: bool  # Whether the draught is proportional to the depth: True for tillage, False for seeding
-    spread: float  # Maximum relative deviation of fields from the formula, in both directions [-]
+    spread: float  # Maximum relative deviation of fields from the formula [-], in both directions
 
 
 TOOLS: dict[str, Draught] = {
@@ -55,7 +55,7 @@ class ToolLaw(NamedTuple):
     c: float  # Draught per squared speed of the tool in its soil [N h2/km2, per cm of depth for tillage]
     by_depth: float  # 1 if the draught is proportional to the depth, otherwise 0
     depth: float  # Intended depth of the tool [m]
-    cornering: float  # Lateral force of the tool divided by its slip angle, at the intended depth [N/rad]
+    cornering: float  # Lateral force of the tool divided by its slip angle [N/rad], at the intended depth
     relaxation: float  # Relaxation length of the lateral force [m]
     side_limit: float  # Maximum lateral force of the tool at the intended depth [N]
     suction: float  # Downward force of the soil divided by the draught [-]
@@ -88,7 +88,7 @@ class Tool(Spec):
     texture: Texture = "medium"
     """Texture of the soil, which selects the factor F_i of D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Draught of the field divided by the draught from D497, which is accurate within 25 to 50 % [-]."""
+    """Draught of the field divided by the draught from D497 [-], which is accurate within 25 to 50 %."""
     noise_share: Spread = 0.15
     """Standard deviation of the draught divided by its mean; log-normal distribution [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5

@@ -99,7 +99,7 @@ class Mounted(ImplementBase):
         )
 
     def _carried(self, weight: float) -> float:
-        """Return the static load of the depth wheel, from the moment of the weight about the virtual hitch [N]."""
+        """Return the static load of the depth wheel [N], from the moment of the weight about the virtual hitch."""
         ahead = self.virtual_hitch_ahead_m
         return weight * (ahead + self.cg_behind_m) / (ahead + self.depth_wheel_behind_m)
 

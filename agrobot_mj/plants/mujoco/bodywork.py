@@ -40,7 +40,7 @@ BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
 LUGS, LEAN_DEG = 14.0, 25.0
 """Half the number of lugs on a tyre of 1 m radius [-], and angle of the lugs to the axle direction [deg]."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
-"""Directions of the fender segments from the wheel centre, positive forward of vertical [deg]."""
+"""Directions of the fender segments from the wheel centre [deg], positive forward of vertical."""
 
 
 class Panel(NamedTuple):
@@ -52,7 +52,7 @@ class Panel(NamedTuple):
     pos: Triple = (0.0, 0.0, 0.0)  # Centre of the shape [m]
     paint: str = "iron"
     quat: tuple[float, float, float, float] = STRAIGHT
-    ends: tuple[float, ...] = ()  # Coordinates of both ends of a capsule, which replace its centre, shape (6,) [m]
+    ends: tuple[float, ...] = ()  # Coordinates of both ends of a capsule [m], which replace its centre, shape (6,)
 
 
 class Outline(NamedTuple):

@@ -39,7 +39,7 @@ from agrobot_mj.tyres.base import Structure, TyreBase
 from agrobot_mj.tyres.laws import tyre_set
 from agrobot_mj.tyres.patch import TyreSet
 
-LIMIT = 4.0  # Stability limit of (2 c dt + k dt^2) / m, with damper c, time step dt, spring k and mass m [-]
+LIMIT = 4.0  # Stability limit of (2 c dt + k dt^2) / m [-], with damper c, time step dt, spring k and mass m
 FASTEST_M_S = 3.0  # Speed at which the draught is evaluated [m/s]: typical field speed
 AT_LEAST = ("relaxation_radii", "relaxation_m")  # Suffixes of keys for which a larger value gives a softer spring
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
@@ -50,8 +50,8 @@ class Part(NamedTuple):
 
     key: str
     value: float | None  # Value of the key, or None if an external tyre or implement has no such key
-    stiffness: Array  # Stiffness at each point, shape (n,) [N/m]
-    damping: Array  # Damping at each point, shape (n,) [N s/m]
+    stiffness: Array  # Stiffness at each point [N/m], shape (n,)
+    damping: Array  # Damping at each point [N s/m], shape (n,)
 
 
 class Sprung(NamedTuple):
@@ -59,7 +59,7 @@ class Sprung(NamedTuple):
 
     axis: int  # Direction: 0 forward, 1 to the left, 2 up
     bodies: tuple[int, ...]  # MuJoCo id of the body to which each point is attached
-    points: Array  # Positions of the points in the initial position of the model, shape (n, 3) [m]
+    points: Array  # Positions of the points in the initial position of the model [m], shape (n, 3)
     parts: tuple[Part, ...]  # Springs and dampers that act in parallel at the attachment points
 
 
@@ -225,7 +225,7 @@ class Mujoco(Spec):
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
     """Minimum time of settling on the tyres before the run [s], or 0 for no settling. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Maximum settling time, after which the run starts with a warning [s]. Assumed value (20-120)."""
+    """Maximum settling time [s], after which the run starts with a warning. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the duration of a physics step with `physics = "fast"` [s]."""

@@ -47,7 +47,7 @@ def clearance_of(model: mujoco.MjModel) -> Clearance:
 
 
 def _corners(model: mujoco.MjModel, geom: int) -> Array:
-    """Return the corners of the bounding box of a geom in the frame of its body, shape (8, 3) [m]."""
+    """Return the corners of the bounding box of a geom in the frame of its body [m], shape (8, 3)."""
     middle, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
     signs = np.stack(np.meshgrid(*3 * [(-1.0, 1.0)]), axis=-1).reshape(8, 3)
     found: Array = model.geom_pos[geom] + (middle + signs * half) @ rotation_of(model.geom_quat[geom]).T

@@ -48,7 +48,7 @@ class Posed:
         return found
 
     def centre(self, wheel: str) -> Array:
-        """Return the centre of a wheel, shape (3,) [m]."""
+        """Return the centre of a wheel [m], shape (3,)."""
         return self.place(self.data.xanchor[self.model.joint(f"spin_{wheel}").id])
 
     def size(self, wheel: str) -> tuple[float, float]:
@@ -68,7 +68,7 @@ class MassProperties(NamedTuple):
     """Mass properties of the complete machine."""
 
     mass: float  # Mass of the machine [kg]
-    centre: Array  # Centre of mass of the machine, shape (3,) [m]
+    centre: Array  # Centre of mass of the machine [m], shape (3,)
     moments: Array  # Moments of inertia about the centre of mass: roll, pitch and yaw, shape (3,) [kg m2]
 
 

@@ -21,8 +21,8 @@ class Inertial(NamedTuple):
     """Mass properties of a body in its own frame."""
 
     mass: float  # Mass of the body [kg]
-    centre: Array  # Centre of mass, shape (3,) [m]
-    inertia: Array  # Inertia about the centre of mass in body axes, shape (3, 3) [kg m2]
+    centre: Array  # Centre of mass [m], shape (3,)
+    inertia: Array  # Inertia about the centre of mass in body axes [kg m2], shape (3, 3)
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
@@ -41,7 +41,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
 
 
 def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
-    """Return the maximum fraction of a payload, in steps of 0.01, for which the body is physically possible [-]."""
+    """Return the maximum fraction of a payload [-], in steps of 0.01, for which the body is physically possible."""
     for share in (percent / 100 for percent in range(99, 0, -1)):
         some = tuple(load._replace(kg=share * load.kg) for load in payload)
         if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):

@@ -41,7 +41,7 @@ class Attached(NamedTuple):
     tool: ToolLaw
     tip: Vector  # Tip of the tool in the frame of the body [m]
     depth_wheel: DepthWheel
-    uneven: Array  # Draught divided by its mean along the path, shape (n,) [-]
+    uneven: Array  # Draught divided by its mean along the path [-], shape (n,)
     uneven_step: float  # Distance along the path between the entries of `uneven` [m]
     wheels: Index  # Body ids of the implement's wheels, shape (0,) or (2,)
     tyres: TyreSet  # Tyres of the implement's wheels, in the order of `wheels`

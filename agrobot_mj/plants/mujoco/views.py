@@ -27,7 +27,7 @@ class Coupling(NamedTuple):
     weights: Array  # Inverse inertia of each degree of freedom in the initial position, shape (nv,)
     frictionloss: Array
     stops_q: Index  # Indices of the joints with stops in qpos, shape (k,)
-    stops: Array  # Angles between which no stop acts, shape (k, 2) [rad]
+    stops: Array  # Angles between which no stop acts [rad], shape (k, 2)
     body_parent: AnyArray
     body_dofs: AnyArray  # Number of degrees of freedom of each body
     cdof: Array
@@ -54,7 +54,7 @@ class Views(NamedTuple):
     data: int
     ctrl: Array
     act: Array
-    torques: Array  # Torques of the actuators in the last step, shape (2,) [N m]
+    torques: Array  # Torques of the actuators in the last step [N m], shape (2,)
     qpos: Array
     qvel: Array
     xpos: Array

@@ -32,7 +32,7 @@ SMOOTH_M = 0.004
 BORDER_M = 0.25  # Distance between vertices at borders of patches [m]
 BLEND_M = 0.35  # Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]
 CORRIDOR_M = 4.0
-"""Distance from the path within which all tiles with relief are subdivided, with fewer segments if necessary [m]."""
+"""Distance from the path within which all tiles with relief are subdivided [m], with fewer segments if necessary."""
 DIVIDED_M = 25.0  # Distance from the path above which relief is omitted, because relief flickers in distant views [m]
 ROUGH_LIFT_M = 0.02  # Maximum height of the corners of mesh triangles above relief [m]
 SHADES = 0.96, 1.04  # Brightness factors of the two shades of tiles [-]
@@ -121,7 +121,7 @@ def smooth_corners(ground: Ground, path: Array) -> Array:
 class _Part(NamedTuple):
     """Part of the mesh: vertices and the triangles between them."""
 
-    positions: Array  # Positions of the vertices, shape (n, 3) [m]
+    positions: Array  # Positions of the vertices [m], shape (n, 3)
     normals: Array  # Normals of the vertices, shape (n, 3)
     shade: Array  # Shade of each vertex from 0 (dark tile) to 1 (light tile), shape (n,)
     triangles: Index  # Vertex indices of the triangles, counter-clockwise seen from above, shape (m, 3)
@@ -184,7 +184,7 @@ def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Return the heights of all tile corners, shape (rows + 1, columns + 1) [m]. Coarse tiles have mean heights."""
+    """Return the heights of all tile corners [m], shape (rows + 1, columns + 1). Coarse tiles have mean heights."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact
@@ -194,7 +194,7 @@ def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
 
 
 def _mean(ground: Ground, field: _Field) -> Array:
-    """Return the mean height over the area of a tile around each corner, shape (rows + 1, columns + 1) [m]."""
+    """Return the mean height over the area of a tile around each corner [m], shape (rows + 1, columns + 1)."""
     x, y = field.corners()
     offsets = (np.arange(6) + 0.5) / 6 - 0.5
     around = [heights(ground, x + a * field.width, y + b * field.height) for a in offsets for b in offsets]

@@ -29,7 +29,7 @@ BAND = 0.02
 
 
 def spin_inertia(plant: MujocoPlant) -> Array:
-    """Return the moment of inertia about each wheel axle, including all rotating parts, shape (4,) [kg m2]."""
+    """Return the moment of inertia about each wheel axle [kg m2], including all rotating parts, shape (4,)."""
     model = plant.model
     wheels = [model.body(f"wheel_{wheel}").inertia[1] for wheel in WHEELS]
     along = [model.dof_armature[model.joint(f"spin_{wheel}").dofadr[0]] for wheel in WHEELS]

@@ -53,7 +53,7 @@ def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Arr
 
 
 def paper_gradient(kind: str) -> float:
-    """Return the understeer gradient by the formula of the paper, for the bicycle or the `linear` tyre [rad s2/m]."""
+    """Return the understeer gradient by the formula of the paper [rad s2/m], for the bicycle or the `linear` tyre."""
     tyre, bicycle = Linear(), Bicycle()
     front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
     if kind != BICYCLE:

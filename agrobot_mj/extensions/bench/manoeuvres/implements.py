@@ -34,7 +34,7 @@ from agrobot_mj.plants.mujoco.implement import COLUMNS
 from agrobot_mj.tyres import Linear, MagicFormula
 
 SPEEDS_M_S = (1.0, 2.0, 3.0)
-STEER = 0.02  # Small steering angle, for which the equations are linear [rad]
+STEER = 0.02  # Small steering angle [rad], for which the equations are linear
 SHARP = 0.25  # Steering angle for the slow circle [rad]
 BAND = 0.02
 TYRE = Linear()

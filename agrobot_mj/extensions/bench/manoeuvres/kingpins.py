@@ -41,7 +41,7 @@ WEAK_BAR = 25.0  # Relief pressure that is too low for steering at standstill [b
 class Turning(NamedTuple):
     """Mean torques of a steering sweep."""
 
-    torque: float  # Torque that opposes the motion, mean of both directions [N m]
+    torque: float  # Torque that opposes the motion [N m], mean of both directions
     offset: float  # Half of the difference between the torques in both directions [N m]
 
 
@@ -76,7 +76,7 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Return the torque for turning both parked wheels, by the rule of manufacturers [N m]."""
+    """Return the torque for turning both parked wheels [N m], by the rule of manufacturers."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 

@@ -52,7 +52,7 @@ def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
 
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
-    """Return the slope at which the upper rear wheel lifts off while gravity is tilted, as in the data sheet [deg]."""
+    """Return the slope at which the upper rear wheel lifts off while gravity is tilted [deg], as in the data sheet."""
     return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 

@@ -26,7 +26,7 @@ from agrobot_mj.tyres import Linear
 
 SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)  # Voltages relative to neutral, above the dead band and below saturation [V]
-STEP_V = 3.0  # Voltage of the step, relative to neutral [V]
+STEP_V = 3.0  # Voltage of the step [V], relative to neutral
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
 """Acceptance limits: dead band, gains and rate limit [relative]; time constant [relative]; delay [s] (2.5 steps)."""
 PHYSICS_S = 0.002
@@ -43,7 +43,7 @@ class ValveResponse(NamedTuple):
 
 
 def angles(trace: Trace) -> Array:
-    """Return the steering angles after all physics steps of a trace, in order [rad]."""
+    """Return the steering angles after all physics steps of a trace [rad], in order."""
     return np.concatenate([truth.steer_samples for truth in trace.truths])
 
 

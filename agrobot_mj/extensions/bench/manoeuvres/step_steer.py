@@ -60,7 +60,7 @@ class Step(NamedTuple):
 
 
 def rise(t: Array, values: Array, share: float) -> float:
-    """Return the time at which `values` first reach the fraction `share` of their final value, by interpolation [s]."""
+    """Return the time at which `values` first reach the fraction `share` of their final value [s], by interpolation."""
     level = share * values[-40:].mean()
     k = int(np.argmax(values >= level))
     return float(np.interp(level, values[k - 1 : k + 1], t[k - 1 : k + 1])) if k else float(t[0])

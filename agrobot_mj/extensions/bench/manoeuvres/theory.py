@@ -75,15 +75,15 @@ class Loads(NamedTuple):
     """Wheel loads under a steady lateral acceleration."""
 
     wheels: Array  # Loads of fl, fr, rl, rr, shape (4,) [N]
-    lean: float  # Roll angle phi of the body, positive to the right [rad]
+    lean: float  # Roll angle phi of the body [rad], positive to the right
 
 
 class Balance(NamedTuple):
     """Steady state under a constant lateral acceleration."""
 
     loads: Loads
-    front_slip: float  # Slip angle of the front wheels, positive for a force to the left [rad]
-    rear_slip: float  # Slip angle of the rear wheels, positive for a force to the left [rad]
+    front_slip: float  # Slip angle of the front wheels [rad], positive for a force to the left
+    rear_slip: float  # Slip angle of the rear wheels [rad], positive for a force to the left
 
 
 class Tractor:
@@ -122,7 +122,7 @@ class Tractor:
         return float(moments[:2].sum()), float(moments[2:].sum())
 
     def gyroscopes(self) -> tuple[float, float]:
-        """Return the spin inertia divided by the rolling radius, for both front and for both rear wheels [kg m]."""
+        """Return the spin inertia divided by the rolling radius [kg m], for both front and for both rear wheels."""
         p = self.p
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear

@@ -19,7 +19,7 @@ from agrobot_mj.extensions.bench.rig.sweep import CREEP_DEG, LOADS, SPEED_M_S, S
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 SHADES = (SKY_BLUE, BLUE, ORANGE, VERMILION, GREEN, BLACK)
-WIDTHS = (4.0, 2.8, 1.7, 0.7)  # Line widths of overlapping curves, from the lowest to the uppermost [pt]
+WIDTHS = (4.0, 2.8, 1.7, 0.7)  # Line widths of overlapping curves [pt], from the lowest to the uppermost
 COLUMNS_OF_LEGEND = 7
 
 
@@ -137,7 +137,7 @@ def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
 
 
 def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
-    """Return the steady lateral force at the slip angle of a step response, from the sweep of slip angles [N]."""
+    """Return the steady lateral force at the slip angle of a step response [N], from the sweep of slip angles."""
     load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
     rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
     nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()

@@ -88,7 +88,7 @@ RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)  # Slip angles at which the slip ratio is swept in the test `combined` [deg]
 FAR_DEG, FAR_RATIO = 60.0, 0.9  # Maximum slip angle [deg] and maximum slip ratio [-] of the test `combined`
 CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))  # Magnitudes of the slip angles of the test `contact` [deg]
-STEP_DEG = 1.0  # Size of the slip-angle step, in the linear range of tyres [deg]
+STEP_DEG = 1.0  # Size of the slip-angle step [deg], in the linear range of tyres
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
 """Distance recorded after a slip-angle step [relaxation lengths], and number of rows of the response."""
 COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]

@@ -30,17 +30,17 @@ class Setting(NamedTuple):
     """Motion and load that the rig imposes on the wheel."""
 
     speed: float  # Speed of the wheel centre along its heading [m/s]
-    slip_angle: float  # Angle from heading to velocity, positive if the wheel slides to the left [rad]
-    slip_ratio: float  # Slip ratio (rim speed - v) / v, positive when driving [-]
+    slip_angle: float  # Angle from heading to velocity [rad], positive if the wheel slides to the left
+    slip_ratio: float  # Slip ratio (rim speed - v) / v [-], positive when driving
     load: float  # Vertical load [N]
 
 
 class Reading(NamedTuple):
     """Forces and moment measured by the rig."""
 
-    fx: float  # Longitudinal force, positive forward [N]
-    fy: float  # Lateral force, positive to the left [N]
-    mz: float  # Moment about the vertical axis through the wheel centre, positive counter-clockwise from above [N m]
+    fx: float  # Longitudinal force [N], positive forward
+    fy: float  # Lateral force [N], positive to the left
+    mz: float  # Moment about the vertical axis through the wheel centre [N m], positive counter-clockwise from above
     load: float  # Vertical load [N]
     grounded: float  # Fraction of time in contact with the ground [-]
 

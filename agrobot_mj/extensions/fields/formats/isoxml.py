@@ -22,7 +22,7 @@ EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
 """Type numbers of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
 """Type numbers of guidance patterns (two points; point and heading), and value for an extension at both ends."""
-LINE_M = 1000.0  # Length of a guidance line on each side of its point, for a pattern given by a point and a heading [m]
+LINE_M = 1000.0  # Length of a guidance line on each side of its point [m], for a pattern given by a point and a heading
 
 
 def read_task_data(text: str) -> ShapeFile:

@@ -15,7 +15,7 @@ from agrobot_mj.extensions.fields.planner.rig import FieldMachine, implement_box
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import Piece, chain
 
-TOLERANCE_M = 0.05  # Permitted distance beyond the boundary, for rounded corners and coordinates [m]
+TOLERANCE_M = 0.05  # Permitted distance beyond the boundary [m], for rounded corners and coordinates
 SWING_M = 0.3
 """Distance by which the ends of the implement may extend beyond the boundary in bends [m]. Assumed value (0-0.5)."""
 

@@ -14,7 +14,7 @@ LEVEL = 1e-3  # Mean gradient below which a field has no contour direction [-]
 
 
 def contour_direction(area: BaseGeometry, ground: Ground) -> float:
-    """Return the direction perpendicular to the mean gradient of a field, counter-clockwise from east [rad].
+    """Return the direction perpendicular to the mean gradient of a field [rad], counter-clockwise from east.
 
     The mean gradient is that of the plane fitted to the heights. Raises `ScenarioError` for a level field.
     """

@@ -40,7 +40,7 @@ Pieces = tuple[Piece, ...]
 NEAR = 6.0  # Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value.
 OUTSIDE, ACROSS = 50.0, 5.0
 """Cost per metre outside the field, and across the field body, as additional path length [-]. Assumed values."""
-CUSP_M = 5.0  # Cost of a cusp (change of driving direction), as additional path length [m]. Assumed value.
+CUSP_M = 5.0  # Cost of a cusp (change of driving direction) [m], as additional path length. Assumed value.
 GENTLE = (2.0, 3.0)  # Radii of gentle bends, as multiples of the turn radius [-]
 FORWARD_TRIED = 3  # Maximum number of evaluated forward connections between two swaths
 STEPS, STEP = 13, 0.5  # Number of points at which a route may enter or leave a lap, and their spacing [turn radii]

@@ -42,7 +42,7 @@ class Options(NamedTuple):
     turn: Shape = "clothoid"  # Preferred turn shape between neighbouring swaths
     order: str = "boustrophedon"  # Order of the swaths of a cell
     angle: float | None = None
-    """Direction of the swaths, counter-clockwise from east [rad]. None: the direction with the fewest swaths."""
+    """Direction of the swaths [rad], counter-clockwise from east. None: the direction with the fewest swaths."""
     sections: int = 1  # Number of sections of the implement
     beyond: float = 0.0  # Distance by which the machine may extend beyond the field [m]
 

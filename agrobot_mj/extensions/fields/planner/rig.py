@@ -25,7 +25,7 @@ class FieldMachine:
     behind: float  # Distance of the working point of the implement behind the CG on a straight line [m]
     front: float  # Distance of the front end of the tractor ahead of the CG [m]
     rear: float  # Distance of the rear end of the tractor behind the CG [m]
-    half_width: float  # Half of the width of the tractor, including the tyres [m]
+    half_width: float  # Half of the width of the tractor [m], including the tyres
     tightest: float  # Minimum turn radius of the CG [m]
     path: Swaths  # Path whose keys define the bends of the machine: radius, speed and steering rate
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]

@@ -27,7 +27,7 @@ class Swath(NamedTuple):
 
     start: float  # Station at the first end [m]
     end: float  # Station at the second end [m]
-    across: float  # Offset of the centre line, to the left of the swath direction [m]
+    across: float  # Offset of the centre line [m], to the left of the swath direction
     sections: tuple[Span, ...]  # Stations between which each section works [m], for sections from right to left
 
     @property
@@ -39,7 +39,7 @@ class Swath(NamedTuple):
 class Pattern(NamedTuple):
     """Parallel swaths that cover an area."""
 
-    angle: float  # Direction of the swaths, counter-clockwise from east [rad]
+    angle: float  # Direction of the swaths [rad], counter-clockwise from east
     cells: tuple[tuple[Swath, ...], ...]  # Cells; a cell is a tuple of adjacent swaths from right to left
 
     @property

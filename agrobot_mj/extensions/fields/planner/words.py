@@ -161,7 +161,7 @@ def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tup
 
 @lru_cache(maxsize=64)
 def _centre(bends: Bends) -> tuple[float, float]:
-    """Return the centre of a bend that is long enough to reach its minimum radius, in the frame of its start [m]."""
+    """Return the centre of a bend that is long enough to reach its minimum radius [m], in the frame of its start."""
     return bend(TURN, *bends[:2]).centre
 
 

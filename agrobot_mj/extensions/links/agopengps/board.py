@@ -70,7 +70,7 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for a steering error, which is the setpoint minus the angle computed by the board [rad]."""
+    """Return the PWM for a steering error [rad], which is the setpoint minus the angle computed by the board."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:
@@ -119,8 +119,8 @@ class BoardState(NamedTuple):
     """Whether the board is latched: it does not steer until a message without the engaged bit has arrived."""
     silent: bool = True  # Whether the watchdog time has passed since the last message of the host
     engaged: bool = False
-    steer: float = 0.0  # Steering angle measured in the last tick, left positive [rad]
-    pwm: int = 0  # Motor output computed by the proportional law of the board, left positive [PWM counts]
+    steer: float = 0.0  # Steering angle measured in the last tick [rad], left positive
+    pwm: int = 0  # Motor output computed by the proportional law of the board [PWM counts], left positive
     reported_at: float = -inf  # Time of the last report [s]
     last: tuple[bytes, float] = (b"", -inf)  # Last datagram, and wall-clock time of its arrival [s]
     tally: Tally = Tally()

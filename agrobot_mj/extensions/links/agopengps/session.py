@@ -101,7 +101,7 @@ class LinkOptions(NamedTuple):
     nmea: tuple[str, int] | None = None
     """Address and port to which the additional NMEA sentences GGA, RMC and VTG are sent; None to send none."""
     pace: Literal["answered"] | float = 1.0
-    """Simulated time per wall-clock time, at most 1 [-]; or `answered` to continue after each reply of the host."""
+    """Simulated time per wall-clock time [-], at most 1; or `answered` to continue after each reply of the host."""
     live: bool = False  # Whether observers receive rows during the run, and not only at its end
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None

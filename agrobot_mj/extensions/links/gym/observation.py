@@ -23,7 +23,7 @@ class Moment(NamedTuple):
     sim: Simulation
     beside: PathPoint  # Path point nearest to the estimated position
     beside_truth: PathPoint  # Path point nearest to the true position
-    steer: float  # Steering angle of the last action, left positive [rad]
+    steer: float  # Steering angle of the last action [rad], left positive
 
 
 class Observed(NamedTuple):
@@ -37,13 +37,13 @@ class Observed(NamedTuple):
 
 
 def along_track(m: Moment) -> float:
-    """Return the distance of the reference ahead of the estimated position, along the reference heading [m]."""
+    """Return the distance of the reference ahead of the estimated position [m], along the reference heading."""
     r, e = m.sim.reference, m.sim.estimate
     return to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
 
 
 def reference_speed(m: Moment) -> float:
-    """Return the reference speed along the heading, negative in reverse [m/s]."""
+    """Return the reference speed along the heading [m/s], negative in reverse."""
     r = m.sim.reference
     return to_heading(r.yaw, r.vx, r.vy)[0]
 

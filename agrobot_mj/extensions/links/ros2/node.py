@@ -11,7 +11,7 @@ from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.extensions.links.ros2.content import Content
 from agrobot_mj.extensions.links.ros2.definitions import TOPICS
 
-DEPTH = 10  # Queue length of topics, for slow subscribers [messages]
+DEPTH = 10  # Queue length of topics [messages], for slow subscribers
 MOST_DOMAIN = 232  # Maximum ROS domain ID for DDS over UDP
 LATCHED = "/path"  # Topic with durability TRANSIENT_LOCAL, which sends the last message to late subscribers
 
@@ -25,7 +25,7 @@ class VelocityMessage(NamedTuple):
     """Received velocity command."""
 
     speed: float  # Forward speed [m/s]
-    yaw_rate: float  # Yaw rate, left positive [rad/s]
+    yaw_rate: float  # Yaw rate [rad/s], left positive
     wall: float  # Arrival time from `time.perf_counter` [s]
 
 

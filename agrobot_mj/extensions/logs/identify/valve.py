@@ -172,7 +172,7 @@ def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: 
 
 
 def _angles(p: Array, data: Data) -> Array:
-    """Return the angle of the model at every step, without the delay, shape (n * steps + 1,) [rad]."""
+    """Return the angle of the model at every step [rad], without the delay, shape (n * steps + 1,)."""
     dt = data.tick / STEPS_PER_TICK
     flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(

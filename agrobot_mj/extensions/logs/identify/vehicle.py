@@ -39,7 +39,7 @@ LEAST_STEER_DEG = 0.5  # Minimum RMS steering angle for a fit [deg]
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the yaw-rate variance that a fit explains on the remaining part of the log [-]. Assumed value."""
 SEPARABLE = 0.5
-"""Maximum half width of the interval of an identified stiffness, relative to its value [-]. Assumed value."""
+"""Maximum half width of the interval of an identified stiffness [-], relative to its value. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
 """Plausible range of an axle's cornering stiffness per load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
@@ -60,7 +60,7 @@ class IdentifiedVehicle(NamedTuple):
     windows: int
     explained: float  # Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]
     residual_deg_s: float  # RMS residual of the fit on the rest of the log [deg/s]
-    kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle, on the rest of the log [deg/s]
+    kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], on the rest of the log
     moved: dict[str, tuple[float, float]]
     """Factors on front and rear stiffness if a quantity unknown to the scenario changes, by text of the change [-]."""
     geometry: str  # Geometry of the steering model: `small angles` or `tangent`

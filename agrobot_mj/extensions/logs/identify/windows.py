@@ -32,7 +32,7 @@ PLAY_CUT_OFF_HZ = (2.0, 8.0)
 PLAYING = radians(0.1)
 """Noise of the wheel angle after this filter [rad]. Assumed value: larger noise would move the wheels through their
 play and resemble soft tyres."""
-SETTLE_S = 2.0  # Time omitted at the start of a segment, until the effects of initial state and play have decayed [s]
+SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
 """Time between samples above which a window has a gap [s]. The limit is at least 2.5 times the mean spacing."""
@@ -45,7 +45,7 @@ EVEN, FULL_UNEVEN = 0.9, 0.85
 class WindowedChannel(NamedTuple):
     """Measured values of a channel, divided into windows."""
 
-    t: Array  # Times, shape (windows, n) [s]
+    t: Array  # Times [s], shape (windows, n)
     value: Array  # Values, shape (windows, n), or (windows, n, 2) for positions
 
     @property
@@ -184,7 +184,7 @@ def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Return the mean time between samples, ignoring gaps [s]."""
+    """Return the mean time between samples [s], ignoring gaps."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
@@ -273,7 +273,7 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def sensed(p: Mapping[str, float], recorded: Array) -> Array:
-    """Return the true angle at the sensor for recorded angles, with the fitted scale and offset [rad]."""
+    """Return the true angle at the sensor for recorded angles [rad], with the fitted scale and offset."""
     angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 

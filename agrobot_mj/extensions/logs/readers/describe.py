@@ -25,7 +25,7 @@ class Coverage(NamedTuple):
     """Coverage of the recorded time by the values of a column."""
 
     values: int
-    rate: float  # Rate of the values, from the median time step, so that gaps have no effect [Hz]
+    rate: float  # Rate of the values [Hz], from the median time step, so that gaps have no effect
     gap: float  # Longest time without a value [s]
 
 

@@ -23,7 +23,7 @@ from agrobot_mj.simulation.loop import build_plant
 By = Literal["steer", "valve"]  # Recorded input that steers the plant: wheel angle or valve voltage
 TICK_S = 0.01  # Tick of the replay [s]: short compared with the yaw dynamics of tractors, which take at least 0.1 s
 STEER_RATE = 4.0  # Steering rate of the ideal valve at full voltage [rad/s]
-PEDAL_PER_V_S = 100.0  # Gain of the ideal pedal, which imposes the recorded speed [1/(V s)]
+PEDAL_PER_V_S = 100.0  # Gain of the ideal pedal [1/(V s)], which imposes the recorded speed
 FAST_S = 1e-3  # Time constant of the ideal valve and pump [s], half a physics step
 CORRECTION = 0.5
 """Fraction of an angle error corrected per tick [-]. At 1, the oil spring of the cylinder would oscillate."""

@@ -28,8 +28,8 @@ LARGEST_LAG_S = 0.5  # Maximum lag between two yaw rates that is considered [s]
 class Rigid(NamedTuple):
     """Rigid motion of the plane: rotation and translation."""
 
-    turn: float  # Rotation, counter-clockwise [rad]
-    shift: Array  # Translation after the rotation, shape (2,) [m]
+    turn: float  # Rotation [rad], counter-clockwise
+    shift: Array  # Translation after the rotation [m], shape (2,)
 
     def of(self, points: Array) -> Array:
         """Rotate and translate points (n, 2)."""
@@ -169,7 +169,7 @@ def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Return the lag of the recorded yaw rate behind the yaw rate of the plant, by least squares [s]."""
+    """Return the lag of the recorded yaw rate behind the yaw rate of the plant [s], by least squares."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
     spread = np.array([np.var(np.concatenate(each)) for each in off])

@@ -48,7 +48,7 @@ class Influence(NamedTuple):
     group: str
     mean: float
     deviation: float
-    """Standard deviation over the points of the design, after averaging over seeds [unit of the metric]."""
+    """Standard deviation over the points of the design [unit of the metric], after averaging over seeds."""
     noise: float | None
     """Fraction of the variance that is caused by seeds, after averaging over the seeds [-], or None with one seed."""
     unexplained: float | None  # Maximum variance fraction not due to regression or noise [-], or None for Sobol
@@ -80,8 +80,8 @@ def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
 class Regression(NamedTuple):
     """Result of a linear regression on standardised columns."""
 
-    slopes: Array  # Standardised slopes, shape (d,) [-]
-    errors: Array  # Standard errors of the slopes, shape (d,) [-]
+    slopes: Array  # Standardised slopes [-], shape (d,)
+    errors: Array  # Standard errors of the slopes [-], shape (d,)
     left: float  # Upper confidence limit of the unexplained fraction of the variance [-]
 
 

@@ -98,7 +98,7 @@ class RiskQuestion(NamedTuple):
 class RiskEstimate(NamedTuple):
     """Failure probability with its interval."""
 
-    probability: float  # Mean of the splittings, which is unbiased [-]
+    probability: float  # Mean of the splittings [-], which is unbiased
     low: float  # Lower end of the 95 % interval [-]
     high: float  # Upper end of the 95 % interval [-]
     error: float  # Standard error of the mean [-]
