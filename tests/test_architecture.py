@@ -120,7 +120,7 @@ def test_controllers_import_neither_the_truth_nor_the_simulator():
 
 
 @pytest.mark.parametrize("library", OWNERS)
-def test_each_heavy_library_is_imported_only_by_its_owners(library):
+def test_each_heavy_library_is_imported_only_by_permitted_packages(library):
     users = {part_of(file) for file in PACKAGE.rglob("*.py") if library in {n.split(".")[0] for n in imported(file)}}
     assert users
     assert users <= OWNERS[library]

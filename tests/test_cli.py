@@ -354,7 +354,7 @@ def test_invalid_input_gives_exit_status_2_and_one_message(call, elsewhere, argu
 
 
 @pytest.mark.parametrize("command", [("view", "--web"), ("snapshot",)])
-def test_recording_of_an_old_viewer_names_its_version(call, elsewhere, command):
+def test_recording_for_an_older_viewer_states_the_viewer_version(call, elsewhere, command):
     (elsewhere / "old.rrd").write_bytes(b"RRF2" + bytes([0, 22, 1, 0]) + bytes(100))
     status, out, err = call(*command, "old.rrd")
     assert (status, out) == (2, "")

@@ -53,7 +53,7 @@ def test_commands_of_the_page_work_and_the_run_is_repeatable(folder):
 
 
 @needs_all
-def test_tyre_sensor_and_metric_plugins_of_the_page_work(folder):
+def test_tyre_sensor_and_metric_plugins_on_the_page_work(folder):
     """The run on the page's tyre without compiled kernels, which are made anew for it and would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"

@@ -124,7 +124,7 @@ def test_measurement_rows_equal_finite_differences(state, name):
 
 
 @pytest.mark.parametrize("state", STATES)
-def test_velocity_rows_equal_finite_differences(state):
+def test_velocity_rows_of_the_jacobian_match_finite_differences(state):
     side, chi = SIDE, course(state, SIDE)
 
     def velocity(x):
@@ -139,7 +139,7 @@ def test_velocity_rows_equal_finite_differences(state):
     assert innovations == pytest.approx(np.array(measured) - velocity(state))
 
 
-def test_heading_row_equals_finite_differences():
+def test_heading_row_of_the_jacobian_matches_finite_differences():
     state, fix = np.append(STATES[5], (0.03, 0.02)), FIX._replace(heading=1.5, heading_variance=0.004**2)
     rows = [
         fix_rows(state + change, np.eye(N + 2), fix, NOISE, SIDE) for change in (np.zeros(N + 2), *1e-6 * np.eye(N + 2))

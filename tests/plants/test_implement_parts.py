@@ -108,7 +108,7 @@ def test_inertia_of_a_box_is_the_sum_of_its_parts():
 
 
 @pytest.mark.parametrize("at", [0.0, 1.3, -0.5])
-def test_rear_payload_compresses_the_tyres_by_their_stiffness(at):
+def test_rear_payload_compresses_tyres_according_to_their_stiffness(at):
     tractor = TractorParameters(front_tyre_stiffness_n_m=9e4, rear_tyre_stiffness_n_m=2.1e5)
     load, behind, L = 1500.0, 0.8, tractor.wheelbase_m
     front, rear = np.linalg.solve([[1.0, 1.0], [L, 0.0]], [load, -load * behind])  # sum, and moments about the rear

@@ -36,7 +36,7 @@ def test_every_compared_run_has_its_curves_in_the_plots(compared):
             assert recorded.static(f"/plots/{path}/{name}", "SeriesLines:names") == [name]
 
 
-def test_network_share_exists_only_with_a_network(compared):
+def test_network_contribution_is_recorded_only_with_a_network(compared):
     recorded, logs = compared
     assert "/plots/network/bicycle-pd" not in recorded.entities()
     _, values = recorded.column("/plots/network/mujoco-pd_t2fnn", "Scalars:scalars")

@@ -136,7 +136,7 @@ def tolerance(gamma, lag, n):
 
 
 @pytest.mark.parametrize("fraction", [0.0, 0.3, 1.0])
-def test_position_error_has_its_sigma_and_correlation_time(fraction):
+def test_position_error_has_the_configured_sigma_and_correlation_time(fraction):
     gnss, n = Gnss(correlated_fraction=fraction, correlation_time_s=0.25), 20_000
 
     def gamma(lag):
@@ -148,7 +148,7 @@ def test_position_error_has_its_sigma_and_correlation_time(fraction):
             assert abs(covariance - gamma(lag)) < tolerance(gamma, lag, n)
 
 
-def test_velocity_error_is_white_noise_with_its_sigma():
+def test_velocity_error_is_white_noise_with_the_configured_sigma():
     n, sigma = 5000, Gnss().velocity_sigma_m_s
     error = errors(Gnss(), n)[:, 2:]
     assert np.allclose(error.std(axis=0), sigma, rtol=5 / sqrt(2 * n))

@@ -216,7 +216,7 @@ def interrupted():
 
 
 @pytest.mark.usefixtures("interrupted")
-def test_interrupted_step_is_completed(monkeypatch):
+def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     """Interrupts while the plant advances, which is compiled code, in every third step."""
     sim, advance, count = begun("mujoco", 0), MujocoPlant.advance, [0]
 

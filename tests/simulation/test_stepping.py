@@ -128,7 +128,7 @@ def test_error_for_an_argument_of_the_wrong_type_names_it():
         (("circle", (), 3), r"^should_stop: must be a function without arguments, got 3"),
     ],
 )
-def test_error_for_a_run_argument_of_the_wrong_type_names_it(arguments, message):
+def test_type_error_names_the_invalid_run_argument(arguments, message):
     with pytest.raises(TypeError, match=message):
         run(*arguments)
 
@@ -137,7 +137,7 @@ def test_error_for_a_run_argument_of_the_wrong_type_names_it(arguments, message)
     ("arguments", "message"),
     [((5,), "^member: must be a class, got 5"), ((Simulation, 3), "^name: must be a string, got 3")],
 )
-def test_error_for_a_register_argument_of_the_wrong_type_names_it(arguments, message):
+def test_type_error_names_the_invalid_register_argument(arguments, message):
     with pytest.raises(TypeError, match=message):
         register(*arguments)
 

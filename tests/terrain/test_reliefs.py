@@ -30,7 +30,7 @@ def line(ground, direction_deg, length=12.0, step=0.01):
 
 @pytest.mark.parametrize("profile", ["sine", "flat"])
 @pytest.mark.parametrize("furrows_deg", [90.0, 0.0, 37.0])
-def test_furrows_have_their_depth_spacing_and_direction(profile, furrows_deg):
+def test_furrows_have_the_configured_depth_spacing_and_direction(profile, furrows_deg):
     ground = Ridges(
         depth_m=0.16, spacing_m=0.8, furrow_direction_deg=furrows_deg, profile=profile, half_size_m=9.0, node_m=0.04
     ).ground()

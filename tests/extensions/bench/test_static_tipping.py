@@ -40,7 +40,7 @@ def test_tip_angle_with_a_yielding_carcass_is_that_of_statics(machine):
 
 
 @pytest.mark.parametrize("machine", ["compact", "row_crop"])
-def test_tip_angle_of_a_carcass_that_carries_the_load_in_its_plane(machine):
+def test_tip_angle_when_the_carcass_carries_the_load_in_the_wheel_plane(machine):
     scenario = scenario_of(machine, plant__tyre__load_follows_carcass=False)
     assert tipping(scenario) == pytest.approx(
         tipping_deg(scenario.tractor, False, share=scenario.plant.tyre.carcass_lateral), abs=0.3

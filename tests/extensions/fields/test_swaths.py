@@ -22,7 +22,7 @@ def ground(layout, width):
     return shapely.affinity.rotate(shapely.union_all(boxes), layout.angle * 180 / pi, origin=(0, 0))
 
 
-def test_rectangle_gets_the_swaths_of_its_shorter_side():
+def test_swaths_of_a_rectangle_run_along_its_longer_side():
     layout = best_pattern(RECTANGLE.boundary, 4.0, 1)
     assert (layout.number, layout.angle, layout.length) == (10, 0.0, pytest.approx(600.0))
 

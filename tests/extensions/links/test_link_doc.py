@@ -35,7 +35,7 @@ def test_every_key_named_on_the_page_exists():
     assert {"watchdog_s", "released", "give_up_s", "position_rate_hz", "host", "origin_lat_deg"} <= named
 
 
-def test_table_of_the_page_has_a_row_per_demo():
+def test_table_on_the_page_has_one_row_per_demo():
     rows = re.findall(r"^\| ([a-z]+: [^|]+) \| `([^`]+)` \|", TEXT, re.MULTILINE)
     assert rows == [(name, host or "-") for name, (_, _, host) in demo.ROWS.items()]
 

@@ -149,7 +149,7 @@ def test_path_message_equals_the_reference_points():
     assert (points[0]["x"], points[0]["y"]) == (start.x, start.y)
 
 
-def test_message_definitions_are_complete_and_match_the_content(drive):
+def test_message_definitions_are_complete_and_match_the_published_fields(drive):
     live, log = drive
     for topic, _, content in recorded(log.scenario, log.signals, 0.0):
         check(RECORDED[topic], content)

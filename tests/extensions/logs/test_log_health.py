@@ -63,7 +63,7 @@ def test_a_sensor_that_slips_between_two_logs_is_told():
     assert not any("has moved" in line for line in health_lines([logs[0], logs[0]], log_map))
 
 
-def test_replay_tells_the_angle_of_a_wrong_centre():
+def test_replay_reports_the_offset_of_the_steering_centre():
     columns = field_log(path(duration=40.0), counts=counts_about(432))
     steer = {"offset": 412, "scale": SCALE}
     found = replay([pa.table(columns)], field_map(columns, steer=steer), BICYCLE)

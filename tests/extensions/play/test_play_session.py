@@ -51,7 +51,7 @@ def test_a_driven_session_is_repeated_bit_for_bit(session, tmp_path):
     assert session.ticks == 100
 
 
-def test_a_law_alone_is_repeated_bit_for_bit(session, tmp_path):
+def test_replay_with_a_single_law_is_bit_identical(session, tmp_path):
     session.hand_over(1)
     for _ in range(60):
         session.tick()

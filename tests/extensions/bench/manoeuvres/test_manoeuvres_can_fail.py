@@ -208,7 +208,7 @@ def test_soak_test_counts_ticks_with_non_finite_values():
     assert restarts == 1
 
 
-def test_antenna_tilt_check_detects_a_mast_ten_percent_shorter(monkeypatch):
+def test_antenna_tilt_check_detects_a_mast_ten_percent_too_short(monkeypatch):
     monkeypatch.setattr(antenna_lean, "force_tyres", lambda: [Linear()])
     monkeypatch.setattr(antenna_lean, "simulate", lambda s: run(s.changed({"tractor.antenna_height_m": 1.8})))
     assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean)

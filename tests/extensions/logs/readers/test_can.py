@@ -83,7 +83,7 @@ def test_speed_source_with_more_values_is_used(tmp_path):
     assert any(note.startswith("1 damaged lines omitted, first line 81") for note in log.notes)
 
 
-def test_reverse_bits_and_unavailable_values_are_decoded():
+def test_reverse_travel_bits_and_unavailable_values_are_decoded():
     def decoded(identifier, text):
         return {s.quantity: s.of_frame(bytes.fromhex(text)) for s in signals_of(identifier)[1]}
 
