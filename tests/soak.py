@@ -30,6 +30,7 @@ from processes import free_ports
 from agrobot_mj import load_scenario, run
 from agrobot_mj.control.pd_fnn import PdT2fnn
 from agrobot_mj.control.t2fnn import T2FnnState
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording import Recording
@@ -80,9 +81,10 @@ def learning(ticks: int) -> bool:
             state, command = law.update(state, t, error, TICK_S, radians(45))
             yaw_rate += TICK_S / 0.3 * (1.2 / 1.4 * tan(command.steer) - yaw_rate)
         assert state.network is not None
-        bound, early = max(bound, largest(state.network)), early or memory_mb()
+        network = fetched(state.network).state
+        bound, early = max(bound, largest(network)), early or memory_mb()
         print(
-            f"  {first + tenth:.2g} ticks: q {state.network.q:.3f}, largest {bound:.3g}, {memory_mb():.0f} MB",
+            f"  {first + tenth:.2g} ticks: q {network.q:.3f}, largest {bound:.3g}, {memory_mb():.0f} MB",
             flush=True,
         )
     grown, seconds = memory_mb() - early, time.monotonic() - began
