@@ -52,7 +52,7 @@ def register(member: Member, name: str | None = None) -> Member:
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a string")
     if not issubclass(member, Spec):
-        raise ScenarioError(f"register: {member!r} is not a class derived from a base of the package")
+        raise ScenarioError(f"register: {member!r} is not derived from a base class of the package")
     if missing := _left_open(member):
         raise ScenarioError(
             f"register: {member.__name__}: the class lacks {', '.join(missing)}, required by its base class"

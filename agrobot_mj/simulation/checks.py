@@ -203,9 +203,7 @@ def steerable(s: Scenario, command: Command) -> Command:
     """Return the `limited` command of the guidance law. Raises `NotFiniteError` for an implausible steering angle."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, more than 90 deg"
-        raise NotFiniteError(
-            f"command.steer is {angle}, returned by the guidance law ({s.guidance.kind}); return radians"
-        )
+        raise NotFiniteError(f"command.steer is {angle}, returned by the guidance law ({s.guidance.kind}); use radians")
     return limited(command, s.tractor.steer_limit)
 
 

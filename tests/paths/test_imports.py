@@ -212,7 +212,7 @@ def test_damaged_file_is_reported_by_name(tmp_path, name):
 
 def test_unknown_coordinate_system_is_reported(tmp_path):
     pytest.importorskip("pyproj")
-    with pytest.raises(ValueError, match="crs: 'EPSG:1' is not a known coordinate system; write it as EPSG:25832"):
+    with pytest.raises(ValueError, match="crs: 'EPSG:1' is not a known coordinate system; write it like EPSG:25832"):
         points_of(tmp_path, "a.csv", "x,y\n0,0\n1,1\n2,2\n", "EPSG:1")
 
 

@@ -184,7 +184,10 @@ def test_an_unknown_machine_is_rejected(machine, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('[path]\nkind = "line"', f"mine.toml: path: not a table of a machine \\(known: title, {', '.join(TABLES)}\\)"),
+        (
+            '[path]\nkind = "line"',
+            f"mine.toml: path: no table of a machine file \\(known: title, {', '.join(TABLES)}\\)",
+        ),
         ("[tractor]\nmass_kg = -1", "mine.toml: tractor.mass_kg: must be at least 50, got -1"),
         ("[tractor]\nmas_kg = 1000", "mine.toml: tractor.mas_kg: unknown key; did you mean 'mass_kg'"),
         ("[tractor", "mine.toml: not valid TOML"),

@@ -54,8 +54,8 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
     place = plan.course.sharpest()
     if (peak := float(plan.course.peaks.max())) * rig.tightest > 1.0:
         raise ScenarioError(
-            f"--plan {name}: the bend of radius {1 / peak:.2f} m at ({place.x:.1f}, {place.y:.1f}) m is tighter than "
-            f"the machine turns ({rig.tightest:.2f} m); choose the --machine of the plan"
+            f"--plan {name}: the bend of radius {1 / peak:.2f} m at ({place.x:.1f}, {place.y:.1f}) m is below the "
+            f"minimum turn radius of the machine ({rig.tightest:.2f} m); use the --machine of the plan"
         )
 
 

@@ -64,7 +64,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
         where = f"an antenna {arm:.1f} m ahead of the rear axle or behind it would explain this"
         raise FieldLogError(
             f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "
-            f"{where}: set position.ahead_m"
+            f"{where}: set position.ahead_m to the distance of the antenna"
         )
     raise FieldLogError(
         f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "

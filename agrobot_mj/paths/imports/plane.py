@@ -73,12 +73,12 @@ def _converter(crs: str) -> Callable[[Array], Array]:
     try:
         transformer = pyproj.Transformer.from_crs(crs, DEGREES, always_xy=True)
     except pyproj.exceptions.ProjError:
-        raise ValueError(f"crs: {crs[:60]!r} is not a known coordinate system; write it as EPSG:25832") from None
+        raise ValueError(f"crs: {crs[:60]!r} is not a known coordinate system; write it like EPSG:25832") from None
 
     def converted(points: Array) -> Array:
         found: Array = np.column_stack(transformer.transform(points[:, 0], points[:, 1]))
         if not np.isfinite(found).all():
-            raise ValueError(f"the file has coordinates outside {crs[:60]}; correct the coordinate system")
+            raise ValueError(f"the file has coordinates outside the area of {crs[:60]}; correct the coordinate system")
         return found
 
     return converted

@@ -71,7 +71,7 @@ def _shape(names: list[str], values: Array, rows: Array, notes: tuple[str, ...])
         extent = float(np.hypot(*np.ptp(points, axis=0)))
         if 0 < extent < SMALLEST_M and np.abs(points).max() > SMALLEST_M:
             raise ValueError(
-                f"the points extend over {extent:.2g} m only, so the numbers are probably degrees; name the columns "
+                f"the points extend over only {extent:.2g} m, so the numbers are probably degrees; name the columns "
                 "lat, lon or lon, lat in the first row"
             )
     more = {name: values[:, k] for k, name in enumerate(names) if name not in ("x", "y", "lat", "lon")} | {"row": rows}
@@ -111,7 +111,7 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
             return list(columns.values()), (left,) if unused else ()
     near = next((found for cell in unused if (found := suggestion(cell, [*known]))), "")
     shown = ", ".join(cells[:12])
-    raise ValueError(f"row {number}: no columns x and y, or lat and lon{near} (available: {shown}); name them")
+    raise ValueError(f"row {number}: no columns x and y, or lat and lon{near} (available: {shown}); rename some")
 
 
 def _positional(number: int, cells: list[str], split: str) -> list[TableColumn]:

@@ -220,7 +220,7 @@ def test_sweep_of_thousands_of_combinations_can_be_checked(plan, count):
 
 
 def test_error_names_an_invalid_or_unknown_base_scenario(plan):
-    assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: is missing; specify a scenario")
+    assert faults(plan, "[axes]\nseed = [1]")[0].startswith("base: the key is missing; specify a scenario")
     (line,) = faults(plan, 'base = "side_slop"')
     assert line.startswith("base: unknown scenario 'side_slop'; did you mean 'side_slope")
     (line,) = faults(plan, 'base = "side_slope"\n[set]\n"terrain.grade_deg" = 80')

@@ -74,5 +74,5 @@ def _points(element: Element) -> Array:
     try:
         points = np.array([float(number) for number in numbers]).reshape(-1, width)[:, :2]
     except ValueError:
-        raise ValueError("the file has coordinates that are not rows of numbers; export it again") from None
+        raise ValueError("the file has coordinates that are not numeric; export it again") from None
     return points

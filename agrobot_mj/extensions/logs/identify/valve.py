@@ -111,7 +111,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
     explained = float(1.0 - 2 * best.result.cost / (_centred(data.measured) ** 2).sum())
     if not explained >= LEAST_EXPLAINED:
         share = f"{100 * explained:.0f} % of the motion, less than {100 * LEAST_EXPLAINED:.0f} %"
-        raise ScenarioError(f"no valve is identified: the fit explains {share}; use voltage and angle of the same run")
+        raise ScenarioError(f"valve not identified: the fit explains {share}; use voltage and angle of the same run")
     values = {NAMES[k]: float(best.p[k]) if k in best.free else None for k in range(len(NAMES))}
     return Identified(
         **values,  # type: ignore[arg-type]  # parameters of every fit are never None

@@ -156,9 +156,9 @@ def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) ->
         C = found[f"{axle}_cornering_stiffness_n_rad"]
         if C.identified and not is_plausible(C.value / load):
             raise NothingExplainedError(
-                f"{name}: the {axle} axle would have {C.value:.3g} N/rad, {C.value / load:.2g} times its load, where "
-                f"real tyres have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g}; there is no result. Check that [steer] of "
-                "the map is the wheel angle, and the mass (--set tractor.mass_kg=...)"
+                f"{name}: the {axle} axle has {C.value:.3g} N/rad, {C.value / load:.2g} times its load, but real tyres "
+                f"have {PLAUSIBLE[0]:g} to {PLAUSIBLE[1]:g} times; there is no result. Check that [steer] of the map "
+                "is the wheel angle, and check the mass (--set tractor.mass_kg=...)"
             )
 
 

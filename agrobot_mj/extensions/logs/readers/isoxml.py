@@ -217,7 +217,7 @@ def _in_zip(path: Path) -> dict[str, Open]:
     entries = _entries(path)
     sets = _task_folders(entries)
     if len(sets) > 1:
-        raise FieldLogError(f"{path.name}: the archive has {len(sets)} TASKDATA.XML; unpack it and specify one folder")
+        raise FieldLogError(f"{path.name}: the archive has {len(sets)} TASKDATA.XML files; unpack it, use one folder")
     return {
         each.filename.removeprefix(folder).upper(): partial(_unpack, path, each)
         for folder in sets

@@ -85,7 +85,7 @@ def test_parking_check_detects_contact_creep():
     moved, creep = parking.drift(plant, 20.0)
     assert moved > 5.0
     assert creep == pytest.approx(6 * moved, rel=0.1)
-    with pytest.raises(ValueError, match="park for 20 s or more"):
+    with pytest.raises(ValueError, match="the parking time must be at least 20 s"):
         parking.drift(plant, 5.0)
 
 

@@ -129,7 +129,7 @@ def test_implausible_stiffness_for_the_load_gives_no_result(stiffness, identifie
         return
     with pytest.raises(
         NothingExplainedError,
-        match=r"rear axle would have .* times its load, where real tyres have "
+        match=r"rear axle has .* times its load, but real tyres have "
         r"1 to 60",
     ):
         check_stiffness("log", found, chassis)
