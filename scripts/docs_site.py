@@ -1,4 +1,4 @@
-"""Hooks of MkDocs: pages that are generated from the code, and links to files outside docs/.
+"""MkDocs hooks that generate pages from the code and resolve links to files outside docs/.
 
 The files next to the README and the notebooks become pages; other linked files are copied to the site. Pages of removed
 extensions are omitted from the menu and the links.

@@ -13,7 +13,7 @@ from agrobot_mj.metrics.success import has_errors
 Row = Mapping[str, Any]
 Value = Callable[[Any], float]
 BySeed = Mapping[int, float]  # Value by seed; NaN for a failed run
-Columns = Mapping[str, Mapping[str, BySeed]]  # Values by column of a table, by law and by seed
+Columns = Mapping[str, Mapping[str, BySeed]]  # Table values: column, to law, to seed, to value
 
 
 class Estimate(NamedTuple):

@@ -165,7 +165,7 @@ def kinds_table() -> str:
 TABLES = (
     *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "estimator"),
 )
-"""Tables that have kinds, in the order of the page. Faults have a separate page."""
+"""Tables that have kinds, in the order on the page. Faults have a separate page."""
 
 
 def faults_table() -> str:

@@ -97,7 +97,7 @@ def report(
 ) -> None:
     """Write report.html for a results folder.
 
-    One file that works offline, with zoomable curves, maps and rankings. With --share a second file contains the
+    The file works offline, with zoomable curves, maps and rankings. With --share a second file contains the
     recording and its viewer.
     """
     from agrobot_mj.studies.pages import write_report

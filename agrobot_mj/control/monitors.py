@@ -44,7 +44,7 @@ Assumed values."""
 TURNED_AWAY = 0.3
 """Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-]."""
 DRIFT_SIGMAS = 2.5
-"""Number of standard deviations added to the drift limit [-]. Assumed value for slow receivers and ridges."""
+"""Margin of the drift limit [-], in standard deviations. Assumed value, enough for slow receivers and ridges."""
 MAX_RATIO = 3.0
 """Maximum weight of the time above a limit; the weight is the ratio of signal to limit [-]. Assumed value."""
 

@@ -109,7 +109,7 @@ def _arc_to(
     deviation: PathDeviation, goal: PathPoint, beta: float, beyond: float, far: float,
     pose: tuple[float, float, float], predicted: float, turn: float, l_r: float, L: float,
 ) -> float:  # fmt: skip
-    """Return the steering angle of the arc [rad] to a goal `beyond` [m] a path point with the sideslip `beta` [rad].
+    """Return the steering angle [rad] of the arc to a goal `beyond` [m] past a path point, with sideslip `beta` [rad].
 
     The arc begins at the `pose` of the rear axle after travelling `predicted` [m] while turning by `turn` [rad].
     """

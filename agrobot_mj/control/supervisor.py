@@ -195,7 +195,7 @@ def _watched(
 ) -> tuple[MonitorSignals, Vector, int, float, bool]:  # fmt: skip
     """Return the monitor signals after a tick, and for each monitor the weighted time above its limit [s].
 
-    The other results are the number of the first monitor that requires a stop, or -1, its signal, and whether a monitor
+    The other results are the index of the first monitor that requires a stop, or -1, its signal, and whether a monitor
     cuts the power of the pedal valve.
     """
     w = _observed(most, w, nearest, e, m, fix, quality, steer, wanted, dt)

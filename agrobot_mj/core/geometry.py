@@ -29,7 +29,7 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
 
 
 def along_arc(start: tuple[float, float, float], curvature: float, distance: float) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] at the `distance` [m] along an arc of this curvature [1/m]."""
+    """Return x, y [m] and heading [rad] at `distance` [m] along an arc of the given `curvature` [1/m]."""
     x, y, yaw = start
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)

@@ -49,7 +49,7 @@ def _given(kind: Any, value: Any, c: Any) -> Any:
 
 
 def number_of(reference: Any) -> int:
-    """Return the number of the type of a held state."""
+    """Return the index of the type of a held state."""
     return ctypes.c_int64.from_address(reference.data).value
 
 

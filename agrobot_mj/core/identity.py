@@ -63,7 +63,7 @@ def code_text() -> str:
 
 
 def read_identity(text: object) -> Identity | None:
-    """Return the identity parsed from a text, or None if the text is invalid."""
+    """Return the identity parsed from a string, or None if the string is invalid."""
     parts = text.split("-") if isinstance(text, str) else []
     return Identity(*parts) if len(parts) == len(Identity._fields) else None
 

@@ -72,11 +72,11 @@ def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
 
 
-LONGEST_DEGREES = 5  # Maximum number of digits before the decimal point of a text in degrees and minutes
+LONGEST_DEGREES = 5  # Maximum number of digits before the decimal point of a string in degrees and minutes
 
 
 def degrees_of(text: str, hemisphere: str) -> float:
-    """Return the latitude or longitude [deg] of a text in degrees and minutes. Raises ValueError if invalid."""
+    """Return the latitude or longitude [deg] of a string in degrees and minutes. Raises ValueError if invalid."""
     if (point := text.index(".")) > LONGEST_DEGREES:
         raise ValueError(text)
     value = int(text[: point - 2]) + float(text[point - 2 :]) / 60

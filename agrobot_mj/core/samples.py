@@ -47,7 +47,7 @@ def _offset(a: Sample, x: float, y: float) -> float:
 def found_nearest(
     samples: Matrix, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Return the number of the sample nearest to (x, y), and whether it is inside the searched range, not at its end.
+    """Return the index of the sample nearest to (x, y), and whether it is inside the searched range, not at its end.
 
     The range extends by `window` [m], and at most a heading change of BEND, from the arc length `near` [m], and is
     limited to the leg from `low` to `high` [m].

@@ -77,7 +77,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return a mask (n,) of the rows whose cell is one of `accepted`. Raises the errors of `read_columns`."""
+    """Return a boolean mask (n,) of rows whose value is one of `accepted`. Raises the errors of `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])

@@ -44,13 +44,13 @@ SHORT = 3  # Maximum number of letters of a search word that matches complete wo
 
 
 def alternatives(word: str) -> tuple[str, ...]:
-    """Return a word in lower case and its synonyms, also for a plural."""
+    """Return a word in lower case and its synonyms. The synonyms of a plural are those of its singular."""
     word = word.lower()
     return word, *SYNONYMS.get(word, SYNONYMS.get(word.removesuffix("s"), ()))
 
 
 def named_by(words: list[str], text: str) -> bool:
-    """Return whether a text contains the joined words, or a synonym of each word as a complete word."""
+    """Return whether a string contains the joined words, or a synonym of each word as a complete word."""
     if "".join(words).lower() in re.sub(r"[\s_]", "", text.lower()):
         return True
     parts = set(re.split(r"[^a-z0-9]+", text.lower()))
@@ -58,7 +58,7 @@ def named_by(words: list[str], text: str) -> bool:
 
 
 def _contains(parts: set[str], text: str, word: str) -> bool:
-    """Return whether `word` is one of the words `parts` of a text or, if longer than `SHORT`, part of the text."""
+    """Return whether `word` is one of the words `parts` of a text or, if longer than `SHORT`, a part of it."""
     return word in parts or (len(word) > SHORT and word in text)
 
 

@@ -25,7 +25,7 @@ from agrobot_mj.estimation.position_ekf import FixEkf
 from agrobot_mj.estimation.velocity_kf import VelocityKf, turned, velocity_step
 from agrobot_mj.machine.tractor import TractorParameters
 
-SOURCES = ("ekf", "kinematic", "gyro")  # Values of `yaw_rate_source`, in the order of their numbers
+SOURCES = ("ekf", "kinematic", "gyro")  # Values of `yaw_rate_source`, in the order of their integer codes
 KINEMATIC, GYRO = 1, 2
 FIXED = Quality.FIX  # Quality of an RTK-fixed position, as a number for kernels
 

@@ -88,14 +88,14 @@ class SampledRoute:
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
-        """Return the number of the sample nearest to (x, y) [m] and whether it is inside the range, see `_search`."""
+        """Return the index of the sample nearest to (x, y) [m] and whether it is inside the range, see `_search`."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + window)
         return _search(self._samples, x, y, near, low, high, window)
 
     def number_at(self, t: float) -> int:
-        """Return the number of the last sample that the reference has passed at time `t` [s]."""
+        """Return the index of the last sample that the reference has passed at time `t` [s]."""
         self._grow(until=t)
         return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
 

@@ -175,7 +175,7 @@ class Waypoints(Transitions, FromFile):
     """Radius of corners with a large angle, smaller if the legs are too short [m]. Default: proportional to the turning
     circle of the machine. Assumed value (2.5-10); 4 m need a steering angle of 19 deg."""
     smoothing_m: Annotated[float, Field(ge=0, le=1000)] = 0.05
-    """Maximum distance from the waypoints at small-angle corners, or root mean square distance of a spline [m]. Assumed
+    """Maximum distance from waypoints [m] at small-angle corners, or root mean square distance of a spline. Assumed
     value (0-0.5), twice the noise of RTK-GNSS."""
     transition: Literal["none", "clothoid"] = "clothoid"
     """Transition at the ends of a fillet: step of the curvature (`none`) or clothoid."""

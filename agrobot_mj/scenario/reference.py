@@ -298,7 +298,7 @@ def json_schema() -> dict[str, Any]:
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}
     names = {part.__name__ for part in implied}
-    for name, part in schema["$defs"].items():  # the names of classes with equal names are prefixed with their modules
+    for name, part in schema["$defs"].items():  # names of classes with the same name are prefixed with their modules
         if "const" in part.get("properties", {}).get("kind", {}) and name.rpartition("__")[2] not in names:
             part.setdefault("required", []).append("kind")
     return {"$schema": "http://json-schema.org/draft-07/schema#", "title": "agrobot_mj scenario", **schema}

@@ -207,7 +207,7 @@ class Gnss(Sensor):
     """Parts of the field with an obstructed view of the sky, `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
-        """Return the configured distances of the antenna ahead and to the left [m]. Default: the true distances."""
+        """Return the configured antenna position ahead and to the left of the rear axle [m]. Default: the true one."""
         given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
         return ahead if given_ahead is None else given_ahead, left if given_left is None else given_left
 

@@ -167,7 +167,7 @@ class Sensors(Spec):
     gnss: Gnss = Gnss()
     """RTK-GNSS receiver."""
     steering_pot: SteeringPotentiometer = SteeringPotentiometer()
-    """Potentiometer of the steering angle on the front axle."""
+    """Potentiometer that measures the steering angle at the front axle."""
     pedal_pot: PedalPotentiometer = PedalPotentiometer()
     """Potentiometer of the pedal position."""
     gyro: Gyro = Gyro()

@@ -132,7 +132,7 @@ class Loop:
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def _arm(self) -> tuple[float, float]:
-        """Return the configured distances of the antenna ahead and to the left of the rear axle [m]."""
+        """Return the configured distances [m] of the antenna ahead and to the left of the rear axle."""
         s = self.scenario
         if behind := self.towed.antenna:
             return -behind, 0.0
@@ -261,7 +261,7 @@ class Loop:
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
     """Return the running plant of a scenario with `steps` physics steps per tick. Default: the steps of the scenario.
 
-    Raises `ScenarioError` for an impossible tractor.
+    Raises `ScenarioError` for infeasible tractor parameters.
     """
     s = scenario
     ground, clock = s.terrain.ground(), Clock(s.step_s, steps or s.steps_per_tick)

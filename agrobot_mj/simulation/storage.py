@@ -41,9 +41,9 @@ def can_record() -> bool:
 
 
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
-    """Write the files of a run, its data files and the files of `more` into `folder`, which is created if missing.
+    """Write the data files of a run, and the files of `more`, into `folder`, which is created if missing.
 
-    The new files replace all files of an earlier run at the same time. The recording of the earlier run is removed
+    The new files replace all files of an earlier run in one step. The recording of the earlier run is removed
     unless the new run is `recorded`. Raises OSError naming a file that cannot be written, and `ScenarioError` for an
     existing file of another origin.
     """

@@ -25,7 +25,7 @@ HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")  # Pillow image modes w
 
 def open_tiff(path: Path) -> Any:
     """Return an opened TIFF image. Raises ValueError if the file is not a TIFF image."""
-    from PIL import Image  # imported here, because most grounds are not images
+    from PIL import Image  # imported here, because most terrains are not images
 
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)

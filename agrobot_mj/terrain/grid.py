@@ -18,7 +18,7 @@ from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
 MOST_NODES = 4_200_000  # Maximum number of nodes of a height grid: 34 MB, or a square of 200 m with a node every 0.1 m
 MOST_STEPS = 1000
-"""Maximum number of cells along the longer side of a rectangular plane; the shorter side is exact within 0.1 %."""
+"""Maximum number of cells along the longer side of a rectangular plane; the shorter side has an error below 0.1 %."""
 
 
 class Surface(NamedTuple):

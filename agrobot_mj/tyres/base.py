@@ -72,7 +72,7 @@ class TyreLaw(Protocol):
     """Named tuple of floats with the coefficients and the force law of one tyre."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the tyre force for a slip."""
+        """Return the tyre force at the given slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
         """Return the motion resistance of the ground at the wheel centre [N] for a `direction` of travel in [-1, 1]."""

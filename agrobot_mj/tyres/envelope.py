@@ -63,7 +63,7 @@ class Places(NamedTuple):
     """Candidate contact points found so far along the polyline."""
 
     best: Spot  # Point nearest to the wheel centre
-    beside: Spot  # Second nearest local minimum, adjacent to `best`
+    beside: Spot  # Local minimum of the distance next to `best`, the second nearest to the wheel centre
     ridge: Spot  # Farthest point between `best` and `beside`
     last: Spot  # Last local minimum found
     gap: Spot  # Local maximum of the distance that follows `last`

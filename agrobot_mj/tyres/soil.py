@@ -123,7 +123,7 @@ class Soil(CarcassTyre):
         return front, rear
 
     def section_height(self, wheel: AxleWheel) -> float:
-        """Return the section height of a wheel's tyre, from its size code or `section_height_share` [m]."""
+        """Return the section height [m] of a wheel's tyre, from its size code or `section_height_share`."""
         return self.section_height_share * wheel.width if wheel.size is None else wheel.size.section_height
 
     def radial(self, wheel: AxleWheel) -> float:

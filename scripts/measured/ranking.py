@@ -54,7 +54,7 @@ def ranks(laws: Mapping[str, BySeed]) -> dict[str, int]:
 
 
 def compare_sets(first: Columns, again: Columns) -> Counter[int]:
-    """Return the number of pairs of laws, on all grounds, for each result: `SAME`, `OPPOSITE` or `OPEN`."""
+    """Return the number of pairs of laws, on all terrains, for each result: `SAME`, `OPPOSITE` or `OPEN`."""
     return Counter(
         _sign(first[ground], *pair) * _sign(again[ground], *pair)
         for ground in first.keys() & again.keys()
@@ -65,13 +65,13 @@ def compare_sets(first: Columns, again: Columns) -> Counter[int]:
 def compared_text(found: Counter[int]) -> str:
     """Return a sentence about the agreement of the two sets of seeds."""
     return (
-        f"Of {found.total()} pairs of laws (all grounds together) both sets tell {found[SAME]} apart in the same "
-        f"order and {found[OPPOSITE]} in the opposite one; {found[OPEN]} are left open by one or both."
+        f"Of {found.total()} pairs of laws (all terrains together) both sets rank {found[SAME]} in the same order "
+        f"and {found[OPPOSITE]} in the opposite order; for {found[OPEN]} at least one set is inconclusive."
     )
 
 
 def ranking_table(first: Columns, again: Columns) -> str:
-    """Return a Markdown table of laws and grounds: mean cross-track RMS [cm], and ranks in both sets of seeds."""
+    """Return a Markdown table by law and terrain: mean cross-track RMS [cm], and ranks in both sets of seeds."""
     ranked = {ground: [(found[ground], ranks(found[ground])) for found in (first, again)] for ground in first}
     laws = dict.fromkeys(law for found in first.values() for law in found)
     rows = [(law, *(" / ".join(_cell(*each, law) for each in sets) for sets in ranked.values())) for law in laws]

@@ -60,7 +60,7 @@ def stops(rows: Iterable[Row]) -> Counter[str]:
 
 
 def failures_table(rows: list[Row], sane: list[Row]) -> str:
-    """Return a table with one row per fault, over all laws, grounds and seeds, and one row for runs without fault."""
+    """Return a table with one row per fault, over all laws, terrains and seeds, and one row for runs without fault."""
     groups = defaultdict(list)
     for row in rows:
         groups[failure(row)].append(row)

@@ -172,7 +172,7 @@ SAYS = {
     "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
     "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
 }
-"""Patterns of the start of a comment, by basis of the value."""
+"""Regular expressions for the start of a comment, by origin of the value."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
 UNKNOWN = "not stated"  # Basis of a value for which the machine file has no comment
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")

@@ -170,7 +170,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated by the equation of one time segment, rate = gain v - offset."""
+        """Return the state updated by one time segment: rate = gain v - offset, with the valve voltage v."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2

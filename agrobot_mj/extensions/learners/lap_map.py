@@ -86,7 +86,7 @@ class LapMap(Spec):
     """Learning rule for a quantity over arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): 0.7 may diverge."""
+    """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): maps may diverge at 0.7."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
     """Full width at half maximum of the filter [m]. Assumed value (1.5-4): a width of 1 may diverge."""
     guard: bool = True

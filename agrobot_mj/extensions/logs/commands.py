@@ -144,7 +144,7 @@ def _former(name: str) -> Callable[..., Answer]:
 
 
 def _former_identify() -> Callable[..., Answer]:
-    """Return the older command `identify`. It fits the valve of a run or, with `--vehicle`, the vehicle."""
+    """Return the deprecated command `identify`, which fits the valve or, with `--vehicle`, the vehicle."""
     vehicle = Annotated[bool, typer.Option("--vehicle", help="Fit the vehicle instead of the valve.")]
     command = _former("identify")
     return with_option(command, command, "vehicle", vehicle, False)

@@ -62,7 +62,7 @@ class TurningSamples(NamedTuple):
     """Samples of sensor readings, and of the wheel angle without slip as computed from the yaw rate."""
 
     reading: Array  # Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
-    angle: Array  # Wheel angle without slip [rad], shape (n,)
+    angle: Array  # Wheel angle for the measured turn without slip [rad], shape (n,)
     weight: Array  # Weights of the samples, shape (n,)
 
 

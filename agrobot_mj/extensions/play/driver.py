@@ -47,7 +47,7 @@ class PlayDriver:
         self.law_speed = nan
         """Speed for guidance laws [m/s], or NaN for the speed of the path."""
         self.chosen = 1
-        """Number of the law to which the driver hands over next."""
+        """Index of the law, from 1, to which the driver hands over next."""
         self.centring = True
         """Whether the wheels return to straight ahead while no key is pressed."""
 

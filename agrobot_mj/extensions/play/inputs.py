@@ -23,7 +23,7 @@ MOST_BYTES = 20_000_000  # Maximum size of a CSV file [bytes], sufficient for se
 class PlayInput(NamedTuple):
     """Input of one tick. By default, the driver is in control and the tractor stops."""
 
-    law: int = 0  # Number of the law that steers, from 1, or 0 for the driver
+    law: int = 0  # Index of the law that steers, from 1, or 0 for the driver
     steer: float = 0.0  # Steering angle of the driver [rad], left positive
     speed: float = 0.0  # Speed, negative in reverse [m/s], or NaN for a law that uses the speed of the path
 

@@ -43,9 +43,9 @@ HELP = (
     "Backspace: start again"
 )
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
-"""Width and maximum height of the panel, and its distance from the border of the page [pixels]."""
+"""Width and maximum height of the panel, and its distance from the border of the browser page [pixels]."""
 CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
-"""Height of the curves divided by the height of the page [-], and their minimum height [pixels]."""
+"""Height of the curves divided by the height of the browser page [-], and their minimum height [pixels]."""
 LABEL = 125.0  # Width of the sliders in the panel [pixels]
 SHOWN_S = 20.0  # Duration of the signals shown by the curves [s]
 FLAG = imgui.WindowFlags

@@ -27,7 +27,7 @@ class PlayState(NamedTuple):
     """State of the guidance law `Played`."""
 
     given: PlayInput = PlayInput()  # Input of the current tick
-    law: int = 0  # Number of the law to which `inner` belongs, or 0 for the driver
+    law: int = 0  # Index of the law to which `inner` belongs, from 1, or 0 for the driver
     inner: Any = None  # State of the law given by `law`
     time: float = 0.0  # Time on the path of the law that steers [s]
 

@@ -29,7 +29,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     address = LOOPBACK
     clients = 0
-    """Number of pages that currently show the tractor."""
+    """Number of browser pages that currently show the tractor."""
 
     @property
     def _host(self) -> str:
@@ -41,7 +41,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @property
     def port(self) -> int:
-        """TCP port of the page."""
+        """TCP port that serves the page."""
         return int(self._http_sock.getsockname()[1])
 
     def _start_server(self) -> None:

@@ -1,7 +1,7 @@
-"""User-defined body, `tractor.mjcf`: values of `[tractor]` derived from the body, and model for the simulation.
+"""User-defined body, `tractor.mjcf`. Derives the values of `[tractor]` and builds the model for the simulation.
 
-The bodies of the file keep their masses, joints, springs and visual geoms. The simulator provides steering, drive and
-tyres: actuators, sensors, keyframes and couplings of wheel and knuckle joints of the file are removed.
+The masses, joints, springs and visual geoms of the file are kept. Its actuators, sensors, keyframes and couplings of
+wheel and knuckle joints are removed, because the simulator provides steering, drive and tyres.
 """
 
 from functools import lru_cache

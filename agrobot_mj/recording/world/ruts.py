@@ -14,7 +14,7 @@ from agrobot_mj.terrain.memory import RutMap
 
 ENTITY = "world/ruts"
 DRAWN_M, MOST_SQUARES = 0.1, 60_000
-"""Side of the painted squares [m], and maximum number of squares. For more squares, the side is doubled."""
+"""Side of the painted squares [m], and maximum number of squares. If more are needed, the side is doubled."""
 LIFT_M = 0.003  # Height of the squares above the ground, below tyre marks and path [m]
 PIECE_S = 5.0  # Driving time covered by one segment of the ruts [s]
 PLACE_M = 0.5  # Size of the grid cells used to find the wheel that passes a point [m]

@@ -35,7 +35,7 @@ MOST_LINES = 80  # Maximum number of parameter combinations listed in a message
 class RunPlan(NamedTuple):
     """One run of a sweep: its number, variant and overrides."""
 
-    number: int  # Number of the run, counted from 0
+    number: int  # Index of the run, counted from 0
     variant: str | None  # Name of the variant, or None if there are no variants
     seed: int
     parameters: dict[str, Any]

@@ -125,7 +125,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the kept files of a run, which replace earlier ones, and delete the table, which is then outdated."""
+        """Replace the stored files of a run, and delete the results table of the sweep, which is then outdated."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():

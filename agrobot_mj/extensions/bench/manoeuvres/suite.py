@@ -109,7 +109,7 @@ MODULES = (
     *("antenna_lean", "machines", "cornering", "step_steer", "steering", "kingpins", "sliding", "ruts", "vibration"),
     *("implements", "closed_motions", "energy", "convergence", "filters", "references", "soak"),
 )
-"""Modules of the manoeuvres, in the order of the page."""
+"""Modules of the manoeuvres, in the order on the page."""
 NAMES = {"braking": "brake", "size": "machine size", "cornering": "constant radius", "references": "outside references"}
 """Names of manoeuvres that differ from the names of their modules."""
 MANOEUVRES: dict[str, Run] = {

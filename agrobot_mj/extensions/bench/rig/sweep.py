@@ -79,7 +79,7 @@ def _resolved(data: dict[str, Any], prefix: str, source: str) -> Specimen:
 
 
 SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)  # Speeds for measuring the effect of speed [m/s]
-SPEED_M_S = 1.0  # Speed of all other measurements [m/s]
+SPEED_M_S = 1.0  # Speed of all measurements except the speed sweep [m/s]
 LOADS = (0.5, 1.0, 1.5, 2.0)  # Loads for measuring the effect of load, as fractions of the static load [-]
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
 """Magnitudes of the slip angles, finer near zero [deg]."""

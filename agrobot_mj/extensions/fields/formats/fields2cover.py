@@ -7,7 +7,7 @@ import numpy as np
 
 from agrobot_mj.paths.imports import Polyline, ShapeFile
 
-WIDTH, TURN = 8, 2  # Number of values in a row, and value of the type that marks a turn
+WIDTH, TURN = 8, 2  # Number of values per row, and value of the type column that marks a turn
 
 
 def _row(line: str) -> list[float]:
@@ -20,7 +20,7 @@ def _row(line: str) -> list[float]:
 
 
 def is_fields2cover(head: str) -> bool:
-    """Return whether the first row of a text is a row of a path file."""
+    """Return whether the first row of a string is a row of a path file."""
     row = _row(next((line for line in head.splitlines() if line.strip()), ""))
     return bool(row) and row[6] in (-1, 1) and row[7] in (1, 2, 3)
 

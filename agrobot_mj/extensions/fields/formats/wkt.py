@@ -15,12 +15,12 @@ LARGEST_DEG = 1.0  # Extent below which coordinates without a coordinate system 
 
 
 def is_wkt(head: str) -> bool:
-    """Return whether the start of a text is well-known text."""
+    """Return whether the start of a string is well-known text."""
     return bool(START.match(head))
 
 
 def read_wkt(text: str) -> ShapeFile:
-    """Return the shapes of a text with one geometry after another. Raise ValueError if a geometry is damaged."""
+    """Return the shapes of a string with one geometry after another. Raise ValueError if a geometry is damaged."""
     shapes, crs = list[Polyline](), ""
     for number, line in _statements(text):
         srid, semicolon, body = line.rpartition(";")

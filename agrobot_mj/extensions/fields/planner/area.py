@@ -82,7 +82,7 @@ def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
-    """Return the areas of a field: a margin without work is removed, then headland laps, and the rest is the body."""
+    """Divide a field into areas: an unworked margin along the boundary, headland laps inside it, and the body."""
     whole, first = whole_of(field), margin + rig.overlap / 2
     laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

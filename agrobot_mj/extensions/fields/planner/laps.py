@@ -25,8 +25,8 @@ class Ring(NamedTuple):
     """Closed polyline of a headland lap."""
 
     points: Array  # Corners in the order of driving [m], shape (n, 2). The first corner is not repeated.
-    number: int  # Number of the lap, counted from 0 at the boundary
-    hole: int = -1  # Number of the obstacle around which the lap leads, or -1 for a lap along the boundary
+    number: int  # Index of the lap, counted from 0 at the boundary
+    hole: int = -1  # Index of the obstacle around which the lap leads, or -1 for a lap along the boundary
 
     @property
     def line(self) -> LinearRing:

@@ -129,7 +129,7 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
 
 
 def pace_of(text: str) -> Literal["answered"] | float:
-    """Convert a text to a pace: `real_time`, `answered`, or a number. Raises `ScenarioError` for another text."""
+    """Convert a string to a pace: `real_time`, `answered`, or a number. Raises `ScenarioError` for other strings."""
     if text == "answered":
         return "answered"
     try:
@@ -142,7 +142,7 @@ def pace_of(text: str) -> Literal["answered"] | float:
 
 
 def endpoint(text: str, option: str) -> tuple[str, int]:
-    """Convert a text such as `127.0.0.1:10110` to address and port. Raises `ScenarioError` for another text."""
+    """Convert a string such as `127.0.0.1:10110` to address and port. Raises `ScenarioError` for other strings."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")

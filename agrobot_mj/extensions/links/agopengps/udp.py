@@ -33,7 +33,7 @@ class Incoming(NamedTuple):
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
-    """Return the IPv4 address given by a text of the command line. Raises `ScenarioError` for an invalid address."""
+    """Return the IPv4 address given on the command line. Raises `ScenarioError` for an invalid address."""
     try:
         return IPv4Address(text)
     except AddressValueError:

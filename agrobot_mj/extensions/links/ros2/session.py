@@ -41,7 +41,7 @@ from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025  # Time from the start of a turn within which an arriving command is effective in this turn [s]
 SETTLE_S = 0.3
-"""Time without commands until all replies to earlier clock messages have arrived (lock-step) [s]. Assumed value."""
+"""Waiting time without commands, in which replies to earlier clock messages arrive (lock-step) [s]. Assumed value."""
 ASK_TURNS = 60
 """Number of turns without a command after which the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
 

@@ -290,7 +290,7 @@ def speed(p: Mapping[str, float], piece: FitPiece) -> Array:
 
 
 def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
-    """Return the distances of the antenna ahead and to the left of the rear-axle centre [m]."""
+    """Return the distances [m] of the antenna ahead and to the left of the rear-axle centre."""
     ahead, left, _ = piece.recording.arm
     return ahead + p.get("ahead_m", 0.0), left + p.get("left_m", 0.0)
 

@@ -125,7 +125,7 @@ class Falsified(NamedTuple):
     alone: dict[str, Combination]
     """For each key, the combination with this key at its hard end and the others at their mild values."""
     around: tuple[Combination, ...]
-    """Combinations near the result: on the line from the mild values through the result, and with one key changed."""
+    """Combinations near the mildest failure: on the line from the mild values to it, and with one key changed."""
     tried: tuple[Combination, ...]
     statement: str
 
@@ -152,7 +152,7 @@ class FalsifySearch:
         self.tried: list[Combination] = []
 
     def run(self) -> Falsified:
-        """Search for the result, then evaluate its neighbours."""
+        """Search for the mildest failure, then evaluate the neighbouring cases."""
         mild = (0.0,) * len(self.q.varied)
         start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
         by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
