@@ -1,8 +1,8 @@
 """Along a side slope with the whole loop
 
 Guided along the contour, the tractor has a steady offset from its line, because its antenna tilts and its wheels are
-steered against the slope. Averaged over noise, the steady state of the loop has a closed form. Lengths y are to the
-left of the line, the left side uphill, angles relative to the line. V is the speed, T the tick, delta the steady
+steered against the slope. Averaged over noise, the steady state of the loop has a closed form. The offset y is positive
+to the left of the line, which is uphill; angles are relative to the line. V is the speed, T the tick, delta the steady
 steering angle, beta the crab angle of the heading, phi the roll, h the height of the antenna, l_r and h_c the position
 of the CG ahead of and above R.
 
