@@ -169,7 +169,7 @@ def _as_toml(value: str) -> str:
 
 
 def _key(word: str) -> str:
-    """Return the scenario key with this name, with or without unit, or the key `kind` of the table with this name."""
+    """Return the scenario key with a given name, with or without unit, or the key `kind` of the table of this name."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

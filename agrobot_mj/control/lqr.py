@@ -216,7 +216,7 @@ class Lqr(Integrating):
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return the distance from CG to the point without sideslip, and the effective wheelbase, at this speed [m]."""
+        """Return the distance from CG to the point without sideslip, and the effective wheelbase [m], at a speed."""
         return rolling(slip_of(self, situation.machine), situation.estimate.speed)
 
 

@@ -30,7 +30,7 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """Return the path of a data file named in a scenario: a shipped file of this name, otherwise the given path."""
+    """Return the path of a data file named in a scenario: a shipped file of that name, otherwise the given path."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
 

@@ -125,7 +125,7 @@ def _indexed(root: type[Spec], _validator: object) -> Index:
 
 
 def elsewhere(root: type[Spec], name: str) -> str:
-    """Return `; did you mean 'tractor.mass_kg'?` for keys of this name in any table, or an empty string."""
+    """Return `; did you mean 'tractor.mass_kg'?` for keys of the given name in any table, or an empty string."""
     return offered(named(root, name))
 
 
@@ -181,7 +181,7 @@ def _like(name: str, known: Iterable[str]) -> list[str]:
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Return all classes that the table under these keys of `root` may have, or an empty list if there is none."""
+    """Return all classes that the table under the given keys of `root` may have, or an empty list if there is none."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

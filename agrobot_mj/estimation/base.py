@@ -76,7 +76,7 @@ class StateEstimator(Reporting):
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
         raise NotImplementedError
 
 

@@ -234,7 +234,7 @@ class EkfFull(StateEstimator):
         return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)

@@ -135,7 +135,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the filter state prepared for a fix of this quality; the first two-antenna heading adds two states."""
+    """Return the filter state prepared for a fix of a given quality; the first two-antenna heading adds two states."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)

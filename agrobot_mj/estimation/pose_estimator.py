@@ -238,7 +238,7 @@ class PoseEstimator(StateEstimator):
         )
 
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with this measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
         if filters is None:

@@ -40,7 +40,7 @@ class Transitions(Spec):
         return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)
 
     def speed_for(self, sharpness: float) -> float:
-        """Return the maximum speed on a clothoid of this sharpness within the steering-rate limit [m/s]."""
+        """Return the maximum speed on a clothoid of the given sharpness within the steering-rate limit [m/s]."""
         return inf if self.transition == "none" else radians(self.steer_rate_deg_s) / (self.wheelbase_m * sharpness)
 
 

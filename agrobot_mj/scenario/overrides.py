@@ -208,7 +208,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Return the files that the file at this key names, if the file is a machine file or a body file."""
+    """Return the files that the file at the given key names, if the file is a machine file or a body file."""
     try:
         if key == "mjcf":
             return own_files(str(path)).others

@@ -100,7 +100,7 @@ MEANINGS = {
     "nn 1": "fraction of the network in the steering command of the first turn",
     "nn 2": "lateral MSE in the second turn of the path",
 }
-"""Explanation of each numeric column of the table, by column title."""
+"""Explanation of each numeric column of the comparison table, by column title."""
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -31,7 +31,7 @@ OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
 
 
 class CompetingLaw(NamedTuple):
-    """Law of a comparison, shown as one line of the table."""
+    """Law of a comparison, shown as one line of its table."""
 
     name: str
     overrides: Mapping[str, Any]

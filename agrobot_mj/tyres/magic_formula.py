@@ -145,7 +145,7 @@ class AxleTyre(Spec):
         return (f"; beyond it {names} per load stay at {LEAST_SHARE:g} times the reference") if names else ""
 
     def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
-        """Return the coefficients of one tyre with this static load [N]."""
+        """Return the coefficients of one tyre with the given static load [N]."""
         along, across, given = self.longitudinal, self.lateral, self.reference_load_n
         reference = static_load if given is None else given
         return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)

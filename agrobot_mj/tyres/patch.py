@@ -106,7 +106,7 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 @kernel
 def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
-    """Return the contact of a wheel with this free radius [m] and the ground."""
+    """Return the contact between the ground and a wheel with the given free radius [m]."""
     axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
     n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))

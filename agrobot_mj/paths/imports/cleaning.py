@@ -42,7 +42,7 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
 
 
 def outliers(points: Array) -> Index:
-    """Return the indices of points far from all others, shape (k,); empty if there are more than MOST_OUTLIERS."""
+    """Return the indices of points far from all others, shape (k,). Empty if there are over MOST_OUTLIERS."""
     found = np.zeros(len(points), dtype=bool)
     while len(points) - found.sum() >= FEWEST_POINTS:
         others = points[~found]

@@ -42,7 +42,7 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Return the rotation matrix (3, 3) of a tractor on a plane with this normal; `yaw` is seen from above [rad]."""
+    """Return the rotation matrix (3, 3) of a tractor on a plane with a given normal; `yaw` [rad] is seen from above."""
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)

@@ -81,7 +81,7 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """Function that returns, for a row of the table, the command that repeats its run."""
+    """Function that returns, for a row of the sweep table, the command that repeats its run."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))

@@ -150,7 +150,7 @@ class Store(RowFiles):
 
     @property
     def in_table(self) -> int:
-        """Number of rows in the table, or 0 if there is no table."""
+        """Number of rows in the results table, or 0 if there is no table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):

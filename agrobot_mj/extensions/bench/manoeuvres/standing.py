@@ -45,7 +45,7 @@ def bare(machine: str) -> Scenario:
 
 
 def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
-    """Return the plant of a scenario on this ground, after the tractor has settled."""
+    """Return the plant of a scenario on the given ground, after the tractor has settled."""
     assert isinstance(s.plant, Mujoco), s.machine
     with redirect_stderr(io.StringIO()):  # some machines are expected to fall over
         return m.mujoco(s.plant.tyre, ground, s.vehicle)[0]

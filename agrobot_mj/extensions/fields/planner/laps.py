@@ -77,7 +77,7 @@ def from_point(ring: Ring, distance: float) -> Array:
 
 
 def rounding(rig: FieldMachine) -> Rounding:
-    """Return the parameters for rounding polyline corners with this machine."""
+    """Return the parameters for rounding polyline corners with the given machine."""
     path = rig.path
     return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
 

@@ -67,7 +67,7 @@ class _Work:
         self.distance += length_of(pieces)
 
     def to(self, goals: Sequence[Pose]) -> int:
-        """Append the cheapest connection to one of the poses `goals`. Return the number of this pose. An empty plan
+        """Append the cheapest connection to one of the poses `goals`. Return the index of this pose. An empty plan
         starts at the first pose."""
         if self.start is None:
             self.start = self.pose = goals[0]

@@ -82,7 +82,7 @@ class LogReader(Spec):
     """All readers in the order in which they are tried."""
 
     def recognises(self, head: Head) -> bool:
-        """Return whether a file with this start has the format of the reader."""
+        """Return whether a file with the given start has the format of the reader."""
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
