@@ -12,7 +12,7 @@ from agrobot_mj.metrics.success import has_errors
 
 Row = Mapping[str, Any]
 Value = Callable[[Any], float]
-BySeed = Mapping[int, float]  # Value by seed; NaN for a failed run
+BySeed = Mapping[int, float]  # Value by seed, or NaN for a failed run
 Columns = Mapping[str, Mapping[str, BySeed]]  # Table values: column, to law, to seed, to value
 
 
@@ -81,7 +81,7 @@ def field(name: str, factor: float = 1.0) -> Value:
 
 
 def by_seed(rows: Iterable[Row], value: Value) -> dict[int, float]:
-    """Return the value of each run by seed; NaN for failed runs (`metrics.success`)."""
+    """Return the value of each run by seed, or NaN for failed runs (`metrics.success`)."""
     return {row["seed"]: value(row) if has_errors(row) else nan for row in rows}
 
 

@@ -140,7 +140,7 @@ def section(name: str, logs: dict[str, Log]) -> str:
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """Return lines of a table with the results on the passes of a field; empty without passes."""
+    """Return lines of a table with the results on the passes of a field, or an empty list if there are no passes."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
         (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")

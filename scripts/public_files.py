@@ -31,7 +31,7 @@ NEAR = 1e-3  # Tolerance of an area [-]
 
 
 def source_files(package: str, folder: Path) -> list[Path]:
-    """Return the files in `data/` of a source package on PyPI; empty if the package is not available."""
+    """Return the files in `data/` of a source package on PyPI, or an empty list if the package is not available."""
     if not (found := list(folder.glob(f"{package}-*.tar.gz"))):
         pip, tools = [sys.executable, "-m", "pip", "-q"], folder / "tools"
         source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), package)

@@ -45,7 +45,7 @@ PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims
 
 
 def claim_rows(study: Study) -> list[Row]:
-    """Return the rows of all studies; empty if a study is incomplete."""
+    """Return the rows of all studies, or an empty list if a study is incomplete."""
     found = {name: study.rows(sweep) for name, sweep in STUDIES.items()}
     if not all(found.values()):
         return []

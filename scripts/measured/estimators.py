@@ -76,7 +76,7 @@ def loop(study: Study) -> Blocks:
 
 
 def short(value: float) -> str:
-    """Return a number as text with three digits, without decimals from 1000; empty for NaN."""
+    """Return a number as text with three digits, without decimals from 1000, or an empty string for NaN."""
     return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 

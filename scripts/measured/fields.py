@@ -171,7 +171,7 @@ def headlands(study: Study) -> Blocks:
 
 
 def public_fields(folder: Path) -> dict[str, Path]:
-    """Return the files of the public fields; empty if the package is not available."""
+    """Return the files of the public fields, or an empty mapping if the package is not available."""
     found = {file.name: file for file in source_files("fields2cover", folder)}
     return {name: found[file] for name, file in PUBLIC.items() if file in found}
 
