@@ -54,7 +54,7 @@ class Cascade(GuidanceLaw):
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(
-                f"references {speed_ref} m/s and {yaw_rate_ref} rad/s, returned by the guidance law ({self.law.kind})"
+                f"speed {speed_ref} m/s or yaw rate {yaw_rate_ref} rad/s of guidance law {self.law.kind} is not finite"
             )
         e_yaw_rate = yaw_rate_ref - situation.estimate.yaw_rate
         limit = situation.steer_limit(self.law.lateral_acceleration_m_s2)

@@ -56,7 +56,7 @@ class Head(NamedTuple):
     """Start of a file, or a folder, from which a reader recognises the format."""
 
     path: Path
-    data: bytes  # First `HEAD_BYTES` of the file, or an empty bytes object for a folder
+    data: bytes  # First `HEAD_BYTES` of the file, or empty bytes for a folder
 
     @property
     def lines(self) -> list[str]:
