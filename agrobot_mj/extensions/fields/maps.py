@@ -90,7 +90,7 @@ def geojson(
             features.append(_feature(ground, {"kind": "worked", "number": number, "area_m2": ground.area}, plane))
         for kind, area in (("overlapped", found.overlapped), ("missed", found.missed)):
             features.append(_feature(area, {"kind": kind, "area_m2": area.area}, plane))
-    content = {"type": "FeatureCollection", "name": plan.name, "features": features}
+    content: dict[str, Any] = {"type": "FeatureCollection", "name": plan.name, "features": features}
     if plane is None:
         content["crs"] = LOCAL
     return content
