@@ -5,6 +5,7 @@ By default, sizes are those of the page's tables; `--full` runs the full size (d
 
 import json
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
@@ -70,6 +71,7 @@ OWN = {
 """Fields of 1.5 and 2.9 ha without files [m]."""
 OVERLAPS_M = (0.0, 0.05, 0.1, 0.2, 0.3)
 """Planned overlaps, by which the implement is wider than the distance of the passes [m]."""
+LEAST_PERCENT = 0.05  # Minimum decrease of the missed area for which a break-even ratio is stated [percentage points]
 
 
 TURNS_SAID = (
@@ -232,12 +234,14 @@ def guidance(study: Study) -> Blocks:
         means = np.mean([row["body"] for row in good], axis=0) if good else ()
         for k, overlap in enumerate(OVERLAPS_M[: len(means)]):
             more, less = means[k] - means[k - 1] if k else (0.0, 0.0)
-            ratio = f"{-more / less:.2g}" if less < 0 else "-"
+            ratio = f"{-more / less:.1f}" if less < -LEAST_PERCENT else "-"
             each = (_mean([row["body"][k][j] for row in good]) for j in range(2))
             curve.append((f"`{law}`", f"{100 * overlap:g}", *each, ratio))
     heads = ("field", "area [ha]", "condition", "law", "overlapped [%]", "planned", "missed [%]", "planned", "failed")
     steps = ("law", "planned overlap [cm]", "overlapped [%]", "missed [%]", "break-even")
-    said = f"{FIELDS_SAID} Fields at {scale:g} of their length, {seeds} seeds: {len(rows)} runs."
+    lost = Counter(row["ends"] for row in rows if not row["expected"])
+    ends = ", ".join(f"{count} {end}" for end, count in lost.items()) or "none"
+    said = f"{FIELDS_SAID} Fields at {scale:g} of their length, {seeds} seeds: {len(rows)} runs; failed: {ends}."
     skipped = "" if len(files) > len(OWN) else " The public fields were not available."
     return {
         "coverage": markdown_table(heads, lines, 4),
