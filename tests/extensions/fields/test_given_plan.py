@@ -57,7 +57,9 @@ def test_stored_plan_of_a_nimbler_machine_is_an_error(tmp_path):
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(default_plan(RECTANGLE))))
     slow = replace(machine(), tightest=9.0)
-    with pytest.raises(ScenarioError, match=r"--plan plan.json: the bend of radius .* is below the minimum turn radius of the machine"):
+    with pytest.raises(
+        ScenarioError, match=r"--plan plan.json: the bend of radius .* is below the minimum turn radius of the machine"
+    ):
         given_plan(file, stored_plan(file), RECTANGLE, slow, 1)
 
 
