@@ -88,7 +88,7 @@ class SampledRoute:
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
-        """Return the index of the sample nearest to (x, y) [m] and whether it is inside the range, see `_search`."""
+        """Return the index of the sample nearest to (x, y) [m] and whether it is inside the search range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
         self._grow(beyond=near + window)

@@ -14,9 +14,9 @@ from agrobot_mj.core.table_columns import Mask
 Values = np.ndarray[tuple[int, ...], np.dtype[Any]]
 Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4  # Minimum number of values that interpolation needs [-]
-SMOOTHING_S = 1.0  # Length of the local cubics that differentiate headings [s]
+SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate headings [s]
 COURSE_S = 2.0
-"""Length of the local cubics for the course rate [s]. They are long because second derivatives are noisy."""
+"""Duration of the local cubic fits for the course rate [s]. It is long because second derivatives are noisy."""
 LOST_S = 2.0
 """Time without positions after which the position is lost [s]; with slow receivers, three times their interval."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
@@ -165,7 +165,7 @@ def sharpened(series: TimeSeries, length: float) -> Array:
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Return the rate of the course from local cubics of the length `COURSE_S`, at speeds above `LEAST_SPEED`."""
+    """Return the rate of the course from local cubic fits of duration `COURSE_S`, at speeds above `LEAST_SPEED`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -178,7 +178,7 @@ def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
 
 
 def slope_of(series: TimeSeries) -> TimeSeries | None:
-    """Return the derivative by local cubics of length `SMOOTHING_S`, except near gaps, or None for a short series."""
+    """Return the derivative by cubic fits of duration `SMOOTHING_S`, except near gaps, or None for a short series."""
     if (grid := _even(series.t, SMOOTHING_S, 5)) is None:
         return None
     t, known, cubic = grid

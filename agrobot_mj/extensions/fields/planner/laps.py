@@ -9,8 +9,6 @@ from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
-from agrobot_mj.extensions.fields.planner.words import end_of
-from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.fillet import Rounding, rounded
 from agrobot_mj.paths.track import Course, Piece
 
@@ -114,8 +112,3 @@ def pieces_of(course: Course) -> tuple[Piece, ...]:
     """Return the segments of a course."""
     columns = (course.lengths, course.curvatures, course.speeds, course.sharpnesses, course.directions, course.pauses)
     return tuple(Piece(*row) for row in np.column_stack(columns).tolist())
-
-
-def end_of_course(course: Course) -> Pose:
-    """Return the pose at the end of a course."""
-    return end_of(course.start, pieces_of(course))

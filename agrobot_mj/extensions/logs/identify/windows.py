@@ -161,7 +161,7 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
         u = np.sign(u) * np.hypot(u - left * rate, ahead * rate)
         if recording.yaw_rate_source == "course":
             rate = None  # the course rate differs from the yaw rate of a machine with its antenna ahead
-        elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative of local cubics
+        elif heading and recording.yaw_rate_source == "heading":  # sharper than the derivative of local cubic fits
             rate = np.gradient(smoothed(heading(t), CUT_OFF_HZ), STEP_S)
     return FitPiece(recording, t, steer, smoothed(u, CUT_OFF_HZ), rate, heading, windows)
 

@@ -34,7 +34,7 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 
 SPACING_M = 0.5  # Distance between waypoints [m]
-SMOOTHED_S = 2.0  # Length of the local cubics used for smoothing positions [s]
+SMOOTHED_S = 2.0  # Duration of the local cubic fits that smooth positions [s]
 SLOWEST_M_S = 0.1  # Minimum speed of waypoints [m/s]
 
 
