@@ -24,7 +24,9 @@ PARTS = (*(f"agrobot_mj/{part}" for part in DECIDING), "models", "scenarios")
 """Paths of the files that determine the results of a run."""
 LATER = "The code has changed since."  # Sentence that marks a block as measured with other code
 BLOCK = re.compile(r"^<!-- (?P<name>standing(?: \w+)?) -->\n(?P<text>(?!Not driven yet;).*?)\n<!-- end of", re.M | re.S)
-STATEMENT = re.compile(r"Version [\d.]+, commit (?P<commit>[0-9a-f]{9})(?: with changes)?, code (?P<code>[0-9a-f]{12})")
+STATEMENT = re.compile(
+    r"Measured with version [\d.]+, commit (?P<commit>[0-9a-f]{9})(?: with changes)?, code (?P<code>[0-9a-f]{12})"
+)
 
 
 def statement() -> str:
@@ -32,7 +34,8 @@ def statement() -> str:
     git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
     commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
     changed = git(("git", "diff", "--quiet", "HEAD", "--", *PARTS)).returncode
-    return f"Version {__version__}, commit {commit}{' with changes' if changed else ''}, code {present_code()}."
+    commit += " with changes" if changed else ""
+    return f"Measured with version {__version__}, commit {commit}, code {present_code()}."
 
 
 @cache
@@ -76,7 +79,7 @@ def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
 
 def _code(content: bytes) -> bytes:
     """Return the lines of a Python file without comments, docstrings and blank lines."""
-    lines = content.decode("utf-8").split("\n")
+    lines = [line.split("  # ")[0] for line in content.decode("utf-8").split("\n")]
     for node in ast.walk(ast.parse(content)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             lines[node.lineno - 1 : node.end_lineno] = [""] * (node.end_lineno - node.lineno + 1)

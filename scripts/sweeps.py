@@ -103,7 +103,7 @@ class Study:
         """Write the blocks that are not empty to the pages, with the provenance of the part."""
         made = {name: content for name, content in blocks.items() if content}
         if made:
-            made[f"standing {part}"] = f"{statement()[:-1]}; again: `make {self.verb} STUDY={part}`."
+            made[f"standing {part}"] = f"{statement()} To measure again: `make {self.verb} STUDY={part}`."
         for file in self.pages:
             text = file.read_text(encoding="utf-8")
             for name in [name for name in made if f"<!-- {name} -->" in text]:

@@ -57,7 +57,7 @@ def test_results_of_custom_jobs_are_computed_only_once(tmp_path):
 
 
 def test_results_page_states_version_and_commit(tmp_path, monkeypatch):
-    monkeypatch.setattr(sweeps, "statement", lambda: "Version 4.5.6, commit 0123456ab.")  # also where git is not
+    monkeypatch.setattr(sweeps, "statement", lambda: "Measured with version 4.5.6.")  # also where git is not
     pages = study(tmp_path)
     one, other = pages.pages
     pages.write("part", {"a": ""})
@@ -66,7 +66,7 @@ def test_results_page_states_version_and_commit(tmp_path, monkeypatch):
     pages.write("part", {"a": "new", "b": "newer"})
     assert "<!-- a -->\nnew\n" in one.read_text()
     assert "<!-- b -->\nnewer\n" in other.read_text()
-    assert "\nVersion 4.5.6, commit 0123456ab; again: `make verb STUDY=part`.\n" in other.read_text()
+    assert "\nMeasured with version 4.5.6. To measure again: `make verb STUDY=part`.\n" in other.read_text()
     with pytest.raises(SystemExit, match="no blocks c"):
         pages.write("part", {"c": "new"})
 

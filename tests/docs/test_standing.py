@@ -9,7 +9,8 @@ from provenance import LATER, STATEMENT, checked, code_of, digest_of, present_co
 ROOT = Path(__file__).parents[2]
 PAGES = {page.stem: page.read_text("utf-8") for page in sorted((ROOT / "docs").rglob("*.md"))}
 STATEMENTS = {(page, name): text for page in PAGES for name, text in statements(PAGES[page]).items()}
-PAGE = "<!-- standing x -->\nVersion 9.8.7, commit 012345678, code {}; again: `make x`.{}\n<!-- end of standing x -->\n"
+AGAIN = "Measured with version 9.8.7, commit 012345678, code {}. To measure again: `make x`.{}"
+PAGE = f"<!-- standing x -->\n{AGAIN}\n<!-- end of standing x -->\n"
 
 
 def test_result_pages_state_the_version_of_their_numbers():
@@ -48,11 +49,11 @@ def test_outdated_notice_is_added_after_code_changes_and_then_removed():
 
 def test_block_without_a_digest_is_rejected():
     with pytest.raises(SystemExit, match="standing x"):
-        checked("<!-- standing x -->\nVersion 0.3.0.\n<!-- end of standing x -->\n")
+        checked("<!-- standing x -->\nMeasured with version 0.3.0.\n<!-- end of standing x -->\n")
 
 
 def test_docstrings_and_comments_do_not_change_the_digest():
     bare = b"def f():\n    return 1\n"
-    noted = b'"""Head."""\n# Note.\ndef f():\n    """Doc.\n\n    More.\n    """\n    return 1\n'
+    noted = b'"""Head."""\n# Note.\ndef f():\n    """Doc.\n\n    More.\n    """\n    return 1  # Note.\n'
     assert digest_of([("a.py", noted)]) == digest_of([("a.py", bare)])
     assert digest_of([("a.py", bare.replace(b"1", b"2"))]) != digest_of([("a.py", bare)])
