@@ -19,8 +19,13 @@ def recording_of(folder: Path) -> Path:
 
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
     if found is None:
+        if not folder.is_dir():
+            raise ScenarioError(f"--share {folder}: no such folder")
         missing = f"the folder contains no recording ({RECORDING} or {COMPARISON})"
-        raise ScenarioError(f"--share {folder}: {missing}; specify the folder of a run without --no-rrd")
+        scenario = folder / "scenario.toml"
+        repeat = f"record with: agrobot-mj run {scenario} --out {folder}"
+        fix = repeat if scenario.is_file() else "specify another folder"
+        raise ScenarioError(f"--share {folder}: {missing}; {fix}")
     check_folder(folder, (PAGE, POSTER))
     return found
 

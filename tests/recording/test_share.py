@@ -46,7 +46,23 @@ def test_folder_without_recording_cannot_be_shared(call, tmp_path):
     (tmp_path / "metrics.json").write_text("{}", encoding="utf-8")
     status, _, err = call("report", str(tmp_path), "--share")
     assert (status, "contains no recording (run.rrd or comparison.rrd)" in err) == (2, True)
+    assert "record with" not in err
     assert [path.name for path in tmp_path.iterdir()] == ["metrics.json"]
+
+
+def test_missing_folder_is_named_instead_of_a_missing_recording(call, tmp_path):
+    status, _, err = call("report", str(tmp_path / "none"), "--share")
+    assert (status, f"--share {tmp_path / 'none'}: no such folder" in err) == (2, True)
+
+
+def test_run_without_recording_gets_the_command_that_records_it(call, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert call("run", "circle", "--set", "duration_s=0.5", "--no-rrd", "--quiet", "--out", "mine")[0] == 0
+    status, _, err = call("report", "mine", "--share")
+    fix = "run mine/scenario.toml --out mine"
+    assert (status, f"record with: agrobot-mj {fix}" in err, (tmp_path / "mine/run.rrd").exists()) == (2, True, False)
+    assert call(*fix.split(), "--quiet")[0] == 0
+    assert (tmp_path / "mine/run.rrd").exists()
 
 
 def test_page_without_vulkan_driver_has_no_poster(eight, tmp_path, monkeypatch, capsys):
