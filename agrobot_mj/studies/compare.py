@@ -98,7 +98,7 @@ MEANINGS = {
     "steering [deg]": "wheel angle minus command, root mean square",
     "NEES": "normalised squared error of the estimated position, 2 if consistent",
     "nn 1": "fraction of the network in the steering command of the first turn",
-    "nn 2": "lateral MSE in the second turn of the path",
+    "nn 2": "fraction of the network in the steering command of the second turn",
 }
 """Explanation of each numeric column of the comparison table, by column title."""
 
