@@ -1,81 +1,98 @@
-"""Import of public field files: python scripts/public_files.py [FOLDER ...]
+"""Import of files from public repositories: python scripts/public_files.py FOLDER
 
-Downloads the source packages in `EXPECTED` from PyPI into runs/public and reads their boundaries. Prints whether each
-file is read, refused with the right reason, or wrong; the exit status is 1 if a file is wrong. Files of other folders,
-such as cloned repositories, are read too; their areas and messages are for inspection.
+`public_files.csv` lists recorded paths, plans and boundaries: repository, commit, path, kind, extent to the east and
+north [m], and length [m] of a path or area [ha] of a field. These values come from the columns, units and description
+of each file, not from the importer. A file of kind `none` has no usable positions, and its message must contain the
+text in the column `reason`. The script contains no content of these files.
+
+FOLDER contains the repositories as OWNER+NAME, cloned or as git directories; missing ones are cloned, or skipped
+without a connection. The exit status is 1 if more than 3 % of the files are read or rejected wrongly.
 """
 
-import os
+import csv
 import subprocess
 import sys
-import tarfile
-from collections.abc import Iterator
+from collections import Counter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from provenance import ROOT
+import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.reading import read_field
+from agrobot_mj.paths.waypoints import Waypoints
 
-FOLDER = ROOT / "runs" / "public"
-EXPECTED: dict[str, dict[str, float | str]] = {
-    "fields2cover": {
-        **dict.fromkeys(("Envelope.xml", "envelope1.xml", "test1.xml"), 17.26),
-        **{"ee_field_130.wkt": 1.963, "test.json": 3.596, "test_2_cell.json": 24.00, "strips.geojson": 0.081},
-        **{"swaths.geojson": "has 2 points", "test_ring.json": "more than 100 km"},
-    }
-}
-"""Area [ha] or part of the message for each file of a package."""
-SUFFIXES = (".json", ".geojson", ".kml", ".gpx", ".gml", ".xml", ".wkt", ".csv", ".shp", ".zip")
-NEAR = 1e-3  # Tolerance of an area [-]
+EXPECTED = Path(__file__).with_suffix(".csv")
+NEAR, NEAR_M = 0.01, 0.1  # Tolerance of extent and area, divided by the value [-], and of an extent [m]
+NEAR_LENGTH = 0.05  # Tolerance of a length, divided by the value: cleaning shortens a noisy track [-]
+MOST_WRONG = 0.03  # Maximum fraction of files that are read or rejected wrongly [-]
 
 
-def source_files(package: str, folder: Path) -> list[Path]:
-    """Return the files in `data/` of a source package on PyPI, or an empty list if the package is not available."""
-    if not (found := list(folder.glob(f"{package}-*.tar.gz"))):
-        pip, tools = [sys.executable, "-m", "pip", "-q"], folder / "tools"
-        source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), package)
-        for command in (["install", "--target", str(tools), "scikit-build-core"], ["download", *source]):
-            subprocess.run([*pip, *command], env={**os.environ, "PYTHONPATH": str(tools)}, check=False)
-        if not (found := list(folder.glob(f"{package}-*.tar.gz"))):
-            return []
-    with tarfile.open(found[0]) as archive:
-        members = [each for each in archive.getmembers() if "/data/" in each.name]
-        archive.extractall(folder, members, filter="data")
-    return [folder / each.name for each in members if each.isfile()]
+def git(folder: Path, *arguments: str) -> bytes:
+    """Return the output of git in a repository, or no bytes if git fails."""
+    places = (folder, folder / ".git", folder / "repo", folder / "repo" / ".git")
+    place = next((each for each in reversed(places) if (each / "objects").is_dir()), folder)
+    return subprocess.run(["git", f"--git-dir={place}", *arguments], check=False, capture_output=True).stdout
 
 
-def verdict(file: Path, expected: float | str | None) -> tuple[str, str]:
-    """Return `read`, `refused` or `wrong`, and the area or the message."""
+def copied(repository: str, commit: str, path: str, folder: Path, to: Path) -> Path | None:
+    """Write a file and the files next to it to the folder `to`. Return its path, or None if it is not available."""
+    source = folder / repository.replace("/", "+")
+    if not source.is_dir():
+        address = f"https://github.com/{repository}"
+        subprocess.run(["git", "clone", "-q", "--bare", "--filter=blob:none", address, str(source)], check=False)
+    parent = str(Path(path).parent)
+    names = git(source, "ls-tree", "--name-only", commit, *([] if parent == "." else [f"{parent}/"])).decode()
+    for name in names.splitlines():
+        if Path(name).stem == Path(path).stem or name.upper().endswith((".XML", "FIELD.TXT")):
+            (to / Path(name).name).write_bytes(git(source, "show", f"{commit}:{name}"))
+    file = to / Path(path).name
+    return file if file.is_file() else None
+
+
+def found(file: Path, kind: str) -> tuple[float, float, float]:
+    """Return the extent to the east and north [m], and the area [ha] or length [m] of a file."""
+    if kind == "field" or file.suffix.lower() in (".shp", ".xml"):
+        boundary = read_field(file).boundary
+        west, south, east, north = boundary.bounds
+        return east - west, north - south, boundary.area / 1e4
+    points = Waypoints(file=str(file)).waypoints()[:, :2]
+    return *np.ptp(points, axis=0), float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def verdict(file: Path, row: dict[str, str]) -> tuple[str, str]:
+    """Return `read`, `rejected`, `wrong` or `wrongly rejected`, and the values or the message."""
     try:
-        area = read_field(file).boundary.area / 1e4
-    except ScenarioError as error:
-        right = expected is None or (isinstance(expected, str) and expected in str(error))
-        return "refused" if right else "wrong", str(error)
+        values = found(file, row["kind"])
+    except (ScenarioError, ValueError) as error:
+        right = row["kind"] == "none" and row["reason"] in str(error)
+        return "rejected" if right else "wrongly rejected", str(error).split(": ", 2)[-1]
     except Exception as error:  # a traceback for the user
         return "wrong", f"{type(error).__name__}: {error}"
-    right = expected is None or (not isinstance(expected, str) and abs(area / expected - 1) < NEAR + 0.005 / expected)
-    return "read" if right else "wrong", f"{area:.3f} ha"
-
-
-def verdicts(folders: list[str]) -> Iterator[tuple[Path, str, str]]:
-    for package, expected in EXPECTED.items():
-        for file in source_files(package, FOLDER):
-            if file.name in expected:
-                yield file, *verdict(file, expected[file.name])
-    for folder in folders:
-        for file in sorted(Path(folder).rglob("*")):
-            if file.suffix.lower() in SUFFIXES:
-                yield file, *verdict(file, None)
+    text = f"{values[0]:.1f} x {values[1]:.1f} m, " + (
+        f"{values[2]:.3f} ha" if row["kind"] == "field" else f"{values[2]:.0f} m"
+    )
+    if row["kind"] == "none":
+        return "wrong", text
+    expected = [float(row[key]) for key in ("east_m", "north_m", "size")]
+    limits = (NEAR, NEAR, NEAR if row["kind"] == "field" else NEAR_LENGTH)
+    slack = (NEAR_M, NEAR_M, 0.001)
+    near = all(abs(v - e) <= k * e + s for v, e, k, s in zip(values, expected, limits, slack, strict=True))
+    return "read" if near else "wrong", text
 
 
 def main() -> None:
-    found = list(verdicts(sys.argv[1:]))
-    for file, said, text in found:
-        print(f"{said:8}{file.name}: {text.removeprefix(f'{file.name}: ')}")
-    counts = {said: sum(each[1] == said for each in found) for said in ("read", "refused", "wrong")}
-    print(f"{len(found)} files: " + ", ".join(f"{count} {said}" for said, count in counts.items()))
-    raise SystemExit(bool(counts["wrong"]))
+    folder, counts = Path(sys.argv[1]), Counter[str]()
+    for row in csv.DictReader(EXPECTED.open(encoding="utf-8")):
+        with TemporaryDirectory() as place:
+            file = copied(row["repository"], row["commit"], row["path"], folder, Path(place))
+            said, text = verdict(file, row) if file else ("skipped", "not available")
+        counts[said] += 1
+        print(f"{said:17}{row['repository']} {row['path']}: {text}")
+    total = sum(counts.values()) - counts["skipped"]
+    wrong = counts["wrong"] + counts["wrongly rejected"]
+    print(f"{total} files: " + ", ".join(f"{count} {said}" for said, count in counts.items()))
+    raise SystemExit(not total or wrong > MOST_WRONG * total)
 
 
 if __name__ == "__main__":

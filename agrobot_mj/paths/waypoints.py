@@ -85,20 +85,33 @@ def _checked(shape: Polyline, closed: bool) -> tuple[Array, list[str]]:
     notes = list[str]()
     if len(points) >= 3:
         kept, notes = cleaned(points, closed)
-        rows = shape.columns.get("row", np.arange(1, len(points) + 1))[kept]
+        rows = np.asarray(shape.columns.get("row", np.arange(1, len(points) + 1)), float)[kept]
         points = points[kept]
         if "speed" in shape.columns:
-            speeds = shape.columns["speed"][kept]
-            wrong = np.flatnonzero((speeds < SLOWEST_M_S) | (speeds > FASTEST_M_S))
-            if wrong.size:
-                raise ValueError(
-                    f"row {rows[wrong[0]]}: speed is {speeds[wrong[0]]:g} m/s; use a speed from {SLOWEST_M_S:g} to "
-                    f"{FASTEST_M_S:g}"
-                )
-            points = np.column_stack([points, speeds])
+            speeds, more = _speeds(shape.columns["speed"][kept], points, rows)
+            points, notes = np.column_stack([points, speeds]), [*notes, *more]
+    if not closed and len(points) == 2:
+        points = np.insert(points, 1, points.mean(axis=0), axis=0)  # a straight line
     if len(points) < 3:
-        raise ValueError(f"the file has {len(points)} waypoints; at least 3 are required")
+        raise ValueError(f"the file has {len(points)} different waypoints; at least {2 + closed} are required")
     return points, notes
+
+
+CREEP_M_S = 0.1  # Limit of the speed at a standstill of a recorded track [m/s]. Assumed value (0.05-0.3).
+
+
+def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]]:
+    """Return the limits of the speed from a column of speeds, and notes. Raise ValueError for an unusable speed."""
+    still = (speeds >= 0) & (speeds < SLOWEST_M_S) & (len(points) >= FEWEST_POINTS)
+    if (wrong := np.flatnonzero((speeds < SLOWEST_M_S) & ~still)).size:
+        row, speed = rows[wrong[0]], speeds[wrong[0]]
+        raise ValueError(f"row {row:.0f}: speed is {speed:g} m/s; use a speed from {SLOWEST_M_S:g} to {FASTEST_M_S:g}")
+    notes, fast = list[str](), speeds > FASTEST_M_S
+    if fast.any():
+        notes.append(f"{fast.sum()} speeds above {FASTEST_M_S:g} m/s are limited to {FASTEST_M_S:g} m/s")
+    if still.any():
+        notes.append(f"{still.sum()} speeds at a standstill are raised to {CREEP_M_S:g} m/s")
+    return np.where(still, CREEP_M_S, np.minimum(speeds, FASTEST_M_S)), notes
 
 
 DENSE_M, FEWEST_POINTS = 1.0, 20

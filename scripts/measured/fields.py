@@ -4,6 +4,10 @@ By default, sizes are those of the page's tables; `--full` runs the full size (d
 """
 
 import json
+import os
+import subprocess
+import sys
+import tarfile
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
@@ -14,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from public_files import source_files
 from scipy.stats import nct, norm, t
 from sweeps import Blocks, Row, Study
 
@@ -173,9 +176,19 @@ def headlands(study: Study) -> Blocks:
 
 
 def public_fields(folder: Path) -> dict[str, Path]:
-    """Return the files of the public fields, or an empty mapping if the package is not available."""
-    found = {file.name: file for file in source_files("fields2cover", folder)}
-    return {name: found[file] for name, file in PUBLIC.items() if file in found}
+    """Return the fields in a source package on PyPI, or an empty mapping if the package is not available."""
+    if not list(folder.glob("fields2cover-*.tar.gz")):
+        pip, tools = [sys.executable, "-m", "pip", "-q"], folder / "tools"
+        source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), "fields2cover")
+        for command in (["install", "--target", str(tools), "scikit-build-core"], ["download", *source]):
+            subprocess.run([*pip, *command], env={**os.environ, "PYTHONPATH": str(tools)}, check=False)
+    for package in list(folder.glob("fields2cover-*.tar.gz"))[:1]:
+        with tarfile.open(package) as archive:
+            members = [each for each in archive.getmembers() if "/data/" in each.name and each.isfile()]
+            archive.extractall(folder, members, filter="data")
+        found = {Path(each.name).name: folder / each.name for each in members}
+        return {name: found[file] for name, file in PUBLIC.items() if file in found}
+    return {}
 
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:

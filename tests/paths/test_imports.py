@@ -53,6 +53,14 @@ FORMATS = {
     ),
     "xy.csv": "x,y,theta\n" + "".join(f"{x},{y - 10},0.5\n" for x, y in BEND),
     "yx.csv": "north,east\n" + "".join(f"{y - 10},{x}\n" for x, y in BEND),
+    "comment.csv": "# made by hand\n# s_m; x_m; y_m\n" + "".join(f"{x + y};{x};{y - 10}\n" for x, y in BEND),
+    "spaces.txt": "% time x y yaw\n" + "".join(f"7.5  {x} {y - 10}  0.4\n" for x, y in BEND),
+    "ros.csv": "%time,field.pose.pose.position.x,field.pose.pose.position.y,field.pose.pose.orientation.x\n"
+    + "".join(f"9,{x},{y - 10},0.4\n" for x, y in BEND),
+    "two_titles.csv": "Column1;Column2\nX-axis;Y-axis\n" + "".join(f"{x};{y - 10}\n" for x, y in BEND),
+    "camel_case.csv": "Link,PositionX (m),PositionY (m)\n" + "".join(f"A1,{x},{y - 10}\n" for x, y in BEND),
+    "end_commas.csv": "place,lat,lon\n" + "".join(f"home,{lat:.9f},{lon:.9f},\n" for lon, lat in DEGREES),
+    "web_map.geojson": "var row = " + json.dumps({"type": "LineString", "coordinates": DEGREES.tolist()}) + ";\n",
     "RecPath.txt": "$RecPath\n4\n" + "".join(f"{x:.3f},{y - 10:.3f},0.5,7.2,False\n" for x, y in BEND),
     "decimal_commas.txt": "$RecPath\r\n4\r\n"
     + "".join(f"{x:.3f};{y - 10:.3f};0.5;7.2\r\n".replace(".", ",").replace(";", ",") for x, y in BEND),
@@ -85,6 +93,57 @@ def test_other_columns_are_never_a_speed(tmp_path, name):
     assert notes == (f"column {name} ignored",)
 
 
+CIRCLE = 20 * np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0, 5, 40)])
+"""Arc in counter-clockwise direction [m]; its heading is the angle plus a quarter turn."""
+THIRD = {
+    "heading": np.linspace(0, 5, 40) + np.pi / 2,
+    "compass": -np.linspace(0, 5, 40) % (2 * np.pi),
+    "height": np.linspace(-30, -31, 40),
+    "degrees": np.degrees(np.linspace(0, 5, 40)),
+}
+
+
+@pytest.mark.parametrize("name", THIRD)
+def test_third_column_without_a_name_is_no_heading_or_height(tmp_path, name):
+    text = "".join(f"{x},{y},{z}\n" for (x, y), z in zip(CIRCLE, THIRD[name], strict=True))
+    points, notes = points_of(tmp_path, "unnamed.csv", text)
+    np.testing.assert_allclose(points, CIRCLE)
+    assert notes == ("the third column has no speeds and is ignored",)
+
+
+def test_third_column_of_speeds_without_a_name_is_kept(tmp_path):
+    text = "".join(f"{x},{y},{2 + 0.01 * k}\n" for k, (x, y) in enumerate(CIRCLE))
+    assert points_of(tmp_path, "unnamed.csv", text).points[:, 2] == pytest.approx(2 + 0.01 * np.arange(40))
+
+
+def test_recorded_speeds_are_limited_and_missing_ones_filled(tmp_path):
+    speeds = ["0", "0", "1", "", "", "4", *["8"] * 34]
+    text = "x,y,speed\n" + "".join(f"{x},{y},{v}\n" for (x, y), v in zip(CIRCLE, speeds, strict=True))
+    points, notes = points_of(tmp_path, "drive.csv", text)
+    assert points[:, 2].tolist() == pytest.approx([0.1, 0.1, 1, 2, 3, 4, *[5] * 34])
+    assert notes == (
+        "missing speeds in 2 rows are interpolated",
+        "34 speeds above 5 m/s are limited to 5 m/s",
+        "2 speeds at a standstill are raised to 0.1 m/s",
+    )
+    empty = "x,y,speed\n" + "".join(f"{x},{y},\n" for x, y in CIRCLE)
+    assert points_of(tmp_path, "empty.csv", empty).points.shape == (40, 2)
+
+
+def test_rows_without_a_position_are_omitted(tmp_path):
+    text = "t,x,y\n0,,\n" + "".join(f"{k},{x},{y}\n" for k, (x, y) in enumerate(BEND)) + "9,,\n"
+    points, notes = points_of(tmp_path, "gaps.csv", text)
+    np.testing.assert_allclose(points, BEND)
+    assert notes == ("column t ignored", "2 rows without a position omitted")
+    with pytest.raises(ValueError, match="row 2: y is not a number: ''"):
+        points_of(tmp_path, "half.csv", "x,y\n1,\n2,3\n")
+
+
+def test_table_in_a_windows_encoding_is_read(tmp_path):
+    (tmp_path / "acker.csv").write_bytes("x,y,Flächenname\n".encode("cp1252") + b"0,0,\xfc\n10,0,\xe4\n20,5,a\n")
+    assert track(stamp(str(tmp_path / "acker.csv")), "", False).points.tolist() == [[0, 0], [10, 0], [20, 5]]
+
+
 @pytest.mark.parametrize("crs", ["EPSG:25832", "EPSG:32631", "EPSG:28992"])
 def test_a_grid_gives_the_same_track_as_degrees(tmp_path, crs):
     pyproj = pytest.importorskip("pyproj")
@@ -100,10 +159,10 @@ def test_a_grid_gives_the_same_track_as_degrees(tmp_path, crs):
 def test_shapefile_with_its_grid_gives_the_same_track(tmp_path):
     pyproj, shapefile = pytest.importorskip("pyproj"), pytest.importorskip("shapefile")
     grid = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:25832", always_xy=True).transform(*DEGREES.T)
-    with shapefile.Writer(str(tmp_path / "rows.shp")) as writer:
+    with shapefile.Writer(str(tmp_path / "rows.shp"), encoding="latin-1") as writer:
         writer.field("name", "C")
         writer.line([np.transpose(grid).tolist()])
-        writer.record("row 1")
+        writer.record("Fläche 1")
     (tmp_path / "rows.prj").write_text(pyproj.CRS("EPSG:25832").to_wkt("WKT1_ESRI"))
     points = track(stamp(str(tmp_path / "rows.shp")), "", False).points
     np.testing.assert_allclose(points, BEND - [0, 10], atol=1.0)

@@ -90,6 +90,14 @@ def test_three_waypoints_are_accepted(tmp_path):
     assert path.at(path.duration_s)[:2] == pytest.approx((20, 0), abs=0.2)
 
 
+def test_two_waypoints_are_a_straight_line(tmp_path):
+    path = Waypoints(file=route(tmp_path, [(0, 0), (30, 40)]))
+    assert path.max_curvature == pytest.approx(0, abs=1e-9)
+    assert path.at(path.duration_s)[:2] == pytest.approx((30, 40), abs=0.01)
+    with pytest.raises(ValueError, match="2 different waypoints; at least 3 are required"):
+        Waypoints(file=path.file, closed=True).check()
+
+
 def test_edited_waypoint_file_gives_a_different_path(tmp_path):
     file = route(tmp_path, [(0, 0), (10, 1), (20, 0)])
     before = Waypoints(file=file)
@@ -104,18 +112,16 @@ def test_edited_waypoint_file_gives_a_different_path(tmp_path):
 GOOD = "0,0\n10,0\n20,0\n"
 FAULTS = {
     "a word": (GOOD + "30,abc\n", "row 4: y is not a number: 'abc'; write a number, or remove the row"),
-    "two rows": ("0,0;0,0\n1,0;2,0\n", "has 2 waypoints; at least 3 are required"),
     "two separators": ("0,0\n1;0\n", "row 2: it has semicolons or tabs; separate all columns"),
     "not a number": (GOOD + "nan,0\n", "row 4: x is nan; use a finite number"),
     "infinite": (GOOD + "3,-inf\n", "row 4: y is -inf; use a finite number"),
     "a gap": (GOOD + "30,\n", "row 4: y is not a number: ''"),
-    "two distinct points": ("x,y\n0,0\n\n10,0\n10,0\n", "has 2 waypoints; at least 3 are required"),
+    "one place": ("x,y\n10,0\n\n10,0\n10,0\n", "has 1 different waypoints; at least 2 are required"),
     "empty": ("", "the file is empty; create it again"),
     "only a header": ("x,y\n", "the file contains no positions; export it again"),
-    "two points": ("0,0\n1,1\n", "has 2 waypoints; at least 3 are required"),
+    "a height as y": ("0,0,1\n10,0,9\n20,0,9\n", "one of the first two columns is constant; name the columns"),
     "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; use a speed from 0.001 to 5"),
     "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; use a speed from 0.001 to 5"),
-    "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; use a speed from 0.001 to 5"),
     "one column": ("0\n1\n2\n", "row 1: it has 1 columns; write x, y or x, y, speed"),
     "four columns": ("0,0,1,4\n1,1,1,4\n", "row 1: it has 4 columns; write x, y or x, y, speed"),
     "ragged": ("0,0,1\n10,0\n20,0,1\n", "row 2: it has 2 columns, but others have 3; use the same number"),
@@ -127,13 +133,13 @@ FAULTS = {
     "long": ("0,0\n90e3,0\n0,1\n", "km long, more than 50 km"),
     "words": ("east-west,up\n0,0\n", "row 1: no columns x and y, or lat and lon; did you mean"),
     "a column without a name": ("x,theta\n0,0\n", "row 1: no columns x and y, or lat and lon"),
-    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "are probably degrees; name"),
+    "degrees": ("52.3,6.72\n52.30002,6.72003\n52.30004,6.72\n", "if the numbers are degrees, name"),
     "swapped degrees": ("lat,lon\n106.7,52.3\n", "row 2: lat is 106.7, not an angle in degrees"),
     "decimal commas": ("0,0,0,0\n5,5,0,1\n", "row 1: it has 4 columns"),
     "an endless cell": (GOOD + "30," + "1" * 200_000 + "\n", "field larger than field limit"),
     "creeping": ("0,0,1e-9\n10,0,1\n20,0,1\n", "row 1: speed is 1e-09 m/s; use a speed from 0.001 to 5"),
     "a number as programs write it": ("0,0\n1_0,0\n20,0\n", "row 2: x is not a number: '1_0'"),
-    "a null byte": ("0,0\n1,\x001\n2,0\n", "the file is not UTF-8 text; save it as CSV"),
+    "a null byte": ("0,0\n1,\x001\n2,0\n", "the file is not text, or contains null bytes; save it as CSV"),
 }
 
 
@@ -159,7 +165,7 @@ def test_error_for_an_invalid_waypoint_names_file_row_and_fix(tmp_path, name):
 
 def test_binary_waypoint_files_are_rejected(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\x93NUMPY\x01\x00\xff\xfe")
-    assert "binary.csv: the file is not UTF-8 text" in rejection(tmp_path, "binary.csv")
+    assert "binary.csv: the file is not text" in rejection(tmp_path, "binary.csv")
     (tmp_path / "folder.csv").mkdir()
     assert "folder.csv: is a folder; specify a file" in rejection(tmp_path, "folder.csv")
     assert "nowhere.csv: no such file in " in rejection(tmp_path, "nowhere.csv")

@@ -13,6 +13,8 @@ from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
 LOCAL = {"type": "name", "properties": {"name": "local plane in metres"}}
 """Member `crs` of files whose coordinates are metres east and north of an unknown origin."""
+SCRIPT = re.compile(r"\s*(?:export\s+)?(?:var|let|const)\s+\w+\s*=\s*(?=[{\[])")
+"""Pattern of the assignment before the GeoJSON in a script of a web map."""
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
 """Names of properties that contain one number for each point of a line."""
 
@@ -20,7 +22,7 @@ NUMBERS = ("speed", "speed_m_s", "working", "direction")
 def read_geojson(text: str) -> ShapeFile:
     """Return the shapes of a GeoJSON file. Raise ValueError for other content."""
     try:
-        content = json.loads(text)
+        content = json.loads(SCRIPT.sub("", text, count=1).rstrip().rstrip(";") if SCRIPT.match(text) else text)
     except (json.JSONDecodeError, RecursionError) as error:
         place = f" (line {error.lineno})" if isinstance(error, json.JSONDecodeError) else ""
         raise ValueError(f"the file is not valid JSON{place}; export it again") from None

@@ -17,7 +17,8 @@ from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, Shap
 
 FAR_M = 2000.0
 """Distance from the origin above which coordinates belong to a map grid [m]. Assumed value: larger than a field."""
-LARGEST_M = 100e3  # Maximum extent of a file [m]
+LARGEST_M, SMALLEST_M = 100e3, 1.0
+"""Maximum extent of a file, and minimum extent of coordinates in metres: smaller values are degrees [m]."""
 
 
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
@@ -95,15 +96,21 @@ def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
 
 def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None) -> LocalShapes:
     moved = [replace(shape, points=shape.points - shift) if any(shift) else shape for shape in file.shapes]
-    checked_extent(moved)
+    extent = checked_extent(moved)
+    if 0 < extent < SMALLEST_M:
+        raise ValueError(
+            f"the points extend over only {extent:.2g} m; if the numbers are degrees, name the columns lat, lon or set "
+            "crs to EPSG:4326"
+        )
     told = f"({shift[0]:.0f}, {shift[1]:.0f}) m is subtracted from all coordinates" if any(shift) and not origin else ""
     return LocalShapes(tuple(moved), origin, "", shift, file.name, (*file.notes, *([told] if told else [])))
 
 
-def checked_extent(shapes: Iterable[Polyline]) -> None:
-    """Raise ValueError if the shapes extend over more than LARGEST_M."""
+def checked_extent(shapes: Iterable[Polyline]) -> float:
+    """Return the extent of shapes [m]. Raise ValueError if it is more than LARGEST_M."""
     extent = float(np.ptp(np.vstack([shape.points for shape in shapes if len(shape.points)]), axis=0).max())
     if extent > LARGEST_M:
         raise ValueError(
             f"the points extend over {extent / 1000:.4g} km, more than {LARGEST_M / 1000:g} km; remove distant points"
         )
+    return extent

@@ -8,7 +8,7 @@ from warnings import catch_warnings
 from agrobot_mj.core.errors import required
 from agrobot_mj.core.resources import checked, refuse
 from agrobot_mj.paths.imports.agopengps import HEADS, read_agopengps
-from agrobot_mj.paths.imports.geojson import of_geometry, read_geojson
+from agrobot_mj.paths.imports.geojson import SCRIPT, of_geometry, read_geojson
 from agrobot_mj.paths.imports.shapes import DEGREES, ShapeFile
 from agrobot_mj.paths.imports.table import read_table
 from agrobot_mj.paths.imports.xml_files import read_gpx, read_kml
@@ -21,7 +21,7 @@ Readers = dict[str, tuple[Callable[[str], bool], TextReader]]
 READERS: Readers = {
     "KML": (lambda head: "<kml" in head or "/kml/" in head, read_kml),
     "GPX": (lambda head: "<gpx" in head, read_gpx),
-    "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "["), read_geojson),
+    "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "[") or bool(SCRIPT.match(head)), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
 """Readers of text files by type, each with a test of the first characters; other files are read as tables."""
@@ -43,7 +43,7 @@ def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = N
 
 
 def _decoded(data: bytes) -> str:
-    for codec in ("utf-16",) if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig",):
+    for codec in ("utf-16",) if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ("utf-8-sig", "cp1252"):
         try:
             text = data.decode(codec)
         except UnicodeDecodeError:
@@ -51,7 +51,8 @@ def _decoded(data: bytes) -> str:
         if "\x00" not in text:
             return text
     raise ValueError(
-        "the file is not UTF-8 text; save it as CSV (columns x, y or lat, lon), GeoJSON, KML, GPX or a shapefile (.shp)"
+        "the file is not text, or contains null bytes; save it as CSV (columns x, y or lat, lon), GeoJSON, KML, GPX "
+        "or a shapefile (.shp)"
     )
 
 
@@ -73,7 +74,8 @@ def read_shapefile(path: Path) -> ShapeFile:
     shapefile = required("shapefile", "fields", "a shapefile")
     shapefile.VERBOSE = False  # rings in the wrong order are read anyway
     try:
-        with catch_warnings(action="ignore"), shapefile.Reader(shp=str(path), **_parts(path)) as reader:
+        parts = {"encodingErrors": "replace", **_parts(path)}  # names in other encodings are of no interest
+        with catch_warnings(action="ignore"), shapefile.Reader(shp=str(path), **parts) as reader:
             names = [each[0] for each in reader.fields[1:]]
             records = [dict(zip(names, record, strict=False)) for record in reader.iterRecords()] if names else []
             geometries = [shape.__geo_interface__ for shape in reader.iterShapes()]

@@ -1,41 +1,51 @@
 """Positions from a CSV file, by column names.
 
-A first row of words names the columns: x and y, or east and north, in metres; or lat and lon in degrees. The columns
-speed, working and direction are also read; other columns, such as a heading, are ignored. A file without names has the
-columns x, y[, speed]. Columns are separated by commas, semicolons or tabs; numbers with decimal commas need semicolons
-or tabs. Every error is a ValueError that names the row, as numbered in an editor, and the fix.
+A first row of words, or a comment above the first row of numbers, names the columns: x and y, or east and north, in
+metres; or lat and lon in degrees. The columns speed, working and direction are also read; other columns, such as a
+heading, are ignored. A file without names has the columns x, y[, speed]; a third column with other values is ignored.
+Columns are separated by commas, semicolons, tabs or spaces; numbers with decimal commas need semicolons or tabs. Rows
+that begin with # or % are comments. Every error is a ValueError that names the row, as numbered in an editor, and the
+fix.
 """
 
 import csv
 import re
 from collections.abc import Iterator
-from math import isfinite
+from itertools import chain
+from math import isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.errors import suggestion
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAMES = {
-    "x": ("x", "east", "easting", "e", "pos_x", "position_x", "point_x", "utm_x", "utm_e", "utm_easting"),
-    "y": ("y", "north", "northing", "n", "pos_y", "position_y", "point_y", "utm_y", "utm_n", "utm_northing"),
+    "x": ("x", "east", "easting", "e", "pos_x", "x_axis", "tx"),
+    "y": ("y", "north", "northing", "n", "pos_y", "y_axis", "ty"),
     "lat": ("lat", "latitude"),
     "lon": ("lon", "lng", "long", "longitude"),
     "speed": ("speed", "velocity", "v", "target_speed", "speed_limit"),
     "working": ("working", "work", "implement", "on"),
     "direction": ("direction", "gear"),
 }
-"""Accepted names of each column, without units, in lower case."""
+"""Accepted names of each column, without prefixes and units, in lower case."""
+PREFIX = re.compile(r"^(?:(?:field|pose|pos|position|point|translation|transform|fix|gps|odom|location|utm|local)_)+")
+"""Pattern of words before a name, as in field.pose.position.x of recordings in ROS."""
+KNOWN = {name: key for key, names in NAMES.items() for name in names}
+COMMENTS, MOST_TITLES = ("#", "%"), 50  # First characters of comments, and maximum number of rows above the numbers
 UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}
 """Conversion factors to m/s, by unit of speed."""
 UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mph|kn))\s*$")
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
-SMALLEST_M = 1.0  # Extent of the points below which values in columns of metres are regarded as degrees [m]
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
+FEWEST, NEAR_RAD = 5, 0.2
+"""Minimum number of rows, and maximum median difference from the direction of the path, of a column of headings."""
 
 
 class TableColumn(NamedTuple):
@@ -49,72 +59,115 @@ class TableColumn(NamedTuple):
 def read_table(text: str) -> ShapeFile:
     """Return the points in the text of a CSV file as one shape. Raise ValueError naming the invalid row."""
     lines = text.splitlines()
-    split = _separator(lines)
-    rows = _rows(lines, split)
+    titles, names = _titles(lines)
+    rows = _rows(lines, titles)
     number, cells = next(rows, (0, list[str]()))
-    notes = tuple[str, ...]()
-    if any(_is_number(cell, split) for cell in cells):
-        columns, width = _positional(number, cells, split), len(cells)
-        found = [(number, _numbers(number, cells, columns, width, split))]
+    if titles:
+        columns, notes = _named(titles, names)
+    elif cells and not any(map(_is_number, cells)):
+        columns, notes = _named(number, cells)
     else:
-        columns, notes = _named(number, cells) if cells else ([], ())
-        width, found = len(cells), []
-    found += [(number, _numbers(number, cells, columns, width, split)) for number, cells in rows]
-    values = np.array([row for _, row in found]).reshape(len(found), len(columns))
-    return _shape([column.name for column in columns], values, np.array([row for row, _ in found]), notes)
-
-
-def _shape(names: list[str], values: Array, rows: Array, notes: tuple[str, ...]) -> ShapeFile:
+        names = _without_empty_end(cells)
+        columns, notes = _positional(number, names) if cells else [], ()
+    read = [(k, _numbers(k, row, columns, len(names))) for k, row in chain([(number, cells)] if cells else [], rows)]
+    found = np.array([k for k, row in read if row])
+    values = np.array([row for _, row in read if row]).reshape(len(found), len(columns))
+    if omitted := len(read) - len(found):
+        notes = (*notes, f"{omitted} {'row' if omitted == 1 else 'rows'} without a position omitted")
+    if not titles and len(columns) == 3 and not _is_speed(values):
+        columns, values, notes = columns[:2], values[:, :2], (*notes, "the third column has no speeds and is ignored")
+    names = [column.name for column in columns]
+    if "speed" in names and (empty := np.isnan(speeds := values[:, names.index("speed")])).any():
+        if empty.all():
+            values = values[:, keep := [k for k, name in enumerate(names) if name != "speed"]]
+            names = [names[k] for k in keep]
+        else:
+            speeds[empty] = np.interp(found[empty], found[~empty], speeds[~empty])
+            notes = (*notes, f"missing speeds in {np.count_nonzero(empty)} rows are interpolated")
     geographic = "lat" in names
-    points = values[:, [names.index(name) for name in (("lon", "lat") if geographic else ("x", "y")) if name in names]]
-    if not geographic and len(points) > 1 and np.abs(points).max() <= MOST_DEGREES:
-        extent = float(np.hypot(*np.ptp(points, axis=0)))
-        if 0 < extent < SMALLEST_M and np.abs(points).max() > SMALLEST_M:
-            raise ValueError(
-                f"the points extend over only {extent:.2g} m, so the numbers are probably degrees; name the columns "
-                "lat, lon or lon, lat in the first row"
-            )
-    more = {name: values[:, k] for k, name in enumerate(names) if name not in ("x", "y", "lat", "lon")} | {"row": rows}
+    points = values[:, 1::-1] if geographic else values[:, :2]
+    more = {name: values[:, k] for k, name in enumerate(names[2:], start=2)} | {"row": found}
     return ShapeFile((Polyline(points, columns=more),), DEGREES if geographic else "", notes=notes)
 
 
-def _separator(lines: list[str]) -> str:
-    first = next((line for line in lines if line.strip()), "")
-    return next((mark for mark in "\t;" if mark in first), ",")
+def _titles(lines: list[str]) -> tuple[int, list[str]]:
+    """Return number and cells of the last row with column names above the numbers, or 0 if there are no names."""
+    found = 0, list[str]()
+    for number, line in enumerate(lines[:MOST_TITLES], start=1):
+        cells = _cells(line.strip().lstrip("".join(COMMENTS)), _separator(line))
+        if not line.lstrip().startswith(COMMENTS) and any(map(_is_number, cells)):
+            break
+        keys = {_key(cell)[0] for cell in cells}
+        if {"x", "y"} <= keys or {"lat", "lon"} <= keys:
+            found = number, _without_empty_end(cells)
+    return found
 
 
-def _rows(lines: list[str], split: str) -> Iterator[tuple[int, list[str]]]:
-    for number, line in enumerate(lines, start=1):
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=split), [])]
-        if not any(cells):
+def _without_empty_end(cells: list[str]) -> list[str]:
+    return cells[: max((k + 1 for k, cell in enumerate(cells) if cell), default=0)]
+
+
+def _is_speed(values: Array) -> bool:
+    """Return whether the third column of a table (n, 3) without names is a speed, rather than a height or heading."""
+    points, third = values[:, :2], values[:, 2]
+    speeds = np.count_nonzero((third >= SLOWEST_M_S) & (third <= FASTEST_M_S))
+    along = np.diff(points, axis=0)
+    direction = np.arctan2(along[:, 1], along[:, 0])
+    turned = [np.median(np.abs(wrap(third[:-1] - angle))) for angle in (direction, np.pi / 2 - direction) if len(angle)]
+    heading = np.ptp(third) > NEAR_RAD if len(third) >= FEWEST else False
+    if 2 * speeds >= len(third) and not (heading and min(turned) < NEAR_RAD):
+        return True
+    if len(points) and np.ptp(points, axis=0).min() == 0 < np.ptp(third):
+        raise ValueError("one of the first two columns is constant; name the columns in the first row, such as x,z,y")
+    return False
+
+
+def _separator(line: str) -> str:
+    return next((mark for mark in "\t;," if mark in line), " ")
+
+
+def _cells(line: str, split: str) -> list[str]:
+    return line.split() if split == " " else [cell.strip() for cell in next(csv.reader([line], delimiter=split), [])]
+
+
+def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
+    split = ""
+    for number, line in enumerate(lines[first:], start=first + 1):
+        if not line.strip(",;\t ") or line.lstrip().startswith(COMMENTS):
             continue
-        if split == "," and any(mark in line for mark in ";\t"):
+        split = split or _separator(line)
+        if split in ", " and any(mark in line for mark in ";\t"):
             raise ValueError(f"row {number}: it has semicolons or tabs; separate all columns in the same way")
-        yield number, cells
+        yield number, _cells(line if split == "," else line.replace(",", "."), split)
+
+
+def _key(cell: str) -> tuple[str, float]:
+    """Return the quantity of a column with this name, or an empty text, and the factor to the unit of the quantity."""
+    unit = UNIT.search(cell)
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", (cell[: unit.start()] if unit else cell).strip())
+    key = KNOWN.get(PREFIX.sub("", re.sub(r"[\s./-]+", "_", name).lower().strip("_")), "")
+    return key, UNITS.get((unit[1] or unit[2] or "").strip().lower(), 1.0) if unit and key == "speed" else 1.0
 
 
 def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
-    known, columns, unused = {name: key for key, names in NAMES.items() for name in names}, dict[str, TableColumn](), []
+    columns, unused = dict[str, TableColumn](), list[str]()
     for k, cell in enumerate(cells):
-        unit = UNIT.search(cell)
-        word = re.sub(r"[\s.]+", "_", (cell[: unit.start()] if unit else cell).strip().lower())
-        key = known.get(word, "")
+        key, factor = _key(cell)
         if not key or key in columns:
             unused.append(cell)
-            continue
-        factor = UNITS.get((unit[1] or unit[2] or "").strip().lower(), 1.0) if unit and key == "speed" else 1.0
-        columns[key] = TableColumn(key, k, factor)
+        else:
+            columns[key] = TableColumn(key, k, factor)
     for pair, other in ((("x", "y"), ("lat", "lon")), (("lat", "lon"), ("x", "y"))):
         if set(pair) <= columns.keys():
             unused += [cells[columns.pop(name).place] for name in other if name in columns]
             left = f"column{'s' * (len(unused) > 1)} {', '.join(unused)} ignored"
-            return list(columns.values()), (left,) if unused else ()
-    near = next((found for cell in unused if (found := suggestion(cell, [*known]))), "")
+            return [columns.pop(name) for name in pair] + list(columns.values()), (left,) if unused else ()
+    near = next((found for cell in unused if (found := suggestion(cell, [*KNOWN]))), "")
     shown = ", ".join(cells[:12])
     raise ValueError(f"row {number}: no columns x and y, or lat and lon{near} (available: {shown}); rename some")
 
 
-def _positional(number: int, cells: list[str], split: str) -> list[TableColumn]:
+def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
         raise ValueError(
             f"row {number}: it has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
@@ -122,27 +175,33 @@ def _positional(number: int, cells: list[str], split: str) -> list[TableColumn]:
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
 
-def _is_number(cell: str, split: str) -> bool:
+def _is_number(cell: str) -> bool:
     try:
-        float(cell if split == "," else cell.replace(",", "."))
+        float(cell)
     except ValueError:
         return False
     return "_" not in cell
 
 
-def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int, split: str) -> list[float]:
-    if len(cells) != width:
+def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
+    """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
+    if len(cells) < width or any(cells[width:]):
         raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; use the same number")
+    if not any(cells[place] for _, place, _ in columns[:2]):
+        return []
     values = []
     for name, place, factor in columns:
         cell = cells[place]
         if name in ("working", "direction") and cell.lower() in WORDS:
             values.append(WORDS[cell.lower()])
             continue
-        if not _is_number(cell, split):
+        if not cell and name == "speed":
+            values.append(nan)
+            continue
+        if not _is_number(cell):
             shown = cell if len(cell) <= 20 else cell[:20] + "..."
             raise ValueError(f"row {number}: {name} is not a number: {shown!r}; write a number, or remove the row")
-        value = float(cell if split == "," else cell.replace(",", ".")) * factor
+        value = float(cell) * factor
         if not isfinite(value):
             raise ValueError(f"row {number}: {name} is {value:g}; use a finite number, or remove the row")
         if (name == "lat" and abs(value) > MOST_DEGREES / 2) or (name == "lon" and abs(value) > MOST_DEGREES):

@@ -295,7 +295,7 @@ def test_changed_files_give_a_field_or_one_line(tmp_path, name):
 
 HOSTILE = {
     "empty": (b"", "the file is empty; create it again"),
-    "binary": (bytes(range(256)) * 20, "the file is not UTF-8 text; save it as CSV"),
+    "binary": (bytes(range(256)) * 20, "the file is not text, or contains null bytes; save it as CSV"),
     "zip": (b"PK\x05\x06" + b"\0" * 18, "the folder contains no field; specify a folder with TASKDATA.XML"),
     "not a number": (b"x,y\n0,0\n9,nan\n9,9\n", "row 3: y is nan; use a finite number"),
     "two points": (b"x,y\n0,0\n9,9\n", "the boundary has 2 points; at least 3 are required"),
@@ -306,7 +306,7 @@ HOSTILE = {
         "has a point PNT without the numbers C and D",
     ),
     "unknown text": (b"POLYGON ((0 0, 1", "line 1: the line is not valid WKT"),
-    "degrees as metres": (b"58.4,26.7\n58.401,26.7\n58.401,26.701\n", "the numbers are probably degrees"),
+    "degrees as metres": (b"58.4,26.7\n58.401,26.7\n58.401,26.701\n", "if the numbers are degrees, name the columns"),
     "half a planet": (
         json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [90, 0], [0, 60]]]}).encode(),
         "extend over",
