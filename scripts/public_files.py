@@ -19,12 +19,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.resources import stamped
 from agrobot_mj.extensions.fields.reading import read_field
-from agrobot_mj.paths.waypoints import Waypoints
+from agrobot_mj.paths.waypoints import MAX_BYTES, track
 
 EXPECTED = Path(__file__).with_suffix(".csv")
 NEAR, NEAR_M = 0.01, 0.1  # Tolerance of extent and area, divided by the value [-], and of an extent [m]
-NEAR_LENGTH = 0.05  # Tolerance of a length, divided by the value: cleaning shortens a noisy track [-]
+NEAR_LENGTH = 0.05  # Tolerance of a length, divided by the value [-]
+THINNED, THINNED_M = 0.15, 0.8  # Tolerance of length [-] and extent [m] of a noisy track that is thinned
 MOST_WRONG = 0.03  # Maximum fraction of files that are read or rejected wrongly [-]
 
 
@@ -50,35 +52,35 @@ def copied(repository: str, commit: str, path: str, folder: Path, to: Path) -> P
     return file if file.is_file() else None
 
 
-def found(file: Path, kind: str) -> tuple[float, float, float]:
-    """Return the extent to the east and north [m], and the area [ha] or length [m] of a file."""
+def found(file: Path, kind: str) -> tuple[tuple[float, ...], bool]:
+    """Return extents to the east and north [m] and the area [ha] or length [m] of a file; and if a track is thinned."""
     if kind == "field" or file.suffix.lower() in (".shp", ".xml"):
         boundary = read_field(file).boundary
         west, south, east, north = boundary.bounds
-        return east - west, north - south, boundary.area / 1e4
-    points = Waypoints(file=str(file)).waypoints()[:, :2]
-    return *np.ptp(points, axis=0), float(np.hypot(*np.diff(points, axis=0).T).sum())
+        return (east - west, north - south, boundary.area / 1e4), False
+    points, notes = track(stamped(str(file), (), MAX_BYTES), "", False)
+    points, thinned = points[:, :2], any("thinned" in note for note in notes)
+    return (*np.ptp(points, axis=0).tolist(), float(np.hypot(*np.diff(points, axis=0).T).sum())), thinned
 
 
 def verdict(file: Path, row: dict[str, str]) -> tuple[str, str]:
     """Return `read`, `rejected`, `wrong` or `wrongly rejected`, and the values or the message."""
     try:
-        values = found(file, row["kind"])
+        values, thinned = found(file, row["kind"])
     except (ScenarioError, ValueError) as error:
         right = row["kind"] == "none" and row["reason"] in str(error)
         return "rejected" if right else "wrongly rejected", str(error).split(": ", 2)[-1]
     except Exception as error:  # a traceback for the user
         return "wrong", f"{type(error).__name__}: {error}"
-    text = f"{values[0]:.1f} x {values[1]:.1f} m, " + (
-        f"{values[2]:.3f} ha" if row["kind"] == "field" else f"{values[2]:.0f} m"
+    near_size = NEAR if row["kind"] == "field" else THINNED if thinned else NEAR_LENGTH
+    slack = THINNED_M if thinned else NEAR_M
+    near = row["kind"] != "none" and all(
+        abs(value - float(row[key])) <= limit * float(row[key]) + more
+        for value, key, limit, more in zip(
+            values, ("east_m", "north_m", "size"), (NEAR, NEAR, near_size), (slack, slack, 0.001), strict=True
+        )
     )
-    if row["kind"] == "none":
-        return "wrong", text
-    expected = [float(row[key]) for key in ("east_m", "north_m", "size")]
-    limits = (NEAR, NEAR, NEAR if row["kind"] == "field" else NEAR_LENGTH)
-    slack = (NEAR_M, NEAR_M, 0.001)
-    near = all(abs(v - e) <= k * e + s for v, e, k, s in zip(values, expected, limits, slack, strict=True))
-    return "read" if near else "wrong", text
+    return "read" if near else "wrong", f"{values[0]:.1f} x {values[1]:.1f} m, {values[2]:.4g}"
 
 
 def main() -> None:
