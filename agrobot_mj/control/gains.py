@@ -14,67 +14,24 @@ Gains = Literal["tuned", "paper"]
 
 PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fnn", "kinematic with pd_isgn")
 """Laws for which `gains = "paper"` selects the gains that reproduce the paper."""
+
+
+def _tuned(gain_per_m: float, saturation_m_s: float, **controller: float) -> dict[str, float]:
+    """Return tuned gains by dotted scenario key; `__` in the name of a gain of the controller stands for a dot."""
+    outer = {"scheduled_above_m_s": 1.5, "gain_per_m": gain_per_m, "saturation_m_s": saturation_m_s}
+    inner = {f"controller.{name.replace('__', '.')}": gain for name, gain in controller.items()}
+    return {**{f"guidance.{name}": gain for name, gain in outer.items()}, **inner}
+
+
 TUNED: Mapping[str, Mapping[str, float]] = {
-    "kinematic with pd_t2fnn": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 0.66,
-        "guidance.saturation_m_s": 0.55,
-        "controller.kp": 0.7,
-        "controller.kd": 0.16,
-        "controller.network.alpha": 0.075,
-    },
-    "kinematic with pi": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 1.1,
-        "guidance.saturation_m_s": 0.44,
-        "controller.kp": 0.96,
-        "controller.ki": 0.47,
-    },
-    "feedforward with pi": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 0.58,
-        "guidance.saturation_m_s": 0.55,
-        "controller.kp": 1.0,
-        "controller.ki": 0.12,
-    },
-    "feedforward with pd": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 0.71,
-        "guidance.saturation_m_s": 0.65,
-        "controller.kp": 0.9,
-        "controller.kd": 0.11,
-    },
-    "feedforward with pd_t2fnn": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 0.95,
-        "guidance.saturation_m_s": 0.51,
-        "controller.kp": 0.86,
-        "controller.kd": 0.2,
-        "controller.network.alpha": 0.0077,
-    },
-    "kinematic with pd": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 1.4,
-        "guidance.saturation_m_s": 0.48,
-        "controller.kp": 0.99,
-        "controller.kd": 0.075,
-    },
-    "kinematic with pd_isgn": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 0.66,
-        "guidance.saturation_m_s": 0.55,
-        "controller.kp": 0.7,
-        "controller.kd": 0.16,
-        "controller.alpha": 0.075,
-    },
-    "kinematic with pd_t1fnn": {
-        "guidance.scheduled_above_m_s": 1.5,
-        "guidance.gain_per_m": 0.66,
-        "guidance.saturation_m_s": 0.55,
-        "controller.kp": 0.7,
-        "controller.kd": 0.16,
-        "controller.network.alpha": 0.075,
-    },
+    "kinematic with pd_t2fnn": _tuned(0.66, 0.55, kp=0.7, kd=0.16, network__alpha=0.075),
+    "kinematic with pi": _tuned(1.1, 0.44, kp=0.96, ki=0.47),
+    "feedforward with pi": _tuned(0.58, 0.55, kp=1.0, ki=0.12),
+    "feedforward with pd": _tuned(0.71, 0.65, kp=0.9, kd=0.11),
+    "feedforward with pd_t2fnn": _tuned(0.95, 0.51, kp=0.86, kd=0.2, network__alpha=0.0077),
+    "kinematic with pd": _tuned(1.4, 0.48, kp=0.99, kd=0.075),
+    "kinematic with pd_isgn": _tuned(0.66, 0.55, kp=0.7, kd=0.16, alpha=0.075),
+    "kinematic with pd_t1fnn": _tuned(0.66, 0.55, kp=0.7, kd=0.16, network__alpha=0.075),
 }
 """Tuned gains by law, named as in `Scenario.law`, and by dotted scenario key."""
 
