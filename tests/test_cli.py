@@ -310,7 +310,7 @@ BAD = [
     (["run", "circle", "--out", "broken.toml"], "broken.toml: is a file"),
     (["run", "circle", "--out", "broken.toml/x", *QUICK], "Not a directory"),
     (["run", "circle", "--out", "/proc/nowhere/x", *QUICK], "/proc/nowhere"),
-    (["run", "circle", "--out=", *QUICK], "is empty; specify a folder"),
+    (["run", "circle", "--out=", *QUICK], "--out= is blank"),
     (["run", ""], "an argument is blank"),
     (["report", ""], "an argument is blank"),
     (["run", "circle", "--frobnicate"], "--frobnicate"),

@@ -42,12 +42,6 @@ Plugins = Annotated[
 ]
 
 
-def _folder(text: str) -> Path:
-    if not text:
-        raise typer.BadParameter("is empty; specify a folder")
-    return Path(text)
-
-
 def number(value: float | None) -> float | None:
     """Return a number, which may be infinite; reject NaN."""
     if value is not None and isnan(value):
@@ -64,7 +58,7 @@ def finite(value: float | None) -> float | None:
 
 Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="DIR", parser=_folder, help="Folder for the results.", show_default=False),
+    typer.Option("--out", metavar="DIR", help="Folder for the results.", show_default=False),
 ]
 NoRrd = Annotated[bool, typer.Option("--no-rrd", help="Do not write a Rerun recording.")]
 SEEDS = typer.Option(min=1, help="Number of seeds, counted from the seed of the scenario.")

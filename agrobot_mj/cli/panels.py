@@ -1,5 +1,6 @@
 """Commands in the help text, grouped in panels. Advanced commands are listed with `--help-all` only."""
 
+import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -45,9 +46,10 @@ class PanelledGroup(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name of the command, the command, and the remaining arguments."""
         for before, word in pairwise(("", *args)):
-            if not word.strip():
+            if re.fullmatch(r"(--[\w-]+=)?\s*", word):
                 place = f" after {before}" if before else ""
-                ctx.fail(f"an argument is blank{place}; check the quotes and the shell variables of the command line")
+                what = word.strip() or "an argument"
+                ctx.fail(f"{what} is blank{place}; check the quotes and the shell variables of the command line")
         name, rest = split_command(args)
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
             ctx.fail(f"{name}: specify one of its commands: {', '.join(parts)}")
