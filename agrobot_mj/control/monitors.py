@@ -9,7 +9,7 @@ monitored, because a blocked tractor is not a sensor fault.
 """
 
 from math import atan, copysign, degrees, inf, isnan, nan, sqrt, tan
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from agrobot_mj.control.evidence import (
     COURSE_M_S,
@@ -179,40 +179,11 @@ class SupervisorLimits(Reporting):
         return Limits._make((*keys, machine.tightest_radius, machine.wheelbase_m))
 
 
-class Limits(NamedTuple):
-    """Values of the keys of `SupervisorLimits`, and minimum turning radius and wheelbase of the tractor [m]."""
-
-    max_fix_age_s: float
-    max_sigma_m: float
-    max_cross_track_m: float
-    max_acquiring_s: float
-    max_nis: float
-    max_steer_mismatch_deg: float
-    steer_mismatch_s: float
-    max_aligning_s: float
-    max_realigning_s: float
-    max_overspeed: float
-    overspeed_s: float
-    max_pedal_mismatch: float
-    pedal_mismatch_s: float
-    max_pedal_rate_per_s: float
-    max_wheel_lag_m_s: float
-    max_wheel_lag_share: float
-    wheel_lag_s: float
-    outvoted_s: float
-    max_angle_mismatch_deg: float
-    max_angle_mismatch_share: float
-    angle_mismatch_s: float
-    max_unseen_turn_deg_s: float
-    max_repeat_s: float
-    max_course_mismatch_deg: float
-    max_fix_drift_m: float
-    max_reckoning_sigma: float
-    reckoning_s: float
-    max_tilt_mismatch_deg: float
-    max_attitude_age_s: float
-    radius: float
-    wheelbase: float
+if TYPE_CHECKING:
+    Limits: TypeAlias = Any
+else:
+    Limits = NamedTuple("Limits", [(key, float) for key in (*SupervisorLimits.model_fields, "radius", "wheelbase")])
+"""Values of the keys of `SupervisorLimits`, and minimum turning radius and wheelbase of the tractor [m]."""
 
 
 class Judged(NamedTuple):
@@ -314,7 +285,7 @@ def _of_turns(most: Limits, w: MonitorSignals, e: Judged, m: Sensed, steer: floa
 
 @jit
 def _wheel_lag(most: Limits, speed: float) -> float:
-    return most.max_wheel_lag_m_s + most.max_wheel_lag_share * speed
+    return float(most.max_wheel_lag_m_s + most.max_wheel_lag_share * speed)
 
 
 @jit
