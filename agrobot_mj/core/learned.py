@@ -5,7 +5,6 @@ without a location, and the value, in the unit of the log signal of that name.
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,14 +44,3 @@ def read_learned(name: str) -> Learned:
     if not np.isfinite(numbers[:, 1]).all():
         refuse(path, f"the file has values that are not numbers; specify the {LEARNED} of a run")
     return {str(quantity): numbers[quantities == quantity] for quantity in dict.fromkeys(quantities)}
-
-
-def require_quantity(name: str, *quantities: str) -> None:
-    """Raise ValueError naming the key `file` unless the learned file `name` contains all given quantities."""
-    try:
-        learned = read_learned(name)
-        if missing := [quantity for quantity in quantities if quantity not in learned]:
-            holds = ", ".join(learned) or "nothing"
-            refuse(Path(name), f"the file has no {', '.join(missing)}, only {holds}; specify another {LEARNED}")
-    except ValueError as error:
-        raise ValueError(f"file: {error}") from None

@@ -46,11 +46,6 @@ def sweep_files() -> dict[str, Path]:
     return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
 
 
-def tuning_files() -> dict[str, Path]:
-    """Return the paths of the shipped tunings by name."""
-    return {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}
-
-
 def machine_files() -> dict[str, Path]:
     """Return the paths of the shipped machines by name."""
     return {path.stem: path for path in sorted((SCENARIOS / "machines").glob("*.toml"))}

@@ -27,8 +27,6 @@ MOST_CSV_BYTES = 1_000_000_000  # Maximum size of a CSV file [bytes]
 MOST_HEADER_BYTES = 1_000_000  # Maximum length of a CSV header line [bytes]
 SHOWN = 24  # Maximum number of column names listed in a message
 LONGEST_STEP_S = 5.0  # Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics
-SHORTEST_EVEN_S, LONGEST_EVEN_S = 0.001, 0.5  # Minimum and maximum time step of an evenly sampled log [s]
-UNEVEN = 0.5  # Maximum deviation of a time step from the median step, divided by the median step [-]
 SAME_TIME = 1.5
 """Mean number of rows with equal time above which the times are rounded; below it, single rows are repeated [-]."""
 LATEST_STEP_S = 1e-5  # Median time step below which the times cannot be in seconds [s]
@@ -144,19 +142,6 @@ def check_time(name: str, column: str, t: Array, unit_key: str = "") -> None:
     if t[-1] - t[0] > MOST_STEPS * step:
         row = int(steps.argmax())
         raise FieldLogError(f"{where} jumps by {steps[row]:.3g} s at row {row + 2}; remove the rows with a wrong time")
-
-
-def check_even(name: str, column: str, t: Array) -> None:
-    """Raise `FieldLogError` unless the times `t` (n,) [s] increase in even steps."""
-    check_time(name, column, t)
-    where, steps = f"{name}: {column!r}", np.diff(t)
-    usual = float(np.median(steps))
-    if not SHORTEST_EVEN_S <= usual <= LONGEST_EVEN_S:
-        wanted = f"{SHORTEST_EVEN_S:g} to {LONGEST_EVEN_S:g} s"
-        raise FieldLogError(f"{where}: rows must be {wanted} apart, got {usual:g} s; check the unit")
-    if (off := float(np.abs(steps - usual).max())) > UNEVEN * usual:
-        gap = f"the interval is {usual:g} s, but one row is off by {off:.3g} s"
-        raise FieldLogError(f"{where}: rows must be evenly spaced, but {gap}; fill the gaps")
 
 
 def source_name(source: Source) -> str:

@@ -22,9 +22,10 @@ from pydantic import Field
 
 from agrobot_mj.control.base import AngleLoop
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.learned import Learned, read_learned, require_quantity
+from agrobot_mj.core.learned import Learned, read_learned
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Column
 from agrobot_mj.core.spec import Latency, Positive
+from agrobot_mj.extensions.learners.learning import require_quantity
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
 """Limits of the gain per initial gain [-], and maximum dead band [V]. Assumed values: worn to fast valves."""

@@ -7,13 +7,15 @@ that it does not counteract the learned angle.
 """
 
 from math import radians, sqrt
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 from pydantic import Field
 
 from agrobot_mj.control.base import LawAround, Route, Situation
 from agrobot_mj.control.pid import clip
-from agrobot_mj.core.learned import read_learned, require_quantity
+from agrobot_mj.core.learned import LEARNED, read_learned
+from agrobot_mj.core.resources import refuse
 from agrobot_mj.core.signals import Column, Command, Estimate
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.extensions.learners.lap_map import LapMap, LapState
@@ -35,6 +37,17 @@ class LearningLaw(LawAround):
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
+
+
+def require_quantity(name: str, *quantities: str) -> None:
+    """Raise ValueError naming the key `file` unless the learned file `name` contains all given quantities."""
+    try:
+        learned = read_learned(name)
+        if missing := [quantity for quantity in quantities if quantity not in learned]:
+            holds = ", ".join(learned) or "nothing"
+            refuse(Path(name), f"the file has no {', '.join(missing)}, only {holds}; specify another {LEARNED}")
+    except ValueError as error:
+        raise ValueError(f"file: {error}") from None
 
 
 class PlaceLearner(LearningLaw):

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import Field
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.core.resources import tuning_files
+from agrobot_mj.core.resources import SCENARIOS
 from agrobot_mj.core.spec import Positive, Spec
 from agrobot_mj.core.version import __version__
 from agrobot_mj.scenario.loading import find_file, read_toml
@@ -91,7 +91,7 @@ class TuningCase(NamedTuple):
 
 def read_tuning(source: str | Path) -> TuningFile:
     """Read a tuning file by its name or path. Raises `ScenarioError` with all errors of the file."""
-    shipped = tuning_files()
+    shipped = {path.stem: path for path in sorted((SCENARIOS / "tunings").glob("*.toml"))}
     path = find_file(source, "tuning", shipped, "", f"known: {', '.join(shipped)}")
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())

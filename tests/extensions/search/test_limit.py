@@ -10,10 +10,11 @@ import pytest
 from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.interval import runs_needed, sequential_interval
 from agrobot_mj.extensions.search.limit.question import Question, as_value, check, metric_names
 from agrobot_mj.extensions.search.limit.search import SHOWN_RUNS, find_limit
 from agrobot_mj.studies.engine.tasks import failure
-from agrobot_mj.studies.statistics import runs_needed, sequential_interval, wilson_interval
+from agrobot_mj.studies.statistics import wilson_interval
 
 KEY = "steering.valve.dead_band_v"
 METRICS = ("lateral_rms", "xte_rms", "passes.xte_mean")

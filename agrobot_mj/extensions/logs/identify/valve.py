@@ -23,7 +23,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.kernels import kernel
 from agrobot_mj.core.signals import Array
-from agrobot_mj.core.table_columns import check_even, read_columns, source_name
+from agrobot_mj.core.table_columns import FieldLogError, check_time, read_columns, source_name
 from agrobot_mj.extensions.logs.identify.model import play
 from agrobot_mj.machine.hydraulics import (
     LITRE_PER_MINUTE,
@@ -35,6 +35,8 @@ from agrobot_mj.machine.hydraulics import (
     valve_step,
 )
 
+SHORTEST_TICK_S, LONGEST_TICK_S = 0.001, 0.5  # Minimum and maximum length of a tick [s]
+UNEVEN = 0.5  # Maximum deviation of a time step from the median step, divided by the median step [-]
 STEPS_PER_TICK = 25  # Number of model steps per tick: 2 ms steps in a 50 ms tick
 WINDOW_S = 5.0  # Length of a window [s]: longer than delay and lag, shorter than slow unmodelled effects
 LEAST_WINDOWS = 4  # Minimum number of windows for a fit
@@ -147,8 +149,7 @@ def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tu
 
 def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) -> Data:
     t, voltage, measured = read_columns(signals, COLUMNS).values()
-    check_even(source_name(signals), COLUMNS[0], t)
-    tick = float(np.median(np.diff(t)))
+    tick = _tick(source_name(signals), t)
     ticks = round(WINDOW_S / tick)
     windows = measured[: len(t) // ticks * ticks].reshape(-1, ticks)
     with np.errstate(invalid="ignore"):
@@ -161,6 +162,20 @@ def _data(signals: pa.Table | Path, cylinder: Cylinder, steer_limit_deg: float) 
     if moved < LEAST_MOTION_DEG:
         raise ScenarioError(f"the steering hardly moves ({moved:.2g} deg rms in {WINDOW_S:g} s); use a run with turns")
     return Data(voltage, windows[kept], kept, tick, cylinder.displacement)
+
+
+def _tick(name: str, t: Array) -> float:
+    """Return the length of a tick [s]. Raises `FieldLogError` unless the times `t` (n,) [s] increase in even steps."""
+    check_time(name, COLUMNS[0], t)
+    where, steps = f"{name}: {COLUMNS[0]!r}", np.diff(t)
+    usual = float(np.median(steps))
+    if not SHORTEST_TICK_S <= usual <= LONGEST_TICK_S:
+        wanted = f"{SHORTEST_TICK_S:g} to {LONGEST_TICK_S:g} s"
+        raise FieldLogError(f"{where}: rows must be {wanted} apart, got {usual:g} s; check the unit")
+    if (off := float(np.abs(steps - usual).max())) > UNEVEN * usual:
+        gap = f"the interval is {usual:g} s, but one row is off by {off:.3g} s"
+        raise FieldLogError(f"{where}: rows must be evenly spaced, but {gap}; fill the gaps")
+    return usual
 
 
 @kernel

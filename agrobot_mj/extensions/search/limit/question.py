@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.interval import runs_needed
 from agrobot_mj.metrics.success import COMPLETED
 from agrobot_mj.scenario.overrides import flat
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.engine.tasks import WALL
-from agrobot_mj.studies.statistics import runs_needed
 
 MOST_CONFIDENT = 0.999999  # Maximum confidence [-]. Above it, rounding errors dominate the interval of a rate.
 TRIAL_S = 1.0  # Duration of a short run that shows which metrics exist [s]

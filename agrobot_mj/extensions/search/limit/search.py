@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.search.limit.condition import Condition
+from agrobot_mj.extensions.search.limit.interval import runs_needed, sequential_interval
 from agrobot_mj.extensions.search.limit.question import (
     Counterpart,
     Found,
@@ -38,7 +39,6 @@ from agrobot_mj.metrics.success import error_of, is_error, succeeded
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, write_json
 from agrobot_mj.studies.engine.tasks import WALL
-from agrobot_mj.studies.statistics import runs_needed, sequential_interval
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5  # Number of equidistant values evaluated before the bisection
