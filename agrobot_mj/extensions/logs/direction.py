@@ -8,7 +8,6 @@ its direction. Noise of positions without RTK resembles such jumps. In this case
 the yaw rate divided by the speed is linear in the wheel angle, and has the opposite sign in reverse.
 """
 
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from scipy.signal import find_peaks
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.logs.recording import FieldRecording
-from agrobot_mj.extensions.logs.series import TimeSeries
+from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 SIGNED = -0.1  # A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest.
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
@@ -47,18 +46,12 @@ def is_signed(recording: FieldRecording) -> bool:
     return recording.signed or float(recording.speed.value.min()) < SIGNED
 
 
-def scatter(position: TimeSeries) -> float:
-    """Return the standard deviation of white noise in each coordinate [m], estimated from third differences."""
-    off = np.abs(np.diff(position.value, 3, axis=0))
-    return 1.4826 * float(np.median(off)) / sqrt(20.0) if len(off) else 0.0
-
-
 def directed(recording: FieldRecording) -> Directed:
     """Return the recording with a negative speed in reverse; unchanged if the direction is not identified."""
     speed = recording.speed
     if recording.position is None or len(recording.position.t) < 8:
         return Directed(recording, 0.0, None)
-    least = max(LEAST_LEG_M, LEG_PER_SCATTER * scatter(recording.position))
+    least = max(LEAST_LEG_M, LEG_PER_SCATTER * scatter(recording.position.value))
     t, step = _displacements(recording.position)
     step[np.abs(np.interp(t, *speed)) < STANDING_M_S] = 0.0
     how, mounting = "heading", None

@@ -13,11 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.table_columns import FieldLogError, Source
-from agrobot_mj.extensions.logs.direction import LONGEST_STEP_S, directed, scatter
+from agrobot_mj.extensions.logs.direction import LONGEST_STEP_S, directed
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn
 from agrobot_mj.extensions.logs.pieces import Bursts, bursts
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
+from agrobot_mj.extensions.logs.series import scatter
 from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
 
 WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
@@ -68,7 +69,7 @@ def health(recording: FieldRecording) -> LogHealth:
     """Evaluate a recording whose wheel angle is the raw sensor reading."""
     whole = directed(recording).recording
     steering, parts = _steering(whole)
-    noise = None if whole.position is None else scatter(whole.position)
+    noise = None if whole.position is None else scatter(whole.position.value)
     return LogHealth(whole.name, noise, bursts(whole), steering, parts, _ahead(whole))
 
 

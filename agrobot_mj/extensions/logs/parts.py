@@ -32,7 +32,7 @@ from agrobot_mj.extensions.logs.words import (
     vehicle_sentences,
 )
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.results import atomic, results, write_json
+from agrobot_mj.simulation.results import results, write_json, write_text
 
 
 class Job:
@@ -220,12 +220,6 @@ def whole(job: Job) -> Finding:
         "notes": list(found.calibration.pieces.notes),
     }
     return Finding(twin_sentences(found), content, lambda folder: write_twin(found, folder))
-
-
-def write_text(file: Path, text: str) -> None:
-    """Write a text file atomically."""
-    with atomic(file) as part:
-        part.write_text(text, encoding="utf-8")
 
 
 PARTS = {

@@ -1,7 +1,7 @@
 """Time series: removal of repeated values and jumps, interpolation, and differentiation."""
 
 from collections.abc import Callable
-from math import inf
+from math import inf, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -133,6 +133,14 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
     until = ended[np.searchsorted(ended, t[kept])] - t[kept]
     kept = kept[np.minimum(since, until) >= longest_pause(t) / 2]
     return TimeSeries(t[kept], places[kept])
+
+
+def scatter(*series: Array) -> float:
+    """Return the standard deviation of white noise in values (n,) or (n, 2), estimated from the median of third
+    differences, which is robust to motion and outliers. Return 0 for too few values."""
+    off = [np.abs(np.diff(values, 3, axis=0)).ravel() for values in series if len(values) > 3]
+    # standard deviation of a normal distribution; a third difference has 1 + 9 + 9 + 1 variances
+    return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0) if off else 0.0
 
 
 def longest_pause(t: Array) -> float:

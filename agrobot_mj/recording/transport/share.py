@@ -17,7 +17,7 @@ from pathlib import Path
 
 from agrobot_mj.recording.transport.mending import whole
 from agrobot_mj.recording.transport.viewer import RERUN, free_port, started
-from agrobot_mj.simulation.results import atomic
+from agrobot_mj.simulation.results import write_text
 
 START_S = 60.0  # Time limit for the start of the viewer's server [s]
 LEVEL = 6
@@ -85,9 +85,7 @@ def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Pa
 <main>{image}<canvas id="canvas"></canvas><p id="state">Loading ...</p></main>
 {packed}<script>{script}</script><script>{STARTING}</script></body></html>
 """
-    with atomic(page) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-    return page
+    return write_text(page, text)
 
 
 def _base64(data: bytes) -> str:

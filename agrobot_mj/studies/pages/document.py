@@ -15,7 +15,7 @@ from typing import Any
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.palette import BLUE, BRIGHT_BLUE, DARK_GREY, GREEN, ORANGE, PINK, SKY_BLUE, VERMILION, YELLOW
 from agrobot_mj.core.version import __version__
-from agrobot_mj.simulation.results import atomic
+from agrobot_mj.simulation.results import write_text
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of the groups of runs in charts, in the order of the groups."""
@@ -146,9 +146,7 @@ class Document:
 <script>{library}</script><script>const CHARTS = {charts};
 const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 """
-        with atomic(file) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-        return file
+        return write_text(file, text)
 
     def _card(self, title: str, chart: Chart) -> str:
         name = f"chart{len(self.charts)}"

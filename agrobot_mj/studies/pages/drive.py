@@ -114,9 +114,10 @@ def told(times: int) -> str:
     return f", cross-track errors enlarged {times} times" if times > 1 else ""
 
 
-def chart_over_time(runs: Mapping[str, Signals], column: str, label: str, factor: float = 1.0) -> Chart:
-    """Return a chart of a signal over time, multiplied by `factor`, with one curve per run."""
-    return _curves(label, {name: (s["t"], factor * s[column]) for name, s in runs.items() if column in s})
+def _errors(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
+    """Return title and chart of the lateral errors over time, with one curve per run."""
+    curves = {name: (s["t"], -CENTIMETRES * s["e_lateral"]) for name, s in runs.items() if "e_lateral" in s}
+    return "Lateral error", _curves("lateral error, left + [cm]", curves)
 
 
 def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
@@ -138,8 +139,7 @@ def run_page(folder: Path) -> Document:
     page = Document(title, facts(scenario, *about))
     page.section("Track", "Drag to zoom; double-click to reset the view.")
     estimate = {name: signals[name] for name in ("x_ref", "y_ref")} | {"x": signals["x_hat"], "y": signals["y_hat"]}
-    error = chart_over_time({"run": signals}, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
-    page.grid([map_of({"tractor": signals, "estimate": estimate}), ("Lateral error", error)])
+    page.grid([map_of({"tractor": signals, "estimate": estimate}), _errors({"run": signals})])
     page.remarks(filter(None, (attribution(metrics), metrics.get("estimate_warning"))))
     page.section("Steering and speed")
     page.grid([("Steering", _pair(signals, "steer", "steering angle [deg]", 180 / np.pi))])
@@ -194,8 +194,7 @@ def comparison_page(folder: Path) -> Document:
         runs = {name: read_signals(place) for name, place in chosen if (place / "signals.parquet").exists()}
         if runs:
             page.section(f"On the plant {plant}", f"Runs of seed {seeds[0]}.")
-            error = chart_over_time(runs, "e_lateral", "lateral error, left + [cm]", -CENTIMETRES)
-            page.grid([map_of(runs), ("Lateral error", error)])
+            page.grid([map_of(runs), _errors(runs)])
     page.code("scenario.toml of the first run", text)
     return page
 

@@ -9,8 +9,9 @@ from field_logs import WHEELBASE_M, field_log, field_map, path, recorded
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.checks import check_columns
-from agrobot_mj.extensions.logs.direction import directed, scatter
+from agrobot_mj.extensions.logs.direction import directed
 from agrobot_mj.extensions.logs.pieces import bursts, pieces
+from agrobot_mj.extensions.logs.series import scatter
 from agrobot_mj.scenario.loading import load_scenario
 
 UTILITY = load_scenario("straight_line", {"machine": "utility", "tractor.wheelbase_m": WHEELBASE_M})
@@ -34,7 +35,7 @@ def test_heading_that_repeats_values_at_random_is_calibrated(share):
 def test_noisy_positions_do_not_turn_the_direction(speed, noise_m, swing_deg):
     driven = path(speed=speed, swing_deg=swing_deg)
     recording = recorded(field_log(driven, every=10, noise_m=noise_m, heading=False))
-    assert scatter(recording.position) == pytest.approx(noise_m, rel=0.2)
+    assert scatter(recording.position.value) == pytest.approx(noise_m, rel=0.2)
     found = directed(recording)
     assert found.reverse_m == 0.0
     assert found.recording.speed.value.min() > 0

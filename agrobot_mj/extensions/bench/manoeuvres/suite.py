@@ -12,7 +12,7 @@ from agrobot_mj.core.identity import code_text
 from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.extensions.bench.manoeuvres.base import BICYCLE, About, Check, Run, Trial
 from agrobot_mj.extensions.bench.manoeuvres.figures import write_figures
-from agrobot_mj.simulation.results import atomic, results, write_json
+from agrobot_mj.simulation.results import results, write_json, write_text
 
 HEAD = """# Validation
 
@@ -140,8 +140,7 @@ def validate(
         write_figures(found, out / "images")
         write_json(out / "validation.json", [{**as_row(check), "code": code_text()} for check in checks])
         texts = {name: sys.modules[run.__module__].__doc__ or "" for name, run in MANOEUVRES.items()}
-        with atomic(out / "validation.md") as part:
-            part.write_text(page(checks, texts), encoding="utf-8")
+        write_text(out / "validation.md", page(checks, texts))
     return checks
 
 

@@ -9,7 +9,7 @@ heading, a rotation of positions.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from math import inf, radians, sqrt
+from math import inf, radians
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.identify.model import STEP_S, Chassis2, Lateral, LateralMotion, simulate, wheel_angle
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
-from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed
+from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, scatter
 
 WINDOW_S = 5.0  # Length of a window [s]: longer than the dynamics, and short enough for many windows per minute
 CUT_OFF_HZ = 3.0
@@ -167,13 +167,8 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the noise of an input, estimated from the median of third differences, robust to motion and outliers."""
-    parts = {id(series): series.value for each in recordings if (series := getattr(each, part)) is not None}
-    off = [np.abs(np.diff(value, 3)) for value in parts.values() if len(value) > 3]
-    if not off:
-        return 0.0
-    # standard deviation of a normal distribution; a third difference has 1 + 9 + 9 + 1 variances
-    return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0)
+    """Return the noise of an input; segments of one recording share their series."""
+    return scatter(*{id(series): series.value for each in recordings if (series := getattr(each, part))}.values())
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:

@@ -28,7 +28,7 @@ from agrobot_mj.extensions.logs.replay.residuals import (
     start_pose,
 )
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.results import atomic
+from agrobot_mj.simulation.results import atomic, write_text
 from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 COLUMNS = (
@@ -130,8 +130,7 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
     with atomic(folder / "replay.parquet") as part:
         pq.write_table(signals(found.pieces), part, compression="zstd")
     write_figure(found.pieces, folder / "replay.png")
-    with atomic(folder / "replay.toml") as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(folder / "replay.toml", text)
     for name, path in data_files.items():
         with atomic(folder / name) as part:
             shutil.copyfile(path, part)

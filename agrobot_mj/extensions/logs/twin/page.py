@@ -12,7 +12,7 @@ from agrobot_mj.extensions.logs.replay.residuals import position_errors
 from agrobot_mj.extensions.logs.twin.machine import not_told
 from agrobot_mj.extensions.logs.twin.twin import MACHINE, SCENARIO, WAY, Twin
 from agrobot_mj.extensions.logs.words import map_lines, replay_rows, twin_sentences
-from agrobot_mj.simulation.results import atomic
+from agrobot_mj.simulation.results import write_text
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
 
@@ -103,5 +103,4 @@ def write_twin(t: Twin, folder: Path) -> None:
     """Write all files to `folder`. Raises `ScenarioError` before writing if plotly is not installed."""
     page(t).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
-        with atomic(folder / name) as part:
-            part.write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
