@@ -1,4 +1,4 @@
-"""TOML files with a comment at the end of a line."""
+"""TOML text in which lines may end with a comment."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ import tomli_w
 
 
 def annotated_toml(data: Mapping[str, Any], notes: Mapping[str, str], head: str = "") -> str:
-    """Return data as TOML text. `head` contains comment lines, `notes` a comment for each key `table.key`."""
+    """Return data as TOML text with the comment lines `head` at its start. `notes` contains comments by `table.key`."""
     lines, table = [f"# {line}".rstrip() for line in head.splitlines()], ""
     for line in tomli_w.dumps(dict(data)).splitlines():
         if line.startswith("["):

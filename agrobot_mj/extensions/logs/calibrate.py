@@ -39,7 +39,7 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Fraction of the longest latency in the search [-]. An estimate above it may be limited by the search."""
+"""Fraction of the longest evaluated latency above which an estimate may be limited by the search range [-]."""
 LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of driving at speed
 SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
@@ -53,11 +53,13 @@ body sway [s]. For a distance ahead it is the first value times the speed. Assum
 TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
-"""Factor on intervals if the log has one speed: scale, tyres and antenna are then confounded [-]. Assumed value."""
+"""Factor on the widths of intervals if the machine drives at one speed, where the effects of scale, tyres and antenna
+are inseparable [-]. Assumed value."""
 SPREAD = {"speed.delay_s": 1.4}
-"""Factors on intervals of quantities that depend on slip [-]. Assumed values, from synthetic machines."""
+"""Factors on the widths of intervals that depend on slip, by key [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2
-"""Half width of the interval of tyre scrub, divided by the scrub of the plant [-]. Assumed value, up to about twice."""
+"""Half width of the interval of the tyre scrub, divided by the scrub of the plant [-]. Assumed value: the scrub of a
+real tyre is at most about twice that of the plant."""
 SLIP_LEAD = 1 / 30
 """Half width of the interval of the latency of a wheel speed, divided by the speed [s2/m]: accelerating wheels slip.
 Assumed value (tyres on firm ground: 1/60)."""
@@ -72,7 +74,7 @@ class _Drive(NamedTuple):
     scrub: float  # Fraction of the yaw rate that scrubbing tyres lose in slow bends [-]
     slip_lead: float  # Half width of the interval of a wheel speed's latency due to slip [s]
     gyro: bool  # Whether latencies are relative to a gyro
-    lag_m: float  # Half width of the interval of the antenna's distance ahead [m], due to lag of tyres and body sway
+    lag_m: float  # Half width of the interval of the antenna's distance ahead [m], due to lag of tyres and body
 
 
 class Calibration(NamedTuple):

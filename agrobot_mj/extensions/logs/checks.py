@@ -11,14 +11,13 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between the positions whose distances are summed [s], and maximum ratio of this sum to the integral of the speed
+"""Time between positions whose distances are summed [s], and maximum of this sum divided by the integrated speed
 [-]. Assumed values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
 """Maximum distance between antenna and rear axle [m], and maximum relative RMS error of distances that an antenna
 position may explain [-]. Assumed values."""
 AGREED = 0.5
-"""Minimum correlation of two measured yaw rates of one machine, even with a wrong sign or unit [-]. Assumed value:
-consistent sensors have 0.9."""
+"""Minimum correlation of two yaw rates measured on one machine [-]. Assumed value: consistent sensors have 0.9."""
 OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57
 LEAST_HZ = 2.5  # Minimum rate at which positions and headings resolve yaw dynamics [Hz]
 COARSE_M_S = 0.12
@@ -88,7 +87,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance from rear axle to antenna that explains the positions [m], or None if no distance does."""
+    """Return the distance from rear axle to antenna that explains the positions [m], or None if no distance does so."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -119,7 +118,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return the rates of course and yaw at common times, shape (2, n) [rad/s]; None unless both are measured."""
+    """Return the rates of course and yaw at common times, shape (2, n) [rad/s], or None unless both are measured."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)

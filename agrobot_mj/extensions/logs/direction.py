@@ -26,7 +26,7 @@ STANDING_M_S = 0.1
 """Speed below which a machine is at rest [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
 """Minimum fraction of the yaw-rate variance that the steering must explain to determine directions, and minimum
-increase of this fraction [-]. Assumed values: larger than for noise."""
+increase of this fraction for reversing the sign of a section [-]. Assumed values: larger than for noise."""
 MOST_TURN = 3.0
 """Yaw rate above which a value is an outlier, divided by the 80 % quantile of all yaw rates [-]. Assumed value."""
 MOST_LEGS = 200  # Maximum number of sections whose directions the steering can determine
@@ -38,7 +38,7 @@ class Directed(NamedTuple):
     recording: FieldRecording
     reverse_m: float  # Distance driven in reverse, if detected [m], or 0 for a signed recorded speed
     mounting: float | None  # Mean angle from the course to the recorded heading [rad], or None if not identified
-    how: str = ""  # Quantity that determined the direction. Empty if no reverse is detected.
+    how: str = ""  # Quantity that determined the direction, or an empty string if no reverse is detected
 
 
 def is_signed(recording: FieldRecording) -> bool:
@@ -81,7 +81,7 @@ def _displacements(position: TimeSeries) -> tuple[Array, Array]:
 
 
 def by_course(step: Array, least: float) -> Array:
-    """Return distances whose sign changes where the course reverses between two sections of `least` [m]."""
+    """Return signed distances. The sign changes where the course reverses between two sections of `least` [m] each."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -111,7 +111,7 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the sections that best explain the yaw rate, mostly forwards, or None if they explain little.
+    """Return the signs of the sections that best explain the yaw rate, mostly forwards, or None for a poor fit.
 
     Centre, scale and sign of the steering sensor are unknown here.
     """

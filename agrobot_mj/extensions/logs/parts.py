@@ -135,7 +135,7 @@ def vehicle(job: Job) -> Finding:
 
 
 def keys(job: Job) -> Finding:
-    """Fit scenario keys by replays, with the toolbox of MuJoCo."""
+    """Fit scenario keys by replays, with MuJoCo's toolbox `mujoco.sysid`."""
     sources, log_map, scenario, options = job.given("names")
     found = fit_keys(sources, log_map, scenario, **options)
     content = {"identity": job.identity("names"), **found._asdict(), "found": quantity_numbers(found.found)}

@@ -19,7 +19,7 @@ from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, longest_pa
 
 STANDING_S = 2.0  # Duration of a standstill above which it separates segments [s]
 SHORTEST_S = 5.0  # Minimum duration of a segment [s]: one window of the fit, half a window of the replay
-FEWEST_BURSTS = 4  # Minimum number of parts between gaps for a recording that was written in bursts
+FEWEST_BURSTS = 4  # Minimum number of sections between gaps for a recording to count as written in bursts
 TWO_SPEEDS = 1.5  # Minimum ratio of fast to slow speed in a log that contains two speeds [-]
 TURNED_DEG = 15.0  # Minimum angle between heading and course that is reported [deg]
 
@@ -77,7 +77,7 @@ def _at_axle(recording: FieldRecording) -> FieldRecording:
 
 
 class Bursts(NamedTuple):
-    """Bursts of a recording, which are its parts between gaps of the inputs."""
+    """Bursts of a recording: its sections between gaps of the inputs."""
 
     number: int
     length: float  # Median duration of a burst [s]
@@ -85,7 +85,7 @@ class Bursts(NamedTuple):
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return the bursts of a recording with pauses, or None if pauses are few or parts are long enough."""
+    """Return the bursts of a recording with pauses, or None if pauses are few or sections between them long enough."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])

@@ -276,7 +276,7 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return a yaw rate without a gyro, and its source: the heading, or the course, which sideslip and tilt distort."""
+    """Return a yaw rate without a gyro, and its source: heading, or else course, which sideslip and tilt distort."""
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

@@ -18,17 +18,18 @@ SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate heading
 COURSE_S = 2.0
 """Duration of the local cubic fits for the course rate [s]. It is long because second derivatives are noisy."""
 LOST_S = 2.0
-"""Time without positions after which the position is lost [s]; with slow receivers, three times their interval."""
+"""Time without positions after which the position is lost [s]. For slow receivers it is three times their interval."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Distance between two fixes that is always plausible [m]. Factors on speed and on typical error for larger plausible
-distances [-]. Assumed values: RTK floats drift less, wheels slip less."""
+"""Distance between two fixes that is always plausible [m], and factors on the speed and on the typical error, for
+larger plausible distances [-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Always plausible heading change between values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed values."""
+"""Always plausible heading change between two values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed values.
+"""
 AWAY_S = 5.0
 """Maximum time after which positions return from a temporary jump [s]; longer jumps are permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum ratio of the deviation of an outlier to the deviations near it [-], and quantile of all deviations [-]. The
-deviations near it count as at least this quantile. Assumed values."""
+"""Minimum ratio of the deviation of an outlier to the neighbouring deviations [-]. Lower limit of the neighbouring
+deviations, as a quantile of all deviations [-]. Assumed values."""
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
@@ -195,8 +196,8 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Return regular times in place of `t` [s], a mask of times without a gap of `SMOOTHING_S` in the cubic, and
-    parameters of `savgol_filter` for cubics of `length_s` [s]. Return None for too few samples."""
+    """Return regular times in place of `t` [s], a mask of the times at which a cubic of `length_s` [s] contains no gap
+    of `SMOOTHING_S`, and parameters of `savgol_filter` for these cubics. Return None for too few samples."""
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)
     even = np.arange(t[0], t[-1], spacing, dtype=np.float64)

@@ -48,7 +48,8 @@ class RoughSteering(NamedTuple):
         return np.where(angle < 0, self.right * angle, angle)
 
     def less_wheel(self, reading: Array, angle: Array) -> Array:
-        """Return the readings that remain with the wheels straight ahead [rad], by removing known wheel angles."""
+        """Return the sensor readings [unit of the sensor] minus the effect of the known wheel angles `angle` [rad].
+        Without errors, the result is the centre."""
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:

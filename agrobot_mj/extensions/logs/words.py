@@ -22,21 +22,21 @@ PLACES = {
 }
 """Words for positive and negative values of the antenna position, by key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Ranges of the scale, by unit of the angles, in which the angles probably have the other unit."""
+"""Ranges of the steering scale that indicate a wrong unit of the angles, by unit in the map [-]."""
 LOOKAHEAD_M = 2.0  # Look-ahead distance of a pure-pursuit law for which the resulting lateral offset is reported [m]
 MOVED_DEG = 1.0  # Minimum error or change of the steering centre that is reported [deg]
 
 
-FOLLOWED = 0.05  # RMS speed residual per mean speed above which the plant does not follow the speed [-]
+FOLLOWED = 0.05  # RMS speed residual divided by the mean speed above which the plant does not follow the speed [-]
 SAME_GAIN = 0.05
-"""Minimum reported error of scale and wheelbase combined [-], above the accuracy of measurements by users."""
+"""Minimum reported relative error of scale and wheelbase combined [-]: larger than measurement errors of users."""
 SLIPLESS = 0.5
-"""Residual without slip divided by residual of the plant below which the plant is wrong, not the scale [-]."""
+"""Ratio of the residual without slip to the residual of the plant below which the plant is wrong, not the scale [-]."""
 JUDGED_S = 10.0  # Minimum duration for evaluating a yaw-rate gain [s]: one or two bends
 WRONG_GAIN = 3.0  # Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Minimum reported position error in a window [m], minimum reported relative error of the track length [-], and error
-that only a wrong unit can explain, because no slip is as large [-]."""
+"""Minimum reported position error in a window [m], minimum reported relative error of the track length [-], and
+relative error that is too large for slip and indicates a wrong unit [-]."""
 FAST_M_S = 2.5
 """Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent at this speed."""
 TIGHT = 0.15  # Minimum curvature of a tight bend [1/m]: a radius of 7 m

@@ -36,11 +36,11 @@ from agrobot_mj.extensions.logs.identify.windows import (
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
-"""Length of the autoregression of residuals [s], limited to between `LEAST_ORDER` and `MOST_ORDER` samples."""
+"""Duration of the autoregression of residuals [s]. Its order is limited to `LEAST_ORDER` to `MOST_ORDER` samples."""
 LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
-"""Maximum time over which errors of different windows are treated as correlated [s]; at most a third of the log."""
+"""Maximum time difference at which errors of different windows are correlated [s]. It is at most a third of the log."""
 DRAWS = 12  # Number of noise realisations added to the recorded angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
 """Parameters that are fitted if identifiable and are not reported."""
@@ -151,7 +151,7 @@ class _Units(NamedTuple):
     scale: Array
     mean: Array  # Means of the priors
     weight: Array
-    """Typical magnitude of each parameter divided by the standard deviation of its prior, or 0 if there is no prior."""
+    """Scale of each parameter divided by the standard deviation of its prior, or 0 if there is no prior."""
 
     def known(self, x: Array) -> Array:
         """Return the differences from the prior means as residuals."""
@@ -281,17 +281,18 @@ def _seen(nuisance: str, data: VehicleData) -> bool:
 
 
 SLIP_AT_LOAD = Prior(0.1, 0.08)
-"""Prior of the slip angle at which a linear tyre's lateral force equals its load [rad]. Stiffness per load is 5-25 on
-roads, 2-10 on soil."""
+"""Prior of the slip angle at which the lateral force of a linear tyre equals its load [rad]. The inverse, stiffness
+divided by load, is 5-25 1/rad on roads and 2-10 1/rad on soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Prior of the relaxation length per wheel radius [-]: 0.25 on turf at walking speed; published values reach 3."""
+"""Prior of the relaxation length divided by the wheel radius [-]: 0.25 on turf at low speed; published values reach 3.
+"""
 BACKLASH = Prior(0.0, radians(1.5))  # Prior of the steering play [rad]
 SPEED_ERROR = Prior(0.0, 0.02)  # Prior of the relative error of the speed [-]
 DELAY_S = 0.3  # Prior standard deviation of a latency [s]
 PLACE_M = 0.5  # Prior standard deviation of the antenna position relative to its position in the map [m]
 LEAN_S2 = Prior(0.02, 0.03)
-"""Prior of the outward shift of the antenna due to roll, per lateral acceleration [s2]: 0 with tilt correction, 0.014
-for the compact and 0.045 for a narrow tractor."""
+"""Prior of the outward shift of the antenna due to roll, divided by the lateral acceleration [s2]: 0 with tilt
+correction, 0.014 for the compact and 0.045 for a narrow tractor."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
 """Priors of steering centre [rad] and scale [-] relative to the regression without slip."""
 

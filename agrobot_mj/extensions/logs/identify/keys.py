@@ -38,7 +38,7 @@ class FittedKeys(NamedTuple):
     """Scenario keys fitted to logs."""
 
     found: dict[str, Quantity]  # Fitted values by key, with intervals from fits without one window
-    toolbox: dict[str, float]  # Half widths of the intervals of the toolbox by key
+    toolbox: dict[str, float]  # Half widths of the intervals that MuJoCo's toolbox computes, by key
     windows: int
     rms: dict[str, tuple[float, float]]
     """RMS residual by channel with the initial and with the fitted values [rad/s or m]."""
@@ -46,7 +46,7 @@ class FittedKeys(NamedTuple):
 
 
 class _Problem:
-    """Replays of segments as a least-squares problem. The unknowns are the values per initial value."""
+    """Replays of segments as a least-squares problem, whose unknowns are key values divided by their initial values."""
 
     def __init__(self, pieces: Sequence[FieldRecording], scenario: Scenario, start: Mapping[str, float]) -> None:
         self.scenario, self.start = on_wide_ground(scenario, max(map(reach, pieces))), start
@@ -63,7 +63,7 @@ class _Problem:
         return found
 
     def weighted(self, x: Array, _: Any = None) -> tuple[list[Array], None, None]:
-        """Return the weighted residuals (samples, points) at points x (n, points), in the form of the toolbox."""
+        """Return the weighted residuals (samples, points) at points x (n, points), as the toolbox expects them."""
         points = [self.residuals(each) for each in np.reshape(x, (len(self.start), -1)).T]
         rows = {key: np.stack([each[key] for each in points], axis=1) for key in points[0]}
         return [each / self.weights[name] for (name, *_), each in rows.items()], None, None
@@ -106,7 +106,7 @@ def fit_keys(
 
 
 def _number(scenario: Scenario, key: str) -> float:
-    """Return the number of a key. Raises `ScenarioError` for a key without a number, or with zero."""
+    """Return the number of a key. Raises `ScenarioError` if the value is zero or not a number."""
     known = {name: each for name, each in flat(scenario.model_dump()) if isinstance(each, int | float)}
     if not known.get(key):
         near = suggestion(key, list(known)) if key not in known else ""
@@ -130,13 +130,12 @@ def _residuals(number: int, piece: FieldRecording, driven: Driven) -> Residuals:
 
 
 def _rms(residuals: Residuals) -> dict[str, float]:
-    """Return the RMS residual by channel."""
     parts = {name: [each for key, each in residuals.items() if key[0] == name] for name, *_ in residuals}
     return {name: float(np.sqrt(np.mean(np.concatenate(each) ** 2))) for name, each in parts.items()}
 
 
 def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
-    """Return the values per initial value that minimise the weighted residuals, and the Jacobian."""
+    """Return the values, divided by their initial values, that minimise the weighted residuals, and the Jacobian."""
     unknown = toolbox.ParameterDict()
     for name, start in zip(problem.start, x.tolist(), strict=True):
         unknown.add(toolbox.Parameter(name, start, 1 / RANGE, RANGE))
@@ -146,7 +145,7 @@ def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
 
 
 def _spread(residuals: Residuals, rows: Sequence[Array], jacobian: Array) -> Array:
-    """Return the covariance of the values per initial value, from fits without each window [MacKinnonWhite1985]."""
+    """Return the covariance of the values divided by their initial values, by a jackknife [MacKinnonWhite1985]."""
     ends = np.cumsum([len(row) for row in rows])[:-1]
     parts: dict[tuple[int, int], tuple[Array, Array]] = {}
     for (_, piece, window), row, J in zip(residuals, rows, np.split(jacobian, ends), strict=True):

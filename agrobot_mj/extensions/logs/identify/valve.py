@@ -61,7 +61,7 @@ HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
 SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
 """Typical magnitudes of the parameters. Gains refer to the default cylinder."""
 PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
-"""Initial values of the backlash and of the angle `CENTRED` [deg]. A fit starts from the best pair."""
+"""Initial values of the backlash and of the angle `CENTRED` [deg]. A fit starts from the pair with the best fit."""
 
 
 class Identified(NamedTuple):
@@ -84,7 +84,7 @@ class Identified(NamedTuple):
 class Fitted(NamedTuple):
     """Result of one fit."""
 
-    p: Array  # All parameters, shape (8,). An unidentified rate limit is infinite, an unidentified backlash is 0.
+    p: Array  # All parameters, shape (8,). A rate limit that is not identified is infinite, such a backlash is 0.
     free: tuple[int, ...]  # Indices of the fitted parameters
     result: OptimizeResult  # Result of `scipy.optimize.least_squares`
 
@@ -96,7 +96,7 @@ class Data(NamedTuple):
     measured: Array  # Measured angle, averaged over the preceding tick, shape (windows, ticks) [rad]
     kept: Array  # Mask of the windows that `measured` contains, shape (complete windows,)
     tick: float  # Length of a tick [s]
-    displacement: float  # Oil volume of the cylinder per steering angle [m3/rad]
+    displacement: float  # Oil volume of the cylinder divided by the steering angle [m3/rad]
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
@@ -133,7 +133,8 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return a fit with the parameters `extra` from the best of `starts`, or `fit` if the first is not identified."""
+    """Return a fit that includes the parameters `extra`, from the best of `starts`. Return `fit` if the run does not
+    identify the first of `extra`."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -271,7 +272,6 @@ def _errors(fit: Fitted, data: Data) -> Array:
 
 
 def _fastest(p: Array, data: Data) -> float:
-    """Return the maximum steering rate of the model [deg/s]."""
     return float(np.degrees(np.abs(np.diff(_angles(p, data))).max()) * STEPS_PER_TICK / data.tick)
 
 

@@ -33,15 +33,15 @@ CHOICES = {
 }
 """Names of the fitted parameters for each value of the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default of `--fit`. With slow steering, a lag cannot be distinguished from a delay, so only the delay is fitted."""
+"""Default of `--fit`. It includes a delay but no lag, because slow steering does not distinguish them."""
 LEAST_WINDOWS = 6  # Minimum number of windows for a fit: half a minute of driving at speed
 LEAST_STEER_DEG = 0.5  # Minimum RMS steering angle for a fit [deg]
 LEAST_EXPLAINED = 0.5
 """Minimum fraction of the yaw-rate variance that a fit explains on the remaining part of the log [-]. Assumed value."""
 SEPARABLE = 0.5
-"""Maximum half width of the interval of an identified stiffness [-], relative to its value. Assumed value."""
+"""Maximum half width of the interval of an identified stiffness, divided by the stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
-"""Plausible range of an axle's cornering stiffness per load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
+"""Plausible range of cornering stiffness divided by axle load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
 """Typical relative errors of yaw inertia and front load fraction estimated from the machine size [-]. Assumed."""
 AGE = Prior(0.0, 0.1)  # Prior of latencies that are not given by the map: of speed, heading and position [s]
@@ -56,13 +56,14 @@ class NothingExplainedError(ScenarioError):
 class IdentifiedVehicle(NamedTuple):
     """Vehicle identified from recordings."""
 
-    found: dict[str, Quantity]  # Identified quantities by key. A key ends with the unit.
+    found: dict[str, Quantity]  # Identified quantities by key. Keys end with the unit.
     windows: int
     explained: float  # Fraction of the yaw-rate variance that the fit explains on the rest of the log [-]
     residual_deg_s: float  # RMS residual of the fit on the rest of the log [deg/s]
     kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], on the rest of the log
     moved: dict[str, tuple[float, float]]
-    """Factors on front and rear stiffness if a quantity unknown to the scenario changes, by text of the change [-]."""
+    """Factors on front and rear stiffness due to a typical error of a quantity that the scenario does not give, by
+    description of the error [-]."""
     geometry: str  # Geometry of the steering model: `small angles` or `tangent`
     notes: tuple[str, ...]  # Notes about the parts of the logs that are used
     kept: tuple[FieldRecording, ...]  # Segments of the logs that are used
@@ -123,7 +124,8 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield vehicle parameters with a typical error in one quantity unknown to the scenario, each with a text."""
+    """Yield vehicle parameters with a typical error in one quantity missing in the scenario, and a text about the
+    error."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -145,7 +147,7 @@ def _ages(data: VehicleData) -> list[str]:
 
 
 def is_plausible(stiffness_per_load: float) -> bool:
-    """Return whether a cornering stiffness per load is possible for tyres [1/rad]."""
+    """Return whether a cornering stiffness divided by the load [1/rad] is possible for tyres."""
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 

@@ -35,11 +35,11 @@ play and resemble soft tyres."""
 SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
-"""Time between samples above which a window has a gap [s]. The limit is at least 2.5 times the mean spacing."""
+"""Time between samples above which a window has a gap [s]. This limit is at least 2.5 times the mean spacing."""
 FULL = 0.95  # Minimum number of samples in a window, divided by the nominal number [-]
 EVEN, FULL_UNEVEN = 0.9, 0.85
-"""Minimum fraction of time steps near their median in an evenly sampled channel, and value of `FULL` for other channels
-[-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
+"""Minimum fraction of time steps near their median in a channel that counts as evenly sampled, and value of `FULL` for
+other channels [-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
 
 
 class WindowedChannel(NamedTuple):
@@ -77,7 +77,7 @@ class VehicleData(NamedTuple):
     """Measured channels by name: `yaw_rate` of a gyro, `heading` and `position`, if available."""
     steer_noise: float  # Standard deviation of white noise in the recorded wheel angle [rad]
     speed_noise: float  # Standard deviation of white noise in the recorded speed [m/s]
-    play_cut_off_hz: float  # Cut-off frequency of the filter for the recorded wheel angle before the play [Hz]
+    play_cut_off_hz: float  # Cut-off frequency of the low-pass filter of the recorded wheel angle before the play [Hz]
 
     @property
     def dynamics(self) -> set[str]:
@@ -206,7 +206,7 @@ def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full
     return found
 
 
-MASS_KG = 750.0  # Mass of the tractor to which the compliances in `DYNAMICS` refer [kg]
+MASS_KG = 750.0  # Mass of the tractor for which `DYNAMICS` contains the compliances [kg]
 Channels = dict[str, Array]  # Values by channel, shape (windows, n); for positions (windows, n, 2)
 
 
@@ -228,8 +228,8 @@ SENSORS = {
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Parameters that do not affect the motion, except the antenna position (relative to the map) if its speed is used. In
-a bend, body roll shifts the antenna outwards by `lean_s2` times the lateral acceleration."""
+"""Parameters of the sensors, which do not affect the motion. Exception: the antenna position (relative to the map), if
+the speed is that of the antenna. Body roll shifts the antenna outwards by `lean_s2` times the lateral acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),

@@ -34,7 +34,7 @@ class OpenedLog(NamedTuple):
     name: str
     reader: str  # Kind of the reader that read the log
     source: Source
-    """Input for `read_recording`: a table in SI units, or the file itself if a map must define its columns."""
+    """Texts of both ends of the interval, rounded to the same digit as the value."""
     notes: tuple[str, ...]  # Notes about data that were selected or omitted
     log_map: LogMap | None  # Map of the columns, if known and sufficient for a replay; otherwise None
     missing: str  # Text that names quantities missing for a replay, identification or calibration, or ""

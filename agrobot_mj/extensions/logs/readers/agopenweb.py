@@ -1,10 +1,4 @@
-"""Reader for `gps_data_log.csv`, which AgOpenWeb writes in a debug dump (one minute at 10 Hz).
-
-The position is that of the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
-fused from antennas, inertial unit and course. The speed is in m/s. The roll in degrees is positive with the right side
-down, as boards send it. Times of day are UTC, from the program and not from the fix. The steering angle, right
-positive, is the command of the guidance: the recorder has no measured angle.
-"""
+"""Return a value rounded to the second significant digit of a half width, or to six digits without an interval."""
 
 from math import radians
 from pathlib import Path

@@ -47,8 +47,7 @@ LARGEST = 1e300  # Upper limit of absolute values that are valid, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 LATE_S = 0.1
-"""Maximum time by which a value may be older than a preceding value of the file [s], with two buses or sockets on one
-computer. Assumed value."""
+"""Maximum time by which a value may be older than a preceding value of the file [s]. Assumed value, for two buses."""
 DAY_S = 86400.0
 
 
@@ -71,7 +70,7 @@ class ReadLog(NamedTuple):
     source: Source  # Table with columns of `QUANTITIES`, or the file itself if a map must define its columns
     notes: tuple[str, ...] = ()  # Notes about data that were selected or omitted, one line each
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Map keys whose values differ from the defaults, by table."""
+    """Values of map keys that differ from the defaults, by table and key."""
 
 
 class LogReader(Spec):

@@ -27,7 +27,7 @@ FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", 
 """Position attributes and their binary formats: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
 SPEED, ON_BUS = 397, 0xDFFE
 """Data dictionary identifiers: actual speed [mm/s], and a bus signal that is specified by further attributes."""
-DEGREES = 1e-7  # Latitude and longitude per count [deg]
+DEGREES = 1e-7  # Angle per count of latitude and longitude [deg]
 FAILED, NOT_AVAILABLE = 14, 15
 """Values of the position status without an equivalent GGA quality. Other values are equal to the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
@@ -43,8 +43,7 @@ class TaskData(LogReader):
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the path is task data: a folder or archive with TASKDATA.XML, this file itself, or a time
-        log."""
+        """Return whether the path is task data: a folder or archive with TASKDATA.XML, this file, or a time log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):

@@ -44,7 +44,8 @@ class _Sentences:
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
-        """Kinds with valid checksums; number, first line and first text of sentences with invalid ones, by kind."""
+        """Types of sentences with a valid checksum; and number, first line and first text of sentences with an invalid
+        checksum, by type."""
         self._counted, self._line = 0, 1
 
     def read(self) -> ReadLog:
@@ -81,7 +82,8 @@ class _Sentences:
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
-        """Set the time to that of a sentence and return its quantities, or None if invalid or before the first fix."""
+        """Set the clock to the time of a sentence and return its quantities. Return None if the sentence is invalid or
+        before the first fix."""
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)
@@ -102,7 +104,7 @@ class _Sentences:
         return values
 
     def _begin_again(self, found: Sentence) -> None:
-        """Omit all sentences before a decrease of the time. Raises `FieldLogError` for a decrease after `SETTLED_S`."""
+        """Discard sentences before a decrease of the time. Raises `FieldLogError` for a decrease after `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(

@@ -26,7 +26,7 @@ class RunFolder(LogReader):
         return (head.path / "signals.parquet").is_file()
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path of the signals file, for which a built-in map exists."""
+        """Return the path of the signals file, which has a built-in map."""
         return ReadLog(path / "signals.parquet")
 
 

@@ -30,7 +30,8 @@ CORRECTION = 0.5
 INTEGRAL_S = 2.0
 """Time constant of the integral speed controller [s]: long compared with the oil spring of the drive (3 Hz)."""
 DRIVE_DAMPING = 10.0
-"""Damping of the drive in a replay per nominal damping [-]: half of the critical damping of the oil spring."""
+"""Damping of the drive in a replay divided by its nominal damping [-]: half of the critical damping of the oil spring.
+"""
 LEAD_ACCELERATION = 1.0  # Acceleration of the tractor in the lead-in [m/s2]
 LEAD_STEADY_S = 2.0  # Time at the initial speed and angle at the end of the lead-in [s]
 MOVING = 0.05  # Minimum initial speed for which a lead-in is needed [m/s]

@@ -47,7 +47,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Return a corrected initial pose with which the first metres fit the recorded ones in spite of slip."""
+    """Return a corrected initial pose, for which the first metres of the replay fit the recording in spite of slip."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose

@@ -1,4 +1,4 @@
-"""Replay of logs: read, simulate, compare; write `replay.json`, `.parquet`, `.png` and the scenario."""
+"""Replay of logs: read, simulate, compare; write `replay.json`, `replay.parquet`, a figure and the scenario."""
 
 import shutil
 from collections.abc import Sequence

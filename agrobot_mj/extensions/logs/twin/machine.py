@@ -143,7 +143,7 @@ def twin_faults(c: Calibration) -> list[dict[str, Any]]:
 
 
 def _step(c: Calibration) -> float:
-    """Return the smallest step between sensor readings [unit of the reading], or 0 for continuous readings."""
+    """Return the resolution of the sensor readings [unit of the reading], or 0 for continuous readings."""
     steer = c.pieces.kept[0].steer
     steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
     return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0

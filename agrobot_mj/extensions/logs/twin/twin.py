@@ -157,7 +157,7 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the wheel angle after the steering play instead of the sensor angle."""
+    """Return the recording with the wheel angle behind the steering play in place of the sensor angle."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
