@@ -97,7 +97,7 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return the estimated sin(psi) [-] and offset of R to the left of the fixes [m], at a steering `delta` [rad]."""
+    """Return estimates at a steering angle `delta` [rad]: sin(psi) [-] and offset of R to the left of the fixes [m]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)

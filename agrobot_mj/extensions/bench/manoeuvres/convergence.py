@@ -1,7 +1,7 @@
 """Halving the physics step
 
 The figure eight is simulated in closed loop with noise, at physics steps of 2 ms and 1 ms. The RMS lateral error must
-be nearly equal. `contact` is reported without limits.
+be nearly equal. The tyre `contact` is reported without limits.
 """
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Figures of the validation: step steer, crab angle on a slope, understeer. Markers are measured, lines are theory."""
+"""Figures of the validation: step steer, crab angle on a slope, understeer. Markers show measurements, lines theory."""
 
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -37,7 +37,7 @@ def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
 
 
 def step_steer(steps: Mapping[str, Step]) -> Figure:
-    """Plot steering angle and yaw rate over the time since the step."""
+    """Plot steering angle and yaw rate versus the time since the step."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     for subject, step in steps.items():
@@ -52,7 +52,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Plot the crab angle of the heading over the grade, and the mean crab angle from the total stiffness."""
+    """Plot the crab angle of the heading versus the grade, and the mean crab angle from the total stiffness."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -68,7 +68,7 @@ def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
 
 
 def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) -> Figure:
-    """Plot the offset of the CG over the grade: one panel per controller, one line style per estimator."""
+    """Plot the offset of the CG versus the grade: one panel per controller, one line style per estimator."""
     controllers = list(dict.fromkeys(words.split(", ")[0] for words in rows))
     figure = Figure((2 * PANEL_WIDTH_IN, 3.2), layout="constrained")
     grades = np.linspace(0.5, 15.0, 30)
@@ -94,7 +94,7 @@ def antenna_lean(rows: Mapping[str, Mapping[str, list[tuple[float, float]]]]) ->
 
 
 def understeer(rows: Mapping[str, np.ndarray]) -> Figure:
-    """Plot the steering angle minus L / R over the lateral acceleration."""
+    """Plot the steering angle minus L / R versus the lateral acceleration."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, a = figure.subplots(), np.linspace(0.02, 0.6, 25)
     for subject, seen in rows.items():

@@ -43,7 +43,7 @@ AXLES = 2 * TYRE.front_cornering_stiffness_n_rad, 2 * TYRE.rear_cornering_stiffn
 PLOUGH = Mounted(
     tool=Tool(draught_scale=0.0, noise_share=0.0, cornering_stiffness_n_deg=200.0, side_limit_n=1e5), mass_kg=110.0
 )
-"""Mounted tool that only has lateral forces."""
+"""Mounted tool with lateral forces only."""
 TRAILER = Drawn(cg_height_m=0.5)
 CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise_share=0.0, suction_share=0.0)
 

@@ -81,7 +81,7 @@ def scrubbing(front_load: float, width: float, offset: float) -> float:
 
 
 def changed(**linkage: float) -> Machine:
-    """Return the machine with other kingpin parameters."""
+    """Return the machine with the kingpin parameters in `linkage`."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 

@@ -47,8 +47,7 @@ SOILS = {
     "tilled": (900.0, 0.67, (11.0, 13.0)),
     "soft": (450.0, 0.55, (14.0, 16.0)),
 }
-"""For each soil: cone index [kPa] (assumed value), published efficiency [-] and slip range [%], rear-wheel drive
-[Arizona2026]."""
+"""Cone index [kPa] (assumed value), published efficiency [-] and slip range [%], by soil [Arizona2026]."""
 RADIUS_BAND, EFFICIENCY_ROOM, SLIP_ROOM = 0.015, 0.1, 4.0
 """Acceptance limits: radius [relative], efficiency [-], and deviation from the published slip range [%]."""
 GEARS = 0.96  # Power at the axle divided by power at the power take-off [-]. Assumed value (0.94-0.97).

@@ -96,7 +96,7 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
 
 
 def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
-    """Yield checks of a plate: pressure over plastic sinkage, rebound stiffness, and repeated loading."""
+    """Yield checks of a plate: pressure versus plastic sinkage, rebound stiffness, and repeated loading."""
     soil, b = tyre.structure().bearing, 0.2
     k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -116,7 +116,7 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa per sinkage after the first one [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by that after the first [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:

@@ -112,7 +112,7 @@ def theory(kind: str) -> float | None:
 
 
 def relaxed_bicycle(steer: Array) -> Array:
-    """Return the yaw rate [rad/s] of the bicycle on `linear` tyres with relaxation and roll, at each tick, for `steer`
+    """Return the yaw rate [rad/s] at each tick of a bicycle with `linear` tyres, relaxation and roll, for `steer`
     [rad]."""
     p, tyre, u, b = TractorParameters(), Linear(), SPEED_M_S, parts(STOCK)
     m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle
@@ -145,7 +145,7 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Return measured and theoretical overshoot, and the RMS difference of yaw rates, per steady yaw rate [%]."""
+    """Return measured and theoretical overshoot and RMS difference of yaw rates, divided by the steady yaw rate [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (

@@ -156,7 +156,7 @@ class Tractor:
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels produce a lateral force [N]. Raises ValueError beyond their
+        """Return the slip angle at which two wheels have a lateral force [N]. Raises ValueError for a force above their
         grip."""
 
         def missing(slip: float) -> float:
@@ -251,8 +251,8 @@ def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> f
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg]. It is
-    sin(grade) divided by the stiffness per load, averaged with the load fractions of the axles."""
+    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg]. This
+    angle is sin(grade) divided by the ratio of stiffness to load, averaged with the load fractions of the axles."""
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load
     return degrees(sin(radians(grade_deg)) / (front + rear))

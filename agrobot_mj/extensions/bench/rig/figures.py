@@ -1,4 +1,4 @@
-"""Figures of measurements on the tyre rig, one PNG each with one panel per axle, in the style of the reports.
+"""Figures of measurements on the tyre rig, in the style of the reports: PNG files with one panel per axle.
 
 Forces and slips keep their signs: a lateral force is opposite to its slip angle.
 """
@@ -31,24 +31,25 @@ def write_figures(table: pa.Table, folder: Path) -> list[Path]:
 
 
 def lateral(table: pa.Table) -> Figure:
-    """Plot lateral force over slip angle, with one curve per load."""
+    """Plot lateral force versus slip angle, with one curve per load."""
     return _by_load(table, "lateral", "fy_n", "lateral force [kN]", 1e-3)
 
 
 def longitudinal(table: pa.Table) -> Figure:
-    """Plot longitudinal force over slip ratio, with one curve per load."""
+    """Plot longitudinal force versus slip ratio, with one curve per load."""
     return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Plot aligning moment over slip angle, one curve per load. Return None for tyres without an aligning moment."""
+    """Plot aligning moment versus slip angle, one curve per load. Return None for tyres without an aligning moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
 def combined(table: pa.Table) -> Figure:
-    """Plot lateral over longitudinal force for several slip angles, with the ellipse through the peaks of pure slip."""
+    """Plot lateral versus longitudinal force for several slip angles, and the ellipse through the peaks of pure
+    slip."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)
@@ -64,7 +65,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the lateral force, relative to steady state, over the distance from a slip-angle step, by speed."""
+    """Plot the lateral force divided by its steady value versus the distance from a slip-angle step, by speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -81,7 +82,7 @@ def step(table: pa.Table) -> Figure | None:
 
 
 def speed(table: pa.Table) -> Figure:
-    """Plot lateral force over small slip angles at several speeds, for the tyre and for MuJoCo's contact model."""
+    """Plot lateral force versus small slip angles at several speeds, for the tyre and for MuJoCo's contact model."""
     own = _kind(table)
     panels = {"contact": "contact"} if own == "contact" else {"lateral": own, "contact": "contact"}
     figure = Figure((PANEL_WIDTH_IN * len(panels), 2.6), layout="constrained")
@@ -97,7 +98,7 @@ def speed(table: pa.Table) -> Figure:
 
 
 def hopping(table: pa.Table) -> Figure | None:
-    """Plot the fraction of time in contact over slip angle, one curve per speed. Return None for permanent contact."""
+    """Plot the fraction of time in contact versus slip angle, by speed. Return None for permanent contact."""
     if np.all(_column(_rows(table, test="lateral"), "grounded") == 1.0):
         return None
     figure, grid = _panels(table)
@@ -145,7 +146,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Plot the lateral force divided by load at one speed. Return the slope at zero slip as text [1/rad]."""
+    """Plot the lateral force divided by the load at one speed. Return the slope at zero slip as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")

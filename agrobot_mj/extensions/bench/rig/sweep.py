@@ -6,7 +6,7 @@ only), `fx_n`, `fy_n`, `mz_n_m`, `grounded` (see `wheel.Reading`). Rows by `test
     lateral        sweep of the slip angle, wheel rolling freely, at every load and at every speed
     longitudinal   sweep of the slip ratio, at every load and at every speed
     combined       sweep of the slip ratio at several slip angles, and of the slip angle to large values
-    step           response over the distance after a step in slip angle, at every speed, for tyres with relaxation
+    step           response versus the distance after a step in slip angle, at every speed, for tyres with relaxation
     contact        small slip angles with MuJoCo's contact model at every speed, front axle, for comparison
 
 A tyre is given by its kind or by a TOML file with its keys at the top level, in `[tyre]`, or in `[plant.tyre]` as in a

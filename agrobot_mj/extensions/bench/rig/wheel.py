@@ -19,9 +19,9 @@ from agrobot_mj.tyres.laws import slip_stiffness, tyre_set, wheel_step
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 
 DT_S = 0.002  # Time step of the rig [s], equal to the default physics step
-SETTLE_LENGTHS = 25.0  # Distance travelled before a steady measurement [relaxation lengths]; exp(-25) is 1e-11
+SETTLE_LENGTHS = 25.0  # Distance before a measurement [relaxation lengths]; a transient decays by exp(-25) = 1e-11
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius [-], as in a scenario. Longer ones take too long to settle."""
+"""Maximum relaxation length divided by free radius [-], as in a scenario. Larger values take too long to settle."""
 FRONT, REAR = 0, 2  # Indices of the front and rear wheel whose tyres are tested
 AXLES = {"front": FRONT, "rear": REAR}
 
