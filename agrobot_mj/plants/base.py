@@ -62,7 +62,7 @@ class RunningPlant(Protocol):
         """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre report of four wheels, (24,), see `tyres.patch`, or an empty array without a tyre model."""
+        """Return the tyre report of four wheels, shape (24,) (see `tyres.patch`), or an empty array without tyres."""
         return np.empty(0)
 
     @property

@@ -115,7 +115,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a PI function of the truth that steers the course of the antenna (not the heading) to the east."""
+    """Return a steering function of the truth, a PI controller that keeps the antenna's course due east."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:

@@ -24,7 +24,7 @@ from agrobot_mj.scenario.overrides import explicit_values, flat
 from agrobot_mj.scenario.schema import Scenario, on_machine
 
 OTHER_LAP = 0.02
-"""Maximum relative difference of the lap lengths of learned map and path [-]. Assumed value: points every 0.25 m."""
+"""Maximum relative difference between lap lengths of learned map and path [-]. Assumed value: points every 0.25 m."""
 
 
 def hints(scenario: Scenario) -> list[str]:
@@ -85,7 +85,7 @@ LEAVES_M = 0.15
 preview is about twice the minimum."""
 MOST_LOCK = 0.9  # Fraction of the steering limit above which a bend leaves no margin for control [-]. Assumed value.
 EDGE_M = 0.5
-"""Minimum distance between the path and the edge of the ground [m]. Assumed value: the tractor may lead the path."""
+"""Minimum distance between the path and the edge of the ground [m]. Assumed value; tractors deviate from paths."""
 WIDEST = 100.0  # Maximum factor by which the search for a feasible radius increases the radius [-]
 
 
@@ -99,7 +99,7 @@ class Change(NamedTuple):
     place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the time [s] that the wheels need in addition to the change, at the steering rate `rate` [rad/s]."""
+        """Return the time [s] that the wheels need beyond the duration of the change, at the steering rate [rad/s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 

@@ -81,7 +81,7 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the abstract methods and properties that a class leaves undefined; a kind's subclass has none."""
+    """Return the abstract methods and properties that a class leaves undefined; empty for a subclass of a kind."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []

@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys that do not affect a run, and keys that repeat the content of other keys."""
+"""Keys without effect on a run, and keys that repeat the content of other keys."""
 
 
 class Scenario(Tables):

@@ -21,8 +21,8 @@ ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)  # Quaternion that rotates the axis of
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
 """Distance of the seat behind the dashboard, and heights of seat and roll bar above the floor [m]."""
 HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
-"""Maximum height of a cab roof above its floor (unless the antenna is lower), minimum height above the floor, and
-minimum height above the rear tyres [m]."""
+"""Height of a cab roof above its floor [m], reduced below a low antenna, but to no less than the second value; minimum
+height of the roof above the rear tyres [m]."""
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}  # Attributes of a visual geom without contact
 HIDDEN = 3  # Group of geoms that are not drawn
 KINDS = {

@@ -211,9 +211,9 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
 
 
 LIGHT_STEP_S, FASTEST_TURN = 0.0025, 130.0
-"""Physics step of `physics = "fast"` for light wheels [s], and minimum of sqrt(2 k / m) for its use, the angular
-frequency of a disc that rotates on its tyre [rad/s]. At 5 ms light wheels vibrate, and a parked tractor creeps by
-0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138."""
+"""Physics step of `physics = "fast"` for light wheels [s], and value of sqrt(2 k / m) above which this step is used:
+the angular frequency of a disc that rotates on its tyre [rad/s]. At 5 ms light wheels vibrate, and a parked tractor
+creeps by 0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138."""
 
 
 class Mujoco(Spec):

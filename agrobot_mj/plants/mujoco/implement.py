@@ -127,7 +127,7 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return log-normal samples (n,) of draught / mean draught along the path [-], and the sample spacing [m]."""
+    """Return log-normal samples (n,) of the draught along the path, divided by its mean [-], and their spacing [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()

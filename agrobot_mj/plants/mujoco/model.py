@@ -32,7 +32,7 @@ half of the mass is in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the coefficients (5,) of a quartic fit of the left wheel angle to the virtual angle, with slope 1 at 0."""
+    """Return the coefficients (5,) of a quartic from virtual angle to left wheel angle, fitted with slope 1 at zero."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -46,7 +46,7 @@ STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio [-] of the brake friction, small enough to take effect in one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on the typical inertias for a mass and wheelbase, tested for a physically possible chassis [-]."""
+"""Factors on typical inertias that the search for a physically possible chassis tests [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
@@ -86,7 +86,7 @@ def _default() -> mujoco.MjSpec:
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """Return a user-defined body with its own kingpins. Raise ValueError if the scenario cannot steer it."""
+    """Return a user-defined body with its own kingpins. Raise ValueError if the scenario cannot steer the body."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; omit {given}")
@@ -232,7 +232,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return a hint with inertias for a physically possible chassis; `others` (3, 3) is that of the other bodies."""
+    """Return a hint with inertias for a physically possible chassis; `others` (3, 3) is the inertia of all others."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))

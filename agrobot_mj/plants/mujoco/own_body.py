@@ -96,7 +96,7 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """Return the user-defined body of a tractor with steering and drive. Raise the ValueErrors of `measures`."""
+    """Return the user-defined body of a tractor with steering and drive. Raise ValueError as `measures` does."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)

@@ -14,7 +14,7 @@ from agrobot_mj.plants.mujoco.stepping import Oil, TractorMotion
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import FRICTION_USE, LOAD
 
-PASSES = 3  # Number of fits of the plane; each fit uses the wheel positions of the previous fit
+PASSES = 3  # Number of fits of the ground plane; each fit uses the wheel positions of the previous fit
 
 
 def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[Array, float]:
@@ -131,7 +131,7 @@ class Settled(NamedTuple):
     truth: Truth
     recent: RecentMotion  # Motion in the last `REST_S` of settling
     mass: float  # Mass of the tractor with its load and implement [kg]
-    wheels: Array  # Tyre report, shape (4, 6): see `tyres.patch`; the last column is the friction use
+    wheels: Array  # Tyre report, shape (4, 6): see `tyres.patch`; the last column is the used fraction of friction
     fallen: bool
 
 

@@ -154,7 +154,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 @kernel
 def driven(v: Views, oil: Oil) -> tuple[float, float]:
-    """Return angle [rad] and rate [rad/s] of the drive, the mean over the driven wheels weighted by their torques."""
+    """Return angle [rad] and rate [rad/s] of the drive: means over the driven wheels, weighted by their torques."""
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
     speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
     if oil.front_share > 0.0:
