@@ -30,8 +30,8 @@ MEAN = "mean"  # Name of the entity with the moving means, below the entity of t
 WINDOWS = 100
 """Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
 MOST_NOISE = 0.1
-"""Mean noise amplitude in the noisier half of the windows, per signal range, above which a mean is drawn [-]. Assumed
-value."""
+"""Mean noise amplitude in the noisier half of the windows, divided by the signal range, above which a mean is drawn
+[-]. Assumed value."""
 
 
 class _Lines(NamedTuple):

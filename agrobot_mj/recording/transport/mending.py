@@ -1,4 +1,4 @@
-"""Repair of incomplete recordings. Their writing process was killed or is still active.
+"""Repair of incomplete recordings, whose writing process was killed or is still active.
 
 A complete recording ends with a footer. The viewer cannot open a recording that ends within a chunk, but Rerun's
 command-line program can copy its complete chunks.

@@ -166,7 +166,7 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
 
 
 def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
-    """Return whether the relief of `tiles` (n, 2) is straight along x and along y. Furrows often are along one."""
+    """Return whether the relief of `tiles` (n, 2) is straight along x and along y, as furrows often are along one."""
     if ground.is_plane or not len(tiles):
         return False, False
     z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))

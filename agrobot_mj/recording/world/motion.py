@@ -56,7 +56,7 @@ class Belief:
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
-    """Return the standard deviations along both principal axes (n, 2) [m] and the first axes (n, 2) of covariances
+    """Return the standard deviations along both principal axes (n, 2) [m], and first axes (n, 2), of covariances
     (n,)."""
     p = np.stack([p_xx, p_xy, p_xy, p_yy], axis=-1).reshape(-1, 2, 2)
     variances, directions = np.linalg.eigh(p)

@@ -58,8 +58,7 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n, 4,
-        2)."""
+        """Return left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and colours (n, 4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)

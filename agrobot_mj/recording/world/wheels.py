@@ -105,8 +105,7 @@ class Forces:
         send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
-        """Return origins and vectors of ground forces, then of loads, as arrows in rows `at` (n,), (n, 4, 3) each
-        [m]."""
+        """Return origins and vectors of ground forces, then of loads, as arrows in rows `at` (n,), (n, 4, 3) [m]."""
         contacts = self.wheels.contacts(at)
         fx, fy, load = (np.nan_to_num(self.wheels.report(name, at))[..., None] for name in ("fx", "fy", "load"))
         along = fx * contacts.forward + fy * contacts.left

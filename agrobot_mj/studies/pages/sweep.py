@@ -192,7 +192,7 @@ def _add_curves(page: Document, groups: Sequence[Group], numeric: Sequence[str],
 
 
 def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: bool = False) -> Chart:
-    """Return a chart of the error over one parameter, with points and a median curve for each group."""
+    """Return a chart of the error versus one parameter, with points and a median curve for each group."""
     data: list[Chart] = []
     share = max(1, sum(len(g.rows) for g in groups) // MOST_RUNS_DRAWN)
     top = max((float(g.values.max()) for g in groups if len(g.values)), default=1.0)
@@ -222,7 +222,7 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
 
 
 def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
-    """Return a curve of the median error over a parameter, with bars from the 10 % to the 90 % quantile. If the
+    """Return a curve of the median error versus a parameter, with bars from the 10 % to the 90 % quantile. If the
     parameter is random (`drawn`), its values are combined in up to six classes of equal size."""
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     values = len({row[parameter] for row in rows})
