@@ -69,7 +69,7 @@ class Situation(NamedTuple):
     towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
-        """Return the maximum absolute steering angle for a given maximum lateral acceleration [rad]."""
+        """Return the maximum absolute steering angle [rad] for a given maximum lateral acceleration."""
         m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / (u * u)))
 

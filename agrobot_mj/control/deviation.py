@@ -20,7 +20,7 @@ TURNING_S = 1.0
 STEEP = radians(10.0)
 """Minimum heading error during an approach to the path [rad]; smaller errors are treated as tracking. Assumed value."""
 MAX_HEADING_CHANGE = radians(6.0)
-"""Maximum heading change while the wheels turn to their command [rad]; limits the speed. Assumed value."""
+"""Maximum heading change while the wheels turn to their command [rad], which limits the speed. Assumed value."""
 RISE_M_S2 = 1.0
 """Maximum increase rate of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
@@ -98,7 +98,8 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 
 @jit
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
-    """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and at the preview."""
+    """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and the preview
+    point."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     s, preview, leg = place.s, abs(seen.speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):

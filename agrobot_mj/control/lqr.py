@@ -161,7 +161,7 @@ class Lqr(Integrating):
     rear_cornering_stiffness_n_rad: Positive = 30_000.0
     """Cornering stiffness C_r of the rear axle [N/rad]. Assumed value, as in the bicycle plant."""
     steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a healthy, 1.3 with a worn valve)."""
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new, 1.3 with a worn valve)."""
     steering_delay_s: Latency = 0.1
     """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
     offset_m: Positive = 0.14

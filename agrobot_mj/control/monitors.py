@@ -33,8 +33,8 @@ from agrobot_mj.machine.tractor import TractorParameters
 OVERSPEED_M_S = 0.15
 """Tolerated difference between two speeds, independent of speed [m/s]. Assumed value: four times the noise."""
 AGREEING = 0.15
-"""Relative part of the maximum difference between wheel speed and fix speed that agree, divided by the wheel speed [-].
-Assumed value for wheel slip."""
+"""Maximum difference between agreeing speeds of wheels and fixes: its part proportional to the wheel speed, divided by
+the wheel speed [-]. Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
 """Speed below which the course limit grows as 1 / speed, because of antenna oscillation [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5

@@ -57,7 +57,7 @@ class Nmpc(Following):
     kind: Literal["nmpc"] = "nmpc"
     label: ClassVar = "NMPC"
     steering_lag_s: Positive = 0.7
-    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a healthy, 1.3 with a worn valve)."""
+    """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new, 1.3 with a worn valve)."""
     offset_m: Positive = 0.23
     """Cross-track error with a cost of 1 [m]. Assumed value (0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
@@ -72,11 +72,10 @@ class Nmpc(Following):
     heading_noise_deg: Positive = 1.0
     """Standard deviation of the estimated heading [deg]. Assumed value for the noise of the EKF."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1); the heading bias of the EKF changes on each
+    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's heading bias changes on each
     arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values cause
-    oscillation."""
+    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); above, oscillation."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Maximum magnitude of the curvature disturbance [1/m]. Assumed value, equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}

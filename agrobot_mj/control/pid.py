@@ -247,7 +247,7 @@ STANDSTILL_S = 1.0
 STOPPED_S = 2.0
 """Time that the brake needs to stop the tractor [s]. Assumed value, twice the braking time from field speed."""
 CRAWL_M_S = 0.1
-"""Maximum commanded speed of a standstill while the reference is at rest [m/s]. Assumed value for GNSS noise."""
+"""Speed command below which the brake is applied if the reference is at rest [m/s]. Assumed value for GNSS noise."""
 
 
 class BrakeState(NamedTuple):

@@ -83,7 +83,7 @@ class References(NamedTuple):
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, the distance of the fix from the most contradicting one, and its sigma [m].
+    """Return the references after a fix, and distance and sigma of the fix from the most contradicting reference [m].
 
     `variance` [m2] belongs to the position of the fix; `sharing` is the number of consecutive fixes with equal error.
     `heading` is the measured heading minus the integrated yaw rate, NaN if not measured [rad].

@@ -154,7 +154,8 @@ def summed(s: Sums, m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement
 def _turn(
     s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
 ) -> tuple[float, float]:
-    """Return the yaw rate [rad/s] from gyro, antennas or steering at speed `w` [m/s], and the added theta variance."""
+    """Return the yaw rate [rad/s] from gyro, antennas or steering at speed `w` [m/s], and an increase of theta
+    variance."""
     standing = abs(w) < STANDING_M_S
     if isfinite(m.gyro):
         return (0.0 if standing else gyro), 0.0

@@ -35,7 +35,7 @@ from agrobot_mj.core.spec import NonNegative, Positive
 MIN_STEERING_RATE = radians(4.0)
 """Minimum rate of wheels that follow their command, even with a worn valve [rad/s]. Assumed value."""
 MIN_PEDAL_RATE = 0.15
-"""Minimum rate of a pedal that follows its command [1/s]. Assumed value; keeps the lag below `max_pedal_mismatch`."""
+"""Minimum rate of a pedal that follows its command [1/s]. Assumed value; limits the lag to `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
 """Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5  # Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value.
@@ -84,7 +84,7 @@ class Supervisor(SupervisorLimits):
     aligning_speed_m_s: Positive = 0.8
     """Speed along the curvature of the path until the heading is known [m/s]. Assumed value (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
-    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); stops a speed of 1.2 m/s in 0.5 s."""
+    """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); a tractor at 1.2 m/s stops in 0.5 s."""
     settle_s: NonNegative = 1.5
     """Time at rest before the run ends as `stopped` [s]. Assumed value (1-3)."""
 

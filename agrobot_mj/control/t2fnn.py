@@ -75,7 +75,7 @@ class T2Fnn(Spec):
     floor: Positive = 0.001
     """Minimum magnitude of denominators in the learning laws [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
-    """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value, prevents overflow."""
+    """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value to prevent overflow."""
 
     @model_validator(mode="after")
     def _first_input_inside_every_set(self) -> Self:

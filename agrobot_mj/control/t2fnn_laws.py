@@ -234,7 +234,7 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
 def tick(
     network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
 ) -> tuple[Held[Network], float, float, Vector]:
-    """Return the network after a tick of `dt` [s], and before learning the output tau_n [rad], q and the log values."""
+    """Return the network after a tick of `dt` [s], and the output tau_n [rad], q and log values before learning."""
     (s, learning), bound = network, network.learning.input_bound
     x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)
     s = move_centres(s, (s.x1, s.x2), x1, x2, learning.follow)  # type: ignore[arg-type]

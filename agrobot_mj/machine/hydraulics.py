@@ -31,7 +31,7 @@ FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
 LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
-times 1.5 for rough ground and end stops; gives 100 bar for a cylinder of this class."""
+times 1.5 for rough ground and end stops; the result is 100 bar for a cylinder of this class."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
 """Stiffness [N m/rad] and damping [N m s/rad] of the steering of the default tractor. Assumed values: oil column of
 about 2e5 in series with linkage and hoses of about 7e4."""
@@ -87,8 +87,7 @@ class Cylinder(Spec):
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18). Arm and bore determine the steering rate."""
     relief_pressure_bar: Positive | None = None
-    """Pressure at which the relief valve opens [bar]. Default: three times the pressure needed to turn the wheels at
-    standstill."""
+    """Pressure at which the relief valve opens [bar]. Default: 3 times the pressure for turning the wheels at rest."""
     stiffness_n_m_rad: Positive | None = None
     """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to load times width of the
     front tyres, 5e4 for the compact tractor."""

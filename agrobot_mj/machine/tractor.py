@@ -113,8 +113,8 @@ class TractorParameters(Spec):
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (8-12)."""
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
-    """Height of the front axle's pivot above the wheel centres, divided by the free radius of the front wheels [-].
-    Assumed value (0-0.3)."""
+    """Height of the front axle's pivot above the wheel centres, divided by their free radius [-]. Assumed value
+    (0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
@@ -237,12 +237,12 @@ class TractorParameters(Spec):
         return AxleWheel(axle, radius, width, mass, load, k, c, size)
 
     def _fitted(self, axle: str) -> TyreSize:
-        """Return the tyre of an axle, without a size code that of the dimensions of the wheel."""
+        """Return the tyre of an axle, from its size code or, without a code, from the dimensions of the wheel."""
         code, radius, width = (getattr(self, f"{axle}_{key}") for key in ("tyre", "wheel_radius_m", "wheel_width_m"))
         return nominal_size(radius, width) if code is None else tyre_size(code)
 
     def tyre_pressure(self, axle: str, load: float) -> float:
-        """Return the tyre pressure [bar] of the axle "front" or "rear", by default for a load per wheel [N]."""
+        """Return the tyre pressure [bar] of the axle "front" or "rear": given, or for a load per wheel [N]."""
         bar: float | None = getattr(self, f"{axle}_tyre_pressure_bar")
         return self._fitted(axle).pressure(load) if bar is None else bar
 

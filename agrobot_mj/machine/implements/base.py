@@ -36,7 +36,7 @@ class Axle(NamedTuple):
 class DepthWheel(NamedTuple):
     """Wheel that carries the frame of a floating implement."""
 
-    at: Place = (0.0, 0.0, 0.0)  # Lowest point of the unloaded wheel in contact with the ground [m]
+    at: Place = (0.0, 0.0, 0.0)  # Lowest point of the unloaded wheel when it touches the ground [m]
     stiffness: float = 0.0  # Vertical stiffness of the wheel [N/m], or 0 if there is no depth wheel
     damping: float = 0.0  # Vertical damping of the wheel [N s/m]
     rolling: float = 0.0  # Rolling resistance divided by the load of the wheel [-]

@@ -20,7 +20,7 @@ ToolType = Literal[
 Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")  # Soil textures in the order of the factors F_1, F_2, F_3 of D497
 DEEPEST = 2.0
-"""Ratio of depth to intended depth above which the draught is constant [-], as the frame slides. Assumed value."""
+"""Ratio of depth to intended depth above which the draught is constant [-], because the frame slides. Assumed value."""
 
 
 class Draught(NamedTuple):
