@@ -33,7 +33,7 @@ BROKEN_OFF = 130  # Exit status of a command interrupted by a signal, as in Unix
 OBJECTS_PER_COLLECTION = 500_000
 """Number of new objects between two garbage collections. Python's default adds 0.25 s to the start-up time."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Error numbers (errno) of a full or faulty disk; the cause is not the input."""
+"""Error numbers (errno) of a full or faulty disk, which are not errors in the input."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
 """Base class of usage errors of the command-line parser: from click, or from the copy of click in typer."""
 

@@ -28,7 +28,7 @@ from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.extensions.learners.learning import require_quantity
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Limits of the gain per initial gain [-], and maximum dead band [V]. Assumed values: worn to fast valves."""
+"""Limits of the gain divided by its initial value [-], maximum dead band [V]. Assumed values: worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
 """Minimum and maximum segment duration [s]. Assumed values: angle noise of 0.07 deg gives rate noise of 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
@@ -38,8 +38,8 @@ UNSURE = (0.5, 0.5)
 NOISE = radians(0.1)
 """Standard deviation of the mean angle at each end of a segment [rad]. Assumed value: 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate above which the wheels turned during the complete segment [rad/s]. Otherwise the dead band is shifted by
-this fraction of the prediction error [-]. Assumed values: twice the noise of the rate."""
+"""Mean rate above which the wheels count as turning during a complete segment [rad/s]. Below, fraction of the
+prediction error by which the dead band is shifted [-]. Assumed values: twice the noise of the rate."""
 MOST = radians(6.0)  # Maximum rate error used in an update [rad/s], which limits the effect of outliers. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
 """Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""
@@ -52,7 +52,7 @@ class Side(NamedTuple):
     gain: float  # Gain g [rad/(s V)]
     offset: float  # Product of gain and dead band, g d [rad/s]
     P: tuple[float, float, float]
-    """Covariance of (gain, offset) per variance of an equation: (gain, gain), (gain, offset), (offset, offset)."""
+    """Covariance divided by the variance of an equation, of (gain, gain), (gain, offset) and (offset, offset)."""
 
     @property
     def dead_band(self) -> float:

@@ -1,4 +1,4 @@
-"""Iterative learning control: a map of the steering angle over arc length, learned from lap to lap, added to any law.
+"""Iterative learning control: a map of the steering angle along the path, learned from lap to lap, added to any law.
 
 Corrections that the feedback law makes at a location in one lap are applied in advance in the next lap (`lap_map`). The
 map thus contains effects that repeat with the location, such as slope and soil; noise is averaged out. A lap ends where
@@ -42,7 +42,7 @@ class IlcState(NamedTuple):
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any law, plus a map of the steering angle over arc length that is learned from lap to lap."""
+    """Any law, plus a map of the steering angle along the path that is learned from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"

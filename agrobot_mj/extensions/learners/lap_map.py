@@ -1,4 +1,4 @@
-"""Map of a quantity over arc length, learned from lap to lap, with guards against divergence.
+"""Map of a quantity as a function of arc length, learned from lap to lap, with guards against divergence.
 
 Iterative learning control: the map applies the corrections of one lap in advance in the next lap,
 
@@ -83,7 +83,7 @@ class LapState(NamedTuple):
 
 
 class LapMap(Spec):
-    """Learning rule for a quantity over arc length."""
+    """Learning rule for a quantity as a function of arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): maps may diverge at 0.7."""

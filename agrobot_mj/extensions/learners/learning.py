@@ -54,7 +54,7 @@ class PlaceLearner(LearningLaw):
     """Base class of laws that learn a quantity as a function of arc length."""
 
     map: LapMap = LapMap()
-    """Map of the learned quantity over arc length, with its update rule."""
+    """Map of the learned quantity along the path, with its update rule."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Initial map: `learned.parquet` of a run on the same path. Default: none."""
     quantity: ClassVar[str]

@@ -1,4 +1,4 @@
-"""Places at which a plan leaves its field: on laps (fix: a margin) and in turns (fix: more headland laps)."""
+"""Places at which a plan leaves its field: on laps (to be avoided by a margin) or in turns (by more headland laps)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
