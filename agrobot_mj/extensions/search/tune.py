@@ -30,15 +30,15 @@ from agrobot_mj.studies import RunTasks, Task, about, check_tractors, study, wri
 from agrobot_mj.studies.engine.tasks import ERROR
 
 XTE_M = 0.05  # Cross-track RMS error with cost 1 [m]. Assumed value: twice the stated accuracy of RTK guidance.
-OVERSHOOT_M = 0.1  # Overshoot across a line with cost 1 [m]. Assumed value: it leaves a strip without seed.
-ACQUIRED_S = 20.0  # Acquisition time with cost 1 [s]. Assumed value: a distance of 25 m.
+OVERSHOOT_M = 0.1  # Overshoot across a line with cost 1 [m]. Assumed value: more leaves a strip without seed.
+ACQUIRED_S = 20.0  # Acquisition time with cost 1 [s]. Assumed value: duration of a drive of 25 m.
 LOST_M = 0.2  # Distance from the line at the end of a run above which the line is not acquired [m]. Assumed value.
 TRAVEL_DEG_S = 5.0  # Mean steering rate with cost 1 [deg/s]. Assumed value: a fifth of the rate at full pump flow.
 MOST = 20.0  # Maximum cost of a successful run [-]
 FAILED = 25.0  # Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`.
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Range of factors on differences of two candidates, fraction of keys that change in a generation [-] [Storn1997]."""
+"""Range of factors on differences of two candidates; fraction of keys that change in a generation [-] [Storn1997]."""
 MOST_RUNS = 100_000  # Maximum number of runs of a search, including the evaluation of its result
 Overrides = dict[str, Any]
 Limits = tuple[float, float]  # Minimum and maximum of a gain [unit of the gain]

@@ -37,7 +37,7 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions sent since the first steering message of the host, including the one before."""
+    """Return the number of positions sent since the first steering message of the host, plus the position before."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 

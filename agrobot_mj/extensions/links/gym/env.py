@@ -244,7 +244,7 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed` is that of the first tractor, or a list; `options` as in `FollowPath.reset`."""
+        """Start new episodes. `seed` is the seed of the first tractor, or a list; `options` as for `FollowPath`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 

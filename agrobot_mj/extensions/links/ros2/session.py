@@ -119,8 +119,7 @@ class RosSession:
         """Outcome set by the link, or None if the outcome is determined by the simulation."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Simulate to the end and call `tell` after each tick. Raises `NoProgramError` if no command arrives in
-        time."""
+        """Simulate to the end; call `tell` after each tick. Raises `NoProgramError` if no command arrives in time."""
         self.sim.reset()
         sample = self._sensed()
         while not self.sim.done and not should_stop():

@@ -68,7 +68,7 @@ def content(scenario: Scenario, q: FalsifyQuestion, found: Falsified) -> dict[st
 
 
 def figure(q: FalsifyQuestion, found: Falsified, driven: list[dict[str, Any]]) -> Figure:
-    """Return a figure of the evaluated combinations over two keys, and of two trajectories."""
+    """Return a figure of the evaluated combinations versus two keys, and of two trajectories."""
     drawn, beside, _ = courses_figure(driven, ("all mild", _name(found)))
     _draw_tried(beside, q, found)
     return drawn

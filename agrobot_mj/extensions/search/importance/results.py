@@ -80,7 +80,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return a figure of fractions and intervals, one panel per group, for Sobol also with first-order indices."""
+    """Return a figure of fractions and intervals, one panel per group. Sobol indices include first-order indices."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]

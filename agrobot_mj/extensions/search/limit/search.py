@@ -252,7 +252,7 @@ def _plain(found: Found | Counterpart) -> dict[str, Any]:
 
 
 def figure(question: Question, found: Sequence[Found]) -> Figure:
-    """Return a figure of success rate and interval over the key, one panel per law. The limit interval is shaded."""
+    """Return a figure of success rate and interval versus the key, one panel per law. The limit interval is shaded."""
     drawn = Figure((PANEL_WIDTH_IN, 1.5 * len(found) + 0.6), layout="constrained")
     grid = drawn.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
     for axes, each, k in zip(grid, found, range(len(found)), strict=True):
