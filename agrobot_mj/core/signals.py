@@ -175,23 +175,23 @@ class Conditions(NamedTuple):
     """Latency added to the latency of the receiver [s], in whole ticks."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)
-    """Offsets of `gnss_offset`, the position [m], and of the velocity [m/s] of the solution, east and north."""
+    """Offsets of the velocity [m/s] and (`gnss_offset`) of the position [m] of the solution, east and north."""
     gnss_frozen: Frozen = ""
     """Velocity reported while the receiver repeats its last position; "" if it is not frozen."""
     heading: Distortion = SOUND
     gyro: Distortion = SOUND
-    """Distortions of `heading`, the heading from two antennas [rad], and of the yaw rate from the gyro [rad/s]."""
+    """Distortions of the yaw rate from the gyro [rad/s] and (`heading`) of the heading from two antennas [rad]."""
     wheel_speed: Distortion = SOUND
     """Distortion of the measured wheel speed [m/s]."""
     steering_pot: Distortion = SOUND
     pedal_pot: Distortion = SOUND
-    """Distortions of the potentiometers `steering_pot` [rad] and `pedal_pot` [-]."""
+    """Distortions of the pedal position [-] and (`steering_pot`) of the steering angle [rad], from potentiometers."""
     imu_roll: Distortion = SOUND
     imu_pitch: Distortion = SOUND
-    """Distortions of `imu_roll` and `imu_pitch`, the angles from the inertial unit [rad]."""
+    """Distortions of the pitch and (`imu_roll`) of the roll from the inertial unit [rad]."""
     valve: Distortion = SOUND
     pedal_valve: Distortion = SOUND
-    """Distortions of the voltages at the steering `valve` and at the pedal valve, relative to neutral [V]."""
+    """Distortions of the voltages at the pedal valve and (`valve`) at the steering valve, relative to neutral [V]."""
     valve_gain: float = 1.0
     """Remaining fraction of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
@@ -229,7 +229,7 @@ class Measurement(NamedTuple):
     """Yaw rate from the gyro [rad/s], or NaN if not measured."""
     roll: float = nan
     pitch: float = nan
-    """Angles `roll` and `pitch` of the inertial unit [rad], left side up and nose down positive, or NaN if missing."""
+    """Pitch and `roll` from the inertial unit [rad], nose down and left side up positive, or NaN if not measured."""
     wheel_speed: float = nan
     """Speed of the driven wheels from their sensor [m/s], forward positive, or NaN if not measured."""
     readings: Mapping[str, Any] = MappingProxyType({})

@@ -100,7 +100,7 @@ class Present(NamedTuple):
 
 
 Errors = tuple[float, float, float, float, float, float]
-"""Gyro bias [rad/s], mounting error [rad], wheel-speed error [-], numbers of rejected positions and velocities and of
+"""Gyro bias [rad/s], mounting error [rad], wheel-speed error [-]; numbers of rejected positions, velocities,
 restarts."""
 
 

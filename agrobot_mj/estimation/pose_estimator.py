@@ -75,7 +75,7 @@ class Prepared(NamedTuple):
     sigma: float  # Standard deviation of its position [m]
     lever: Lever
     motion: Vector
-    motion_covariance: Matrix  # New values of the fields of `PoseState`
+    motion_covariance: Matrix  # New value of `PoseState.motion_covariance`, like `lever` and `motion`
     speed: float  # Velocity along the estimated heading [m/s]
 
 

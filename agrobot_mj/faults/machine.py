@@ -92,7 +92,7 @@ class Payload(Scripted):
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Mass; negative for removed ballast [kg]. Assumed value (50-300 for a tank; -100-0 for removed front weights)."""
+    """Mass, negative for removed ballast [kg]. Assumed value (50-300 for a tank, -100 to 0 for front weights)."""
     ahead_m: Metres = -0.6
     """Distance ahead of the rear axle [m]. Assumed value: at the three-point hitch; 2.2 for a front loader."""
     left_m: Metres = 0.0

@@ -23,7 +23,7 @@ class Script(NamedTuple):
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return the new states and the conditions of the tick of `dt` [s] from `t` [s] on; call once per tick."""
+        """Return the new states and the conditions of a tick of `dt` [s] that starts at `t` [s]; call once per tick."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):

@@ -97,7 +97,7 @@ class Metric(Spec):
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return, for each of `times`, how many values of the increasing `t` are <= this time (< with side `left`)."""
+    """Return, for each of `times`, the number of values in the increasing `t` that are <= this time (`left`: <)."""
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 

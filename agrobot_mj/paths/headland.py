@@ -24,7 +24,7 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
 
 ROUNDING = 1e-9
-"""Tolerance for rounding errors in comparisons of the distance between passes, divided by this distance [-]."""
+"""Tolerance of rounding errors in a comparison of distances between passes, divided by the distance [-]."""
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 

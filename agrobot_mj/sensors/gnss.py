@@ -196,11 +196,11 @@ class Gnss(Sensor):
     latency_s: Latency = 0.0
     """Latency of a solution in whole ticks [s]. Assumed value: below a tick in receivers, up to 0.2 over radio."""
     configured_ahead_m: AntennaPlace | None = None
-    """Distance of the antenna ahead of the rear axle as configured in the on-board computer [m]. Default: the true
-    `tractor.antenna_ahead_m`."""
+    """Distance of the antenna ahead of the rear axle as configured in the on-board computer [m]. Default: true
+    value."""
     configured_left_m: AntennaPlace | None = None
     """Lateral offset of the antenna as configured in the on-board computer [m], left positive. Default: the true
-    `tractor.antenna_left_m`."""
+    value."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading. Default: absent."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()

@@ -32,7 +32,7 @@ from agrobot_mj.sensors import SensorState, Suite
 ABSURD_STEER = radians(90.0)
 """Steering angle above which a command is implausible [rad], with the wheels across the tractor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Types of errors that numbers that are not finite may cause."""
+"""Types of exceptions that numbers that are not finite may cause."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
 """Parts of the messages of a ValueError caused by numbers that are not finite."""
 

@@ -44,9 +44,9 @@ class Derived(NamedTuple):
     """Signals computed from the messages of a tick."""
 
     gnss_x: float
-    gnss_y: float  # Position of the antenna from GNSS [m], east (`gnss_x`) and north (`gnss_y`), or NaN without a fix
+    gnss_y: float  # North and (`gnss_x`) east position of the antenna from GNSS [m], or NaN without a fix
     ahead: float
-    left: float  # Position of the reference relative to the true CG [m], ahead and left in the frame of the reference
+    left: float  # Position of the reference left and (`ahead`) ahead of the true CG [m], in the frame of the reference
     p_xx: float
     p_xy: float
     p_yy: float  # Estimated covariance of the rear-axle position: elements `p_xx`, `p_xy` and `p_yy` [m2]

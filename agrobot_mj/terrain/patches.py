@@ -80,8 +80,7 @@ def _ground_outside(base: Base, shape: tuple[int, int], cell: float) -> tuple[Ar
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """Return the slice of the cells in the interval `between` [m], padded by one cell; the first cell is at `first`
-    [m]."""
+    """Return the slice of the cells in the interval `between` [m], padded by one cell. The first is at `first` [m]."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 

@@ -28,8 +28,8 @@ class Special(Spec):
     cone_index_kpa: ConeIndex | None = None
     """Cone index of the soil [kPa]. Default: value of `surface`, or without a surface the value of the tyre law."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Rolling resistance of tyres on firm ground divided by load [-]. Default: value of `surface`, or without a surface
-    the value of the tyre law."""
+    """Rolling resistance of tyres on firm ground divided by load [-]. Default: value of `surface` or of the tyre
+    law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the grid cells that represent the shape [m]. All patches use the minimum size of all patches."""
 
@@ -45,8 +45,7 @@ class Special(Spec):
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether grid points are on the patch, shape (m, n), for increasing `x` (1, n) and for `y` (m, 1)
-        [m]."""
+        """Return whether grid points are on the patch, (m, n), for increasing `x` (1, n) and for `y` (m, 1) [m]."""
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:

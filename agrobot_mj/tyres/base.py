@@ -117,7 +117,7 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
     """Return the fraction of the bristle deflection that friction holds at the normalised slip `rho` [-]. At rest,
-    bristles break away above `rho` = `most`. The limit increases with the rolling speed `v_roll` [m/s]."""
+    bristles break away above `rho` = `most`; this limit increases with the rolling speed `v_roll` [m/s]."""
     limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
     return 1.0 if rho < limit else limit / rho
 
@@ -196,8 +196,7 @@ class CarcassTyre(TyreBase):
     bristle_damping_s: NonNegative = 0.02
     """Damping of the carcass divided by its stiffness [s]. Assumed value (0.005-0.05)."""
     patch_half_length_m: NonNegative | None = None
-    """Half the contact length [m]. 0: no scrubbing moment. Default: from radius and static deflection of each axle's
-    tyres."""
+    """Half the contact length [m]. 0: no scrubbing moment. Default: from radius and static deflection of the tyres."""
     load_follows_carcass: bool = True
     """Whether the load acts at the contact patch as displaced by the side force, which reduces the tip-over angle. If
     false, the load acts in the wheel plane."""

@@ -40,8 +40,7 @@ ROLLING = 0.2  # Rolling speed at which the carcass damping has half of its valu
 LEAST_SHARE = 0.1
 """Minimum ground speed divided by the reference speed of the slip [-]. It limits the reported slip ratio to 20."""
 SMALL, SHORTEST = 1e-6, 1e-3
-"""Slip at which the slip stiffness of a law is evaluated [-], and minimum relaxation length, for a tyre with almost no
-load [m]."""
+"""Slip at which the slip stiffness of a law is evaluated [-], and minimum relaxation length, at almost no load [m]."""
 Pair = tuple[float, float]
 RESTING = 0.001
 """Speed below which the reported slip ratio is the bristle deflection divided by the relaxation length [m/s]."""

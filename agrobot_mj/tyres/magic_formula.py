@@ -65,7 +65,7 @@ class MagicLaw(NamedTuple):
     F_z0: float  # Reference load [N]
     along: CurveLaw
     across: CurveLaw
-    rho_peak: float  # Normalised slip at the peak of the curve that peaks first [-]
+    rho_peak: float  # Normalised slip at the peak of the curve that reaches its peak first [-]
     anisotropy: float  # Sliding anisotropy, see `MagicFormula` [-]
 
     def force(self, slip: Slip) -> TyreForce:
@@ -99,16 +99,16 @@ class Curve(Spec):
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
     """Peak force divided by load at the reference load [-]. Assumed value (0.6-0.9; laterally 0.5-0.6 on grass)."""
     mu_load: float = -0.08
-    """Relative change of mu for a doubled load [-]. Assumed value (-0.2-0)."""
+    """Relative change of mu for a doubled load [-]. Assumed value (-0.2 to 0)."""
     stiffness_per_load: Positive = 5.5
     """Slip stiffness divided by load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 at the
     front and 3.9-8.7 at the rear for cone indices of 450 to 1800 kPa [GeeCloughSommer1981]; longitudinally 5-15."""
     stiffness_load: float = -0.25
-    """Relative change of k for a doubled load [-]. Assumed value (-0.5-0)."""
+    """Relative change of k for a doubled load [-]. Assumed value (-0.5 to 0)."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
     """Shape factor C [-]. Assumed value: 1.3 laterally, 1.3-1.65 longitudinally, 1.65 for road tyres [Pacejka2012]."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
-    """Curvature factor E [-], at most 1. Assumed value (-2-1)."""
+    """Curvature factor E [-], at most 1. Assumed value (-2 to 1)."""
 
     @property
     def peak(self) -> float:

@@ -28,12 +28,12 @@ STIFFEST_MPA_M = 1e4
 DEEPEST = 1 / 3
 """Maximum sinkage divided by radius of a rigid wheel for which its closed-form solution is valid [-] [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement per modulus K at which bristles break away at rest: 95 % of the strength is used [-]."""
+"""Shear displacement, divided by modulus K, at which bristles break away at rest: 95 % of the strength [-]."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the shear strength [-]. `j` is the shear displacement at the patch end per K."""
+    """Return the used fraction of the shear strength [-]. `j` is the displacement at the patch end divided by K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
