@@ -69,7 +69,7 @@ def read_identity(text: object) -> Identity | None:
 
 
 def differing(text: object, other: str) -> list[str]:
-    """Return the names of the parts in which two identity or code texts differ; [""] for an invalid text."""
+    """Return the names of the parts in which two identity or code texts differ, or [""] for an invalid text."""
     names, one, two = Identity._fields[::-1], str(text).split("-")[::-1], other.split("-")[::-1]
     if len(one) < len(two):
         return [""]
@@ -77,7 +77,7 @@ def differing(text: object, other: str) -> list[str]:
 
 
 def digest(*contents: bytes, digits: int = len(NONE)) -> str:
-    """Return the hex digest of several contents in the given order; zeros without contents."""
+    """Return the hex digest of several contents in the given order, or zeros without contents."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
@@ -88,7 +88,7 @@ def joined(digests: Iterable[str]) -> str:
 
 
 def file_digest(path: Path) -> str:
-    """Return the digest of the current content of a file; `NONE` if the file cannot be read."""
+    """Return the digest of the current content of a file, or `NONE` if the file cannot be read."""
     return _file_digest(path, stamp(str(path)))
 
 

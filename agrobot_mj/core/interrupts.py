@@ -48,7 +48,7 @@ class _State:
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
-        """Replaced handler of each signal; kept for code that has saved `_keep` and installs it again."""
+        """Replaced handler of each signal, kept for code that has saved `_keep` and installs it again."""
         self.replaced: list[int] = []
         """Signals whose current handler is `_keep`."""
         self.received: list[int] = []
@@ -90,7 +90,7 @@ class Block:
 
 
 def held_back() -> Block:
-    """Delay signals to the end of the outermost block; for atomic work of milliseconds.
+    """Delay signals to the end of the outermost block, for atomic work of milliseconds.
 
     A signal interrupts a block that has been open for longer than `PATIENCE_S`.
     """
@@ -98,17 +98,17 @@ def held_back() -> Block:
 
 
 def until_the_end() -> Block:
-    """Delay signals to the end of the block, whatever its duration; for C code that loses exceptions of callbacks."""
+    """Delay signals to the end of the block, whatever its duration, for C code that loses exceptions of callbacks."""
     return Block(True, patient=True)
 
 
 def deferring() -> Block:
-    """Delay signals until `deliver` or the end of the block; for runs and tasks of seconds or minutes."""
+    """Delay signals until `deliver` or the end of the block, for runs and tasks of seconds or minutes."""
     return Block(False)
 
 
 def deliver() -> None:
-    """Run the handlers of the signals delayed by a `deferring` block; has no effect within `held_back`."""
+    """Run the handlers of the signals delayed by a `deferring` block. There is no effect within `held_back`."""
     if not _STATE.blocks or _STATE.indivisible or not _in_main_thread():
         return
     _STATE.since = monotonic()

@@ -40,7 +40,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """Return the folder of compiled kernels, None if it is not writable; delete the oldest caches."""
+    """Return the folder of compiled kernels, or None if it is not writable, and delete the oldest caches."""
     home = _home()
     folder = home / _content()
     try:
@@ -63,7 +63,7 @@ def _home() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Return the folder, created if missing; return the null device if other users could write into the folder."""
+    """Return the folder, which is created if missing, or the null device if other users could write into the folder."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()

@@ -13,7 +13,7 @@ KNOTS = 3600 / 1852  # Conversion factor from m/s to knots [kn per m/s]
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5  # Values of the fix quality indicator in GGA sentences
 MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
-"""Mode letter in RMC and VTG for each quality number; "A" for all others."""
+"""Mode letter in RMC and VTG for each quality number. Default: "A"."""
 
 
 class Solution(NamedTuple):

@@ -173,7 +173,7 @@ def _kind(key: Key) -> str:
 
 
 def _like(name: str, known: Iterable[str]) -> list[str]:
-    """Return the known names that consist of `name` and a unit; without any, synonyms or the most similar name."""
+    """Return the known names that consist of `name` and a unit, or else synonyms, or else the most similar name."""
     known = list(known)
     if with_unit := [each for each in known if each.startswith(f"{name}_")]:
         return with_unit

@@ -23,7 +23,7 @@ smoothed NIS, and outliers over 5 s add 126."""
 class Health(NamedTuple):
     """Diagnostics of an estimator that do not need the true state."""
 
-    fix_t: float = 0.0  # Time of the newest accepted fix [s]; start of the run before the first accepted fix
+    fix_t: float = 0.0  # Time of the newest accepted fix, or of the start of the run before the first accepted fix [s]
     nis: float = 2.0
     """Smoothed normalised innovation squared (NIS) of the position [-]; the mean of a consistent filter is 2."""
 

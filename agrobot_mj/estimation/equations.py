@@ -56,7 +56,7 @@ def applied(A: Array, x: Array) -> Vector:
 
 @jit
 def times(A: Array, B: Array) -> Matrix:
-    """Return the product of two matrices; fastest for zeros in A and rows of B in contiguous memory."""
+    """Return the product of two matrices, fastest for zeros in A and rows of B in contiguous memory."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):

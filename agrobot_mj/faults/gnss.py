@@ -57,7 +57,7 @@ class GnssDrift(Scripted):
     north_m_s: Rate = 0.1
     """Rate of the offset to the north [m/s]. Assumed value (0.02-0.5)."""
     velocity: Literal["sound", "drifting"] = "sound"
-    """Reported velocity: the correct one (`sound`), or the velocity of the `drifting` position, as in spoofing."""
+    """Reported velocity: the true velocity (`sound`), or the velocity of the `drifting` position, as in spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Add the offset at the end of the tick to the position; the quality does not change."""
@@ -73,7 +73,7 @@ class GnssFrozen(Scripted):
 
     kind: Literal["gnss_frozen"] = "gnss_frozen"
     keep: Literal["nothing", "velocity", "live_velocity"] = "nothing"
-    """Reported velocity: `nothing` for zero, the last `velocity`, or the current one (`live_velocity`)."""
+    """Reported velocity: `nothing` for zero, the last `velocity`, or the current velocity (`live_velocity`)."""
     quality: Literal["fix", "dgps"] = "fix"
     """Reported quality. With `dgps` and `live_velocity` the heading from two antennas continues with fixed ambiguities,
     as observed for 37 s on a tractor at rest [Jones2026]."""
@@ -129,7 +129,7 @@ class FloatState(NamedTuple):
     """State of a `GnssFloat` between two ticks."""
 
     generator: Generator
-    floating: bool  # Whether the solution is float at present; always true without `flicker_s`
+    floating: bool  # Whether the solution is float at present, always true without `flicker_s`
     turns_s: float  # Time of the next change between float and fix [s]
     jumps_s: float  # Time of the next jump of the offset [s]
     offset: tuple[float, float]  # Position offset [m], east and north

@@ -89,7 +89,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Return the driven part of each pass in driving order; arguments as in `pass_to_pass`."""
+    """Return the driven part of each pass in driving order, with the arguments of `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     found = []

@@ -93,7 +93,7 @@ class NetworkShare(Metric):
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return one fraction per turn: 0 without a network, None for a turn with fewer than LEAST ticks."""
+        """Return the fraction for each turn: 0 without a network, None for a turn with fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 

@@ -18,7 +18,7 @@ class SteerData(NamedTuple):
 
     speed: float  # Speed estimated by the host [m/s], without sign
     status: int  # Status bits; the bit for "engaged" depends on the host program
-    steer: float  # Setpoint of the steering angle, left positive; valid also while steering is not engaged [rad]
+    steer: float  # Setpoint of the steering angle [rad], left positive, also valid while steering is not engaged
     cross_track: int = NO_LINE  # Cross-track byte in the encoding of the host program
     sections: int = 0  # Bit mask of the implement sections 1-16
 

@@ -42,7 +42,7 @@ def paogi(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """Return an angle [rad] as text in degrees; NaN and negative zero give 0."""
+    """Return an angle [rad] as text in degrees, with 0 for NaN and negative zero."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
 
 
