@@ -91,7 +91,7 @@ def progress(t: float, ramp: float) -> tuple[float, float]:
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which distance / full speed is `moved` [s]; the inverse of `progress`."""
+    """Return the time [s] at which distance / full speed is `moved` [s], the inverse of `progress`."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 

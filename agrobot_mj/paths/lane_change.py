@@ -25,7 +25,7 @@ class LaneChange(Timed):
     offset_m: Annotated[float, Field(ge=-HUGE, le=HUGE)] = 3.0
     """Distance to the other line [m], positive left. Assumed value (2-4): a traffic lane, or three track widths."""
     change_m: Positive = 12.0
-    """Length of the change along the line [m]. Assumed value (8-20); bend radius of 8.8 m with the default offset."""
+    """Length of the change along the line [m]. Assumed value (8-20): bend radius of 8.8 m with the default offset."""
     straight_m: Positive = 20.0
     """Length of each straight before, between and after changes [m]. Assumed value (10-30), so that errors decay."""
     double: bool = False

@@ -120,7 +120,7 @@ class Timed(ReferencePath):
 
     ends = True
     reads_file: ClassVar[bool] = False
-    """Whether the course is read from a file; it is then built by `check` instead of the constructor."""
+    """Whether the course is read from a file; such a course is built by `check` instead of the constructor."""
 
     @model_validator(mode="after")
     def _has_a_course(self) -> Self:

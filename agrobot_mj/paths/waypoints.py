@@ -207,7 +207,7 @@ class Waypoints(Transitions, FromFile):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap; an open path is one lap [s]."""
+        """Start and end of each lap [s]. An open path is one lap."""
         length, laps = float(self.motion.distances[-1]), self._laps
         times = [self.motion.time_at(k * length / laps) for k in range(laps)] + [self.duration_s]
         return tuple(pairwise(times))
@@ -224,7 +224,7 @@ class Waypoints(Transitions, FromFile):
         return Course(lap.start, *(np.tile(part, self._laps) for part in lap[1:]))
 
     def waypoints(self) -> Array:
-        """Return the waypoints, shape (n, 2 or 3); the last one of a closed path equals its first."""
+        """Return the waypoints, shape (n, 2 or 3); the last waypoint of a closed path equals the first waypoint."""
         points = self._track().points
         if self.closed and np.hypot(*(points[-1] - points[0])[:2]) >= CLOSEST_M:
             points = np.vstack([points, points[:1]])

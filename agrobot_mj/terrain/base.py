@@ -65,7 +65,7 @@ class Landscape(Spec):
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Patches of ground with other properties; where patches overlap, the last one is used."""
+    """Patches of ground with other properties; where patches overlap, the last patch is used."""
     surface: SurfaceName | None = None
     """Named surface, with friction, cone index and rolling resistance, outside the patches. Default: tyre values."""
     variation: Variation = Variation()

@@ -111,7 +111,7 @@ class PolygonPatch(Special):
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north], clockwise or counter-clockwise; the last corner is connected to the first one [m]."""
+    """Corners [east, north], clockwise or counter-clockwise; the last corner is connected to the first corner [m]."""
 
     @model_validator(mode="after")
     def _has_corners(self) -> "PolygonPatch":

@@ -38,7 +38,7 @@ from agrobot_mj.tyres.patch import (
 TRAIL_SLIP = 0.1  # Lateral slip at which the pneumatic trail has decreased to 37 % [-]. Assumed value.
 ROLLING = 0.2  # Rolling speed at which the carcass damping has half of its value at rest [m/s]. Assumed value.
 LEAST_SHARE = 0.1
-"""Minimum ground speed divided by the reference speed of the slip [-]. It limits the reported slip ratio to 20."""
+"""Minimum ground speed divided by the reference speed of the slip [-], which limits the reported slip ratio to 20."""
 SMALL, SHORTEST = 1e-6, 1e-3
 """Slip at which the slip stiffness of a law is evaluated [-], and minimum relaxation length, at almost no load [m]."""
 Pair = tuple[float, float]

@@ -17,7 +17,7 @@ STIFFNESS_PER_LOAD = (2.0, 20.0)
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """Return a message that begins with `key` if `C_alpha` [N/rad] is implausible at a load [N]; otherwise empty."""
+    """Return a message that begins with `key` if `C_alpha` [N/rad] is implausible at a load [N], or an empty string."""
     low, high = STIFFNESS_PER_LOAD
     if low * load <= C_alpha <= high * load:
         return ""

@@ -27,7 +27,7 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 
 LEAST_SHARE = 0.2
 """Lower limit of friction and stiffness relative to their values at the reference load [-]. Assumed value."""
-LINEAR = 1e-4  # Normalised slip below which the force is that of the slip stiffness, within 1e-8 [-]
+LINEAR = 1e-4  # Normalised slip below which the force follows from the slip stiffness, within 1e-8 [-]
 KNOWN_LOADS = (0.5, 2.0)
 """Minimum and maximum load divided by reference load for the linear change with load [-]. Assumed value: the range of a
 tyre of one size and pressure."""
@@ -158,7 +158,7 @@ class MagicFormula(CarcassTyre):
 
     kind: Literal["magic_formula"] = "magic_formula"
     front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))
-    """Front tyres; the default stiffness equals the bicycle model's at static load."""
+    """Return a text, possibly empty, with the coefficients clamped to their minimum at a relative load change `df`."""
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
     """Rear tyres; the default stiffness equals the bicycle model's at static load."""
     rolling_resistance: NonNegative = 0.05

@@ -144,7 +144,7 @@ def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Fo
 
 @kernel
 def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> float:
-    """Return the bristle deflection `z` [m] after `dt` [s]; exact for constant sliding and rolling velocities [m/s]."""
+    """Return the bristle deflection `z` [m] after `dt` [s], exact for constant sliding and rolling velocities [m/s]."""
     k = v_roll / sigma
     # at rest the exact solution would divide by zero: the bristle is a spring
     if k * dt < 1e-6:
@@ -155,7 +155,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Return tanh(v / width), a smooth sign of `v`; computed without tanh where the result rounds to 1."""
+    """Return tanh(v / width), a smooth sign of `v`, computed without tanh where the result rounds to 1."""
     x = v / width
     if abs(x) > 20.0:
         return 1.0 if x > 0.0 else -1.0
