@@ -121,7 +121,7 @@ class AttitudeEvidence(NamedTuple):
     """Time for which the roll and pitch angles have been constant while the tractor was moving [s]."""
     silent_s: float = 0.0  # Time since the last measurement of roll and pitch [s], or 0 before the first measurement
     residual: tuple[float, float] = (0.0, 0.0)
-    """Forward and left residual of the specific force, divided by g; mean over TILT_TIME_S [-].
+    """Forward and left residual of the specific force divided by g, averaged over TILT_TIME_S [-].
 
     The residual is the specific force without gravity at the measured angles and without centripetal acceleration.
     Averaging forces instead of tilt angles suppresses vibration.
@@ -170,7 +170,7 @@ class TurnEvidence(NamedTuple):
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the means after a tick of `dt` [s]; reset without a gyro, and `HELD_S` after the last valid fix."""
+        """Return the means after a tick of `dt` [s], reset without a gyro and `HELD_S` after the last valid fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)

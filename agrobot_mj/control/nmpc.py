@@ -75,7 +75,8 @@ class Nmpc(Following):
     """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's heading bias changes on each
     arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); above, oscillation."""
+    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values
+    cause oscillation."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Maximum magnitude of the curvature disturbance [1/m]. Assumed value, equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
@@ -178,7 +179,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Residuals of the planned motion, and the quadratic program of a Gauss-Newton step; created once per process."""
+    """Residuals of the planned motion, and the quadratic program of a Gauss-Newton step, created once per process."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)

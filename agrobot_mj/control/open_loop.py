@@ -18,7 +18,7 @@ class OpenLoop(YawController):
     closed_loop: ClassVar[bool] = False
     """Always False, because the controller ignores the yaw rate."""
     steer_deg: Annotated[float, Field(ge=-60, le=60)] = 5.0
-    """Steering angle of the step [deg], positive left. Assumed value; limited by the steering stops."""
+    """Steering angle of the step [deg], positive left. Assumed value, limited by the steering stops."""
     at_s: NonNegative = 1.0
     """Time of the step [s]. Assumed value; any time is possible."""
 

@@ -38,7 +38,7 @@ class FilteredRate(NamedTuple):
 
 @shared
 def slope_after(s: FilteredRate, value: float, dt: float, filter_s: float) -> FilteredRate:
-    """Return the state of a filtered derivative after a new value; arguments as in `FilteredRate.after`."""
+    """Return the state of a filtered derivative after a new value, with the arguments of `FilteredRate.after`."""
     if isnan(s.value):
         return FilteredRate(value, 0.0)
     raw = (value - s.value) / dt

@@ -56,7 +56,7 @@ class PurePursuit(Integrating):
     """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
     values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time of the start of the arc [s]. Assumed value, tuned; about the delay and lag of the steering."""
+    """Prediction time of the start of the arc [s]. Assumed value, tuned: about the delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012

@@ -150,7 +150,7 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Return the references without those older than MEMORY_S, and every RENEWAL_S with a copy of the first one."""
+    """Return the references without those older than MEMORY_S; every RENEWAL_S, add a copy of the first reference."""
     n = r.begun.size
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):
@@ -184,7 +184,7 @@ class Reckoning(NamedTuple):
         dt: float,
         towed: TowedImplement,
     ) -> "Reckoning":
-        """Return the state after a tick of `dt` [s]; unchanged before the first gyro measurement. A missing fix is NaN.
+        """Return the state after a tick of `dt` [s], unchanged before the first gyro measurement. A missing fix is NaN.
 
         The axis of the gyro is fixed to the tractor if `body`, otherwise vertical.
         """

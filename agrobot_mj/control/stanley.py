@@ -116,7 +116,7 @@ _steering = stage(steering)
 
 
 class Stanley(Integrating):
-    """Stanley law of the front axle; in reverse, of the rear axle."""
+    """Stanley law of the front axle or, in reverse, of the rear axle."""
 
     sized: ClassVar = {"reverse_heading_gain": {"length": 0.5}}
 

@@ -192,7 +192,7 @@ def _speeds(s: Sums, m: Sensed, fix: Fix) -> tuple[float, float, float]:
 
 @shared
 def heading_of(m: Sensed, fix: Fix) -> float:
-    """Return the two-antenna heading [rad], corrected for the tilt of the tractor, or NaN without such a heading."""
+    """Return the two-antenna heading [rad], corrected for the tilt of the tractor, or NaN without two antennas."""
     return fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if isfinite(m.roll + m.pitch) else 0.0)
 
 

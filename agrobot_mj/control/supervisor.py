@@ -76,7 +76,7 @@ class Supervisor(SupervisorLimits):
     """Monitors of autonomous driving, and the controlled stop after a monitor exceeds its limit."""
 
     enabled: bool = True
-    """Whether the supervisor is active. Default: true; false in the scenarios of the paper, which has no supervisor."""
+    """Whether the supervisor is active. Default: true, but false in scenarios of the paper, which has no supervisor."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis of the gyro assumed in dead reckoning: `vertical`, or `body` for an axis fixed to the tractor."""
     coasting_after_s: Positive = 0.6

@@ -63,14 +63,14 @@ class Driveline(Spec):
     front_wheel_drive: bool = False
     """Whether the front axle is also driven, mechanically, through an open front differential."""
     lock_release_deg: ReleaseDeg | None = None
-    """Steering angle above which the differential lock is released; it engages again 3 deg below this angle [deg].
-    Default: never released. Assumed value (5-15)."""
+    """Steering angle above which the differential lock is released [deg]. The lock engages again 3 deg below this
+    angle. Default: never released. Assumed value (5-15)."""
     front_release_deg: ReleaseDeg | None = None
-    """Steering angle above which the front-wheel drive is released; it engages again 3 deg below this angle [deg].
-    Default: never released. Assumed value (20-30)."""
+    """Steering angle above which the front-wheel drive is released [deg]. The drive engages again 3 deg below this
+    angle. Default: never released. Assumed value (20-30)."""
     front_engage_slip: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """Slip of the rear wheels at which the front-wheel drive engages; it is released at half this slip [-]. Default:
-    engaged at any slip. Assumed value (0.05-0.15)."""
+    """Slip of the rear wheels at which the front-wheel drive engages [-]. The drive is released at half this slip.
+    Default: engaged at any slip. Assumed value (0.05-0.15)."""
     motor_front_share: Annotated[float, Field(ge=0.01, le=0.99)] | None = None
     """Fraction of the drive torque at the front wheels of a machine with one motor per wheel [-]. Both motors of an
     axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value: 0.5

@@ -60,7 +60,7 @@ class Valve(Spec):
     section_flow_l_min: Positive | None = None
     """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
-    """Engine speed divided by the engine speed for `pump_flow_l_min` [-]. About 0.4 at idle."""
+    """Engine speed divided by the engine speed for `pump_flow_l_min` [-]; about 0.4 for an idling engine."""
     other_flow_l_min: NonNegative = 0.0
     """Flow to other consumers, such as a lift or a hydraulic motor [l/min]."""
     priority: bool = True

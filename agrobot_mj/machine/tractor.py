@@ -91,8 +91,8 @@ class TractorParameters(Spec):
     rear_wheel_mass_kg: Positive = 45.0
     """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
     front_tyre: TyreCode | None = None
-    """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. It replaces radius and width of the wheels,
-    and gives section height and carcass. Default: a bias tyre of radius and width of the wheels."""
+    """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. The code replaces radius and width of the
+    wheels, and gives section height and carcass. Default: a bias tyre of radius and width of the wheels."""
     rear_tyre: TyreCode | None = None
     """Size code of the rear tyres, such as 520/85R42. Effect and default as for `front_tyre`."""
     front_tyre_pressure_bar: PressureBar | None = None
@@ -148,7 +148,7 @@ class TractorParameters(Spec):
         return self
 
     def _fit_tyre(self, axle: str) -> None:
-        """Set radius and width of the wheels of an axle to those of its size code. Raises ValueError."""
+        """Set radius and width of the wheels of an axle to the values of its size code. Raises ValueError."""
         if (code := getattr(self, f"{axle}_tyre")) is None:
             return
         if self.mjcf is not None:
@@ -168,7 +168,7 @@ class TractorParameters(Spec):
 
     @property
     def size(self) -> float:
-        """Wheelbase divided by that of the compact tractor [-], used to scale views and arrows in recordings."""
+        """Wheelbase divided by the wheelbase of the compact tractor [-], for scaling views and arrows in recordings."""
         return self.wheelbase_m / COMPACT.wheelbase_m
 
     @property

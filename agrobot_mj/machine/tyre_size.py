@@ -78,7 +78,7 @@ class TyreSize(NamedTuple):
 
     @property
     def _shape(self) -> float:
-        """Geometric mean of diameter and effective width [m]; [Rhyne2005]."""
+        """Geometric mean of diameter and effective width [m], as in [Rhyne2005]."""
         return sqrt((1.03 - 0.4 * self.section_height / self.width) * self.width * self.diameter)
 
 

@@ -90,7 +90,7 @@ class Tool(Spec):
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Draught of the field divided by the draught from D497 [-], which is accurate within 25 to 50 %."""
     noise_share: Spread = 0.15
-    """Standard deviation of the draught divided by its mean; log-normal distribution [-]. Assumed value (0.1-0.3)."""
+    """Standard deviation of the draught (log-normal) divided by its mean [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
     """Correlation length of the draught along the path [m]. Assumed value (0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
