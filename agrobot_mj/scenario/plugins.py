@@ -116,7 +116,7 @@ def _add_metric(metric: Metric) -> None:
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
-    """Insert a member at the front of the list of its family, so that the member precedes those of the package."""
+    """Insert a member at the front of the list of its family, before the members of the package."""
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:

@@ -62,7 +62,7 @@ class Tables(Spec):
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
     """Title of the scenario in lists and reports, one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file; has no effect."""
+    """Version of agrobot_mj that wrote the file, without effect on runs."""
     expected_outcome: Outcome = "completed"
     """Expected outcome of the run; any other outcome gives exit status 1."""
     expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
@@ -74,7 +74,7 @@ class Tables(Spec):
     physics: Literal["standard", "fast"] = "standard"
     """Physics step: 2 ms (`standard`) or 5 ms (`fast`; 2.5 ms with drawn implement or light wheels, 2 ms on `ruts`)."""
     physics_dt_s: Annotated[float, Field(ge=1e-4, le=0.005)] | None = None
-    """Physics step, a divisor of the tick of 0.05 s; tyres are stable up to 5 ms [s]. Default: set by `physics`."""
+    """Physics step [s], a divisor of the tick of 0.05 s. Tyres are stable up to 5 ms. Default: set by `physics`."""
     machine: Annotated[str, Field(max_length=4000), AfterValidator(printable)] = COMPACT
     """Machine: a name (`agrobot-mj list --machines`) or a file. Keys of the scenario take precedence."""
     tractor: TractorParameters = TractorParameters()

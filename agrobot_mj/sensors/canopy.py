@@ -35,7 +35,7 @@ class Canopy(Spec):
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north], clockwise or counter-clockwise; the last corner is connected to the first one [m]."""
+    """Corners [east, north] of the polygon, clockwise or counter-clockwise, without repeating the first corner [m]."""
     sky: Literal["float", "none"] = "float"
     """Best solution below the canopy: `float` or `none`."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2

@@ -61,7 +61,7 @@ class Outline(NamedTuple):
     gap: float  # Minimum distance between body and wheels [m]
     inside: float  # Half the free width between the rear wheels [m]
     narrow: float
-    """Half the free width between the front wheels at full steering angle; negative without free width [m]."""
+    """Half the free width between the front wheels at full steering angle, negative without free width [m]."""
     between: tuple[float, float]
     """Rear and front end of the x interval between the rear wheels and the steered front wheels [m]."""
     floor: float

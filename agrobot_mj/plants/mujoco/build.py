@@ -162,7 +162,7 @@ def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: 
 
 
 def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
-    """Return the value of a dotted key; `left_out` if the value is None, and None if the key is missing."""
+    """Return the value of a dotted key, or `left_out` if the value is None, or None if the key is missing."""
     for name in key.split("."):
         if not hasattr(owner, name):
             return None

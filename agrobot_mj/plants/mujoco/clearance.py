@@ -63,7 +63,7 @@ def rotation_of(quat: Array) -> Array:
 
 @kernel
 def is_clear(c: Clearance, qpos: Array) -> bool:
-    """Return whether a tractor at `qpos` (position and quaternion first) cannot touch the ground; False for NaN."""
+    """Return whether a tractor at `qpos` (position and quaternion first) cannot touch the ground, or False for NaN."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     n = c.normal
     cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))

@@ -34,7 +34,7 @@ def is_alone(c: Coupling) -> bool:
 
 @kernel
 def is_within_stops(c: Coupling, qpos: Array) -> bool:
-    """Return whether no joint is at a stop; False for NaN."""
+    """Return whether no joint is at a stop, or False for NaN."""
     for i in range(c.stops_q.size):
         angle = qpos[c.stops_q[i]]
         if not c.stops[i, 0] <= angle <= c.stops[i, 1]:

@@ -105,7 +105,7 @@ COLUMNS = (
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the two tyres of an implement's axle, with the law of the rear tyres; without an axle the tractor's tyres.
+    """Return the two tyres of an implement's axle (law of the rear tyres), or the tractor's tyres without an axle.
 
     The parameters are those of the rear tyres of a tractor on four such wheels with the static wheel load of the axle.
     """

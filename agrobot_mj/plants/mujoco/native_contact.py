@@ -1,4 +1,4 @@
-"""MuJoCo contact as a tyre model: ground friction under each wheel, and a tyre report as from the other laws."""
+"""MuJoCo contact as a tyre model: ground friction under each wheel, and the same tyre report as from other laws."""
 
 from math import atan2, hypot
 

@@ -84,7 +84,7 @@ class Tilt:
         """Horizontal direction of the ground normal."""
 
     def up(self, tick: int) -> Array:
-        """Return the unit vector (3,) against gravity after `tick` ticks; vertical after `ticks`."""
+        """Return the unit vector (3,) against gravity after `tick` ticks, which is vertical after `ticks`."""
         left = max(1.0 - tick / self.ticks, 0.0) if self.ticks else 0.0
         lean = self.lean * left * left * (3.0 - 2.0 * left)  # starts and ends smoothly
         return np.array([*(sin(lean) * self.away), cos(lean)])

@@ -18,7 +18,7 @@ class Coupling(NamedTuple):
     """Coupling of both knuckles to the crank, and the terms of the equation of motion; see `coupling`."""
 
     rows: Index
-    """Ids of both couplings among the equality constraints, shape (2,); empty if the solver must compute the force."""
+    """Ids of both couplings among the equality constraints, shape (2,), or empty if the solver computes the force."""
     knuckles_v: Index  # Indices of both knuckle rates in qvel, shape (2,)
     eq_active: AnyArray
     eq_data: Array
