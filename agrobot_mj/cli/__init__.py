@@ -156,7 +156,7 @@ def _options(command: Any) -> set[str]:
 
 
 def _value(flag: str) -> str:
-    """Return the value of an option on the command line; dots if the value is missing or needs quotes."""
+    """Return the value of an option on the command line, or dots if the value is missing or needs quotes."""
     for word, following in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
         given = following if word == flag else word.removeprefix(f"{flag}=") if word.startswith(f"{flag}=") else ""
         if re.fullmatch(r"[\w.+-]{1,40}", given) and not given.startswith("--"):

@@ -13,7 +13,7 @@ MOST_SCENARIOS, MOST_LINES = 100, 10
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the distinct configuration hints of the first scenarios to stderr and return them; none if `quiet`."""
+    """Print the distinct configuration hints of the first scenarios to stderr and return them, or none if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints

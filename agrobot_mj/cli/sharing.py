@@ -31,7 +31,7 @@ def recording_of(folder: Path) -> Path:
 
 
 def share(recording: Path) -> list[Path]:
-    """Write page and poster into the folder of a recording and return both files; only the page if rendering fails."""
+    """Write page and poster into the folder of a recording; return both files, or only the page if rendering fails."""
     from agrobot_mj.recording.transport.share import write_shared
 
     folder = recording.parent

@@ -33,7 +33,7 @@ TABS = {
 }
 """Tabs of plots in addition to the scene, with the path prefixes of their plots. A tab without plots is omitted."""
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
-"""Path prefixes of plots that are added to an existing tab. They do not create the tab."""
+"""Path prefixes of plots that are added to an existing tab, without creating the tab."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
 """Initial position of the following camera relative to the default tractor: forward, left and up [m]."""
 LOOK_AT = (0.5, 0.0, 0.6)

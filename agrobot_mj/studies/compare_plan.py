@@ -23,7 +23,7 @@ PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
 """Controllers that a comparison runs if no controllers, guidance laws or variants are given."""
 MOST_RUNS = 2000
-"""Default maximum number of runs of a comparison. They take one to three hours on one core for the figure eight."""
+"""Default maximum number of runs of a comparison: one to three hours on one core for the figure eight."""
 MOST_DRAWN = 24
 """Maximum number of laws shown in figures and in the common recording, so that their lines are distinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}

@@ -29,7 +29,7 @@ from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of laws without an assigned colour, in order of appearance. Grey is excluded: it resembles the reference."""
+"""Colours of laws without an assigned colour, in order of appearance, except grey, which resembles the reference."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},

@@ -140,7 +140,7 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Return the end of the time axis [s] of a run of `run_s` [s]. It leaves space for the last label and a legend."""
+    """Return the end of the time axis [s] of a run of `run_s` [s], with space for the last label and a legend."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

@@ -18,7 +18,7 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
-"""Colours of markers and their labels for good, doubtful and bad events. They are bright because the ground is dark."""
+"""Colours of markers and their labels for good, doubtful and bad events, bright on the dark ground."""
 LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
 """Height of a marker above the ground [m], height of the outcome above the default tractor [m], size on the screen."""
 MOST_EVENTS = 40  # Maximum number of markers, in addition to the outcome

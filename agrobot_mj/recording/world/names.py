@@ -16,8 +16,8 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
-"""Distance of names from the default tractor [m]: reference, ahead; true and estimated track, behind; reference,
-behind, at the end of the path."""
+"""Distances of names from the default tractor [m]: reference ahead; true and estimated track behind; reference behind,
+at the end of the path."""
 IN_VIEW = 0.7
 """Tractor size divided by distance of the farthest body, for legible names in a view of all bodies [1/m]."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name

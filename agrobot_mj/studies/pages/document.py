@@ -21,7 +21,7 @@ COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
 """Colours of the groups of runs in charts, in the order of the groups."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Chart axis for names: shows all names, the first one on top, and adapts its width to the names."""
+"""Chart axis for names: shows all names, the first name on top, and adapts its width to the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
 """Maximum number of names in a chart of standard height, height of each further name, height of margins [pixels]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"

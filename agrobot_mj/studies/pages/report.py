@@ -27,7 +27,7 @@ from agrobot_mj.studies.sweep.store import read_rows
 
 Page = Callable[[Path], Document]  # Function that returns the report page of a results folder
 Section = Callable[[Document, Path, str | None], list[Path]]
-"""Function that adds a section to the page of a folder. The text is the metric of `--metric`. Returns written files."""
+"""Function that adds a section to the page of a folder, for the metric of `--metric`, and returns the written files."""
 
 
 class Reports(NamedTuple):

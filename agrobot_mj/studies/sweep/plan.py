@@ -24,7 +24,7 @@ from agrobot_mj.studies.sweep.axes import Axis, Listed
 from agrobot_mj.studies.sweep.schema import Sweep, portable
 
 RUNS = "runs"
-MAX_RUNS = 100_000  # Default maximum number of runs of a sweep. They take about one day on a laptop.
+MAX_RUNS = 100_000  # Default maximum number of runs of a sweep: about one day on a laptop
 MOST_GROUNDS = 300
 """Maximum number of different fields that the check of a plan creates. Further fields are checked when they are run."""
 MOST_KEPT = 1000
@@ -147,7 +147,7 @@ class SweepPlan:
 
     @cached_property
     def mixed(self) -> frozenset[str]:
-        """Parameters that have values of different types, or tables as values. They are text in the results table."""
+        """Parameters with values of different types, or with tables as values, which are text in the results table."""
         values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}

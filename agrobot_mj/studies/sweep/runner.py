@@ -16,7 +16,7 @@ from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 
 MOST_HEARD = 100
-"""Maximum number of scenarios checked for configuration hints. They are at equal intervals of the plan."""
+"""Maximum number of scenarios checked for configuration hints, at equal intervals of the plan."""
 Begin = Callable[[Iterator[Scenario]], object]
 """Function that is called before the first run, with some scenarios of the sweep as examples."""
 Shard = tuple[int, int]  # Number of a part of the runs, from 1, and number of parts

@@ -85,7 +85,7 @@ class SweepFile(Spec):
     draw_seed: Seed = 1
     """Seed of the random samples, independent of `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
-    """Named sets of overrides, tables `[[variant]]`. They can be combined with axes."""
+    """Named sets of overrides, tables `[[variant]]`, which can be combined with axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
     """Files kept for each run in addition to its row: none, signals, signals with recording, recordings of failures."""
 

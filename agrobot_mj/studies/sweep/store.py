@@ -67,7 +67,7 @@ def begun(folder: Path) -> dict[str, Any] | None:
 
 
 class Store(RowFiles):
-    """Results folder of a sweep. It also stores the kept files of runs (`RunFiles`), in folders given by the plan."""
+    """Results folder of a sweep, which also stores the kept files of runs (`RunFiles`) in folders given by the plan."""
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         super().__init__(folder)
