@@ -156,7 +156,7 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the coordinate system of the field for a plan in metres whose points are far from the origin; else ""."""
+    """Return the coordinate system of the field for a plan in metres far from the origin, otherwise an empty string."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

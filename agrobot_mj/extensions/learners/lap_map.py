@@ -28,10 +28,10 @@ from agrobot_mj.core.spec import Spec
 
 GRID_M = 0.25  # Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter.
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Distances over which the error is averaged, and over which a new map replaces the last one [m]. Assumed values."""
+"""Distances over which the error is averaged, and over which a new map replaces the old map [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""Factor and margin by which the RMS error of a worse lap exceeds that of the best lap [-, m]. Assumed values: above
-noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
+"""Factor and margin by which the RMS error of a lap must exceed the error of the best lap for a worse map [-, m].
+Assumed values: above noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
 """Maximum factor and margin of the error over `WINDOW_M` relative to the best lap [-, m]. Assumed values."""
 GIVE_UP = 4
@@ -214,7 +214,7 @@ def _names(name: str) -> tuple[str, str, str, str]:
 
 
 def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
-    """Return a quantity of a file at the centres of n equal segments of a lap of length `lap` [m]; zeros if absent."""
+    """Return a quantity of a file at the centres of n equal segments of a lap of length `lap` [m], zeros if missing."""
     if not known or name not in known:
         return np.zeros(n)
     place, value = known[name].T

@@ -20,7 +20,7 @@ Byte = Annotated[int, Field(ge=0, le=255)]  # Setting stored in one byte
 
 
 class BoardSettings(Spec):
-    """Settings of a steer module before the host sends settings. The defaults are those of common boards."""
+    """Settings of a steer module before the host sends settings. The defaults are common values of boards."""
 
     kp: Byte = 40
     """Proportional gain of the control law of the board [PWM counts/deg]. Default of AgOpenGPS boards."""

@@ -47,7 +47,7 @@ def is_signed(recording: FieldRecording) -> bool:
 
 
 def directed(recording: FieldRecording) -> Directed:
-    """Return the recording with a negative speed in reverse; unchanged if the direction is not identified."""
+    """Return the recording with a negative speed in reverse, or unchanged if the direction is not identified."""
     speed = recording.speed
     if recording.position is None or len(recording.position.t) < 8:
         return Directed(recording, 0.0, None)

@@ -76,7 +76,7 @@ class ValveColumn(MeasuredColumn):
     """Definition of the column with the valve voltage, or with a proportional signal such as a PWM value."""
 
     volts_per_unit: Factor = 1.0
-    """Valve voltage (0-12 V) per unit of the column [V/unit]; negative if values increase to the right."""
+    """Valve voltage (0-12 V) per unit of the column [V/unit], negative if values increase to the right."""
     neutral: Factor = 6.0
     """Reading with the valve closed [unit of the column]."""
 

@@ -74,7 +74,7 @@ class Finding(NamedTuple):
     lines: Iterable[str]
     content: Mapping[str, Any] = MappingProxyType({})  # Content of the JSON file, or empty without a result
     write: Callable[[Path], object] = lambda folder: None  # Function that writes the other files to a results folder
-    failed: str = ""  # Reason why the result is missing or incomplete; otherwise empty
+    failed: str = ""  # Reason why the result is missing or incomplete, or an empty string
 
 
 class LogPart(NamedTuple):
@@ -235,7 +235,7 @@ WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
 
 
 def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
-    """Return the parts with the given names; without names the default analysis. Raises `ScenarioError`."""
+    """Return the parts with the given names, or the default analysis without names. Raises `ScenarioError`."""
     if unknown := next((name for name in names if name not in PARTS), None):
         near = suggestion(unknown, list(PARTS))
         raise ScenarioError(f"--only {unknown}: unknown{near} (known: {', '.join(PARTS)})")

@@ -69,7 +69,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def _at_axle(recording: FieldRecording) -> FieldRecording:
-    """Return the recording with the speed of the rear axle if its recorded speed is that of the antenna."""
+    """Return the recording with the speed of the rear axle if its recorded speed is the speed of the antenna."""
     if not recording.antenna_speed or recording.yaw_rate is None:
         return recording
     (t, v), (ahead, left, _) = recording.speed, recording.arm

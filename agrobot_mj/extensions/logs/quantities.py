@@ -61,7 +61,7 @@ def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str,
 
 
 def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
-    """Return the quantities as JSON values; null for infinite numbers."""
+    """Return the quantities as JSON values, with null for infinite numbers."""
     return {
         key: {name: value if isfinite(value) else None for name, value in each._asdict().items()}
         for key, each in found.items()
@@ -69,7 +69,7 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Return a value rounded to the second significant digit of a half width; without an interval to six digits."""
+    """Return a value rounded to the second significant digit of a half width, or to six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))

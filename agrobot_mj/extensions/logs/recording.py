@@ -67,7 +67,7 @@ class FieldRecording(NamedTuple):
     start: float  # First time at which all inputs are available [s]
     end: float  # Last time at which all inputs are available [s]
     speed: TimeSeries  # Speed along the heading of the tractor [m/s]
-    wheel_speed: bool  # Whether the speed is that of the driven wheels, which slip
+    wheel_speed: bool  # Whether the speed is the speed of the driven wheels, which slip
     antenna_speed: bool  # Whether the recorded speed is the speed of the recorded point (antenna), not of the rear axle
     steer: TimeSeries | None  # Wheel angle [rad], left positive
     voltage: TimeSeries | None  # Voltage of the steering valve [V]

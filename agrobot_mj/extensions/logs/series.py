@@ -16,12 +16,12 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4  # Minimum number of values that interpolation needs [-]
 SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate headings [s]
 COURSE_S = 2.0
-"""Duration of the local cubic fits for the course rate [s]. It is long because second derivatives are noisy."""
+"""Duration of the local cubic fits for the course rate [s], which is long because second derivatives are noisy."""
 LOST_S = 2.0
 """Time without positions after which the position is lost [s]. For slow receivers it is three times their interval."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Distance between two fixes that is always plausible [m], and factors on the speed and on the typical error, for
-larger plausible distances [-]. Assumed values: RTK floats drift less, wheels slip less."""
+"""Terms of the maximum plausible distance between two fixes: constant [m], factors on the recorded speed and on the
+typical error of the fix speed [-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
 """Always plausible heading change between two values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed values.
 """
@@ -40,11 +40,11 @@ class TimeSeries(NamedTuple):
     value: Array  # Values in SI units, shape (n,) or (n, 2)
 
     def at(self, t: Array) -> Array:
-        """Return the values at times `t` (m,) by Akima interpolation; constant beyond both ends."""
+        """Return the values at times `t` (m,) by Akima interpolation, constant beyond both ends."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """Return a function that interpolates the series at times (m,) by Akima splines; constant beyond both ends."""
+        """Return a function that interpolates the series at times (m,) by Akima splines, constant beyond both ends."""
         # linear interpolation between samples 50 ms apart would reduce an oscillation of 1 Hz by 0.8 %
         cubics = Akima1DInterpolator(self.t, self.value)
 
@@ -61,7 +61,7 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without repeated values, such as those of a frozen or slow receiver."""
+    """Return the series without repeated values, which frozen or slow receivers send."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series

@@ -37,7 +37,7 @@ class RoughSteering(NamedTuple):
 
     centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
     scale: float
-    """Wheel angle per unit of the reading when steering left [rad/unit]; negative if readings increase to the right."""
+    """Wheel angle per unit of the reading when steering left [rad/unit], negative if readings increase to the right."""
     age: float  # Latency of the yaw rate relative to the steering [s]
     explained: float  # Fraction of the variance of the wheel angle that the relation explains [-]
     right: float = 1.0  # Scale to the right divided by the scale to the left [-], or 1 for one line

@@ -213,7 +213,7 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _slider(
         self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
     ) -> None:
-        """Draw a slider. It sends its value during motion (`live`), on release, or not at all (`kept`)."""
+        """Draw a slider, which sends its value during motion (`live`), on release, or not at all (`kept`)."""
         imgui.SetNextItemWidth(LABEL)
         changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")
         if changed:

@@ -92,7 +92,7 @@ class _Ticks:
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the margin of a node of the condition's syntax tree at each tick [-]; positive if the node is true."""
+        """Return the margin of a node of the condition's syntax tree at each tick [-], positive if the node is true."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))

@@ -36,7 +36,7 @@ SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02  # Acceptance limit of the steady gain [relative], as in the tests of the plants
 TRANSIENT_BAND = 0.10
-"""Acceptance limit of the overshoot [relative]. It is wide because the overshoot is a difference of two values."""
+"""Acceptance limit of the overshoot [relative], which is wide because the overshoot is a difference of two values."""
 
 
 class Step(NamedTuple):

@@ -32,7 +32,7 @@ class Towed:
     """Rig for the contact model of MuJoCo, with the methods of `Rig`."""
 
     relaxation = 0.0
-    """Relaxation length [m]. It is 0, because the build-up of force depends on how the sled is constrained."""
+    """Relaxation length [m], set to 0 because the build-up of force depends on how the sled is constrained."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S

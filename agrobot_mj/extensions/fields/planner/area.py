@@ -61,7 +61,7 @@ class Area:
 
     def excess(self, outside: Array) -> Array:
         """Return by how much the distances `outside` beyond the boundary exceed the permitted distance, shape (n,) [m].
-        At the start of a bend, the ends of the implement swing out. They may reach SWING_M further."""
+        At the start of a bend, the ends of the implement swing out. These ends may reach SWING_M further."""
         found = (outside - self.beyond - np.array([[0.0], [SWING_M]])).max(axis=0)
         return np.where(found > TOLERANCE_M, found, 0.0)
 

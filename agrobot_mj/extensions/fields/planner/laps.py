@@ -14,7 +14,7 @@ from agrobot_mj.paths.track import Course, Piece
 
 MITRE = 5.0  # Maximum length of a mitred corner divided by the offset distance [-]
 SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
-CORNER_M = 0.1  # Maximum distance of a rounded corner from the original one if the change of direction is small [m]
+CORNER_M = 0.1  # Maximum distance of a rounded corner from the original corner for a small change of direction [m]
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
 """Smoothing radii that are tried in order until the machine can follow a ring, as multiples of the turn radius [-]."""
 

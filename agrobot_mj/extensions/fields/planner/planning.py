@@ -27,7 +27,7 @@ from agrobot_mj.paths.headland import half_turn_width
 from agrobot_mj.paths.track import Piece
 
 LAP_STARTS = 24  # Number of points of a ring at which its lap may start
-DEFAULT_HEADLANDS = 2  # Default number of headland laps. It is increased if the turns need more space.
+DEFAULT_HEADLANDS = 2  # Default number of headland laps, which is increased if the turns need more space
 TRIES = 6  # Maximum number of attempts with additional laps or a wider margin
 MARGIN_STEP_M = 0.02  # Increase of the margin in addition to the excess distance that it must prevent [m]
 CLOSE_M = 1e-3  # Distance below which two poses are treated as the same [m]
@@ -120,7 +120,7 @@ class _Work:
         self.passes.append(PlannedPass("body", zero, zero + swath.length, tuple(spans)))
 
     def cells(self, layout: Pattern) -> None:
-        """Append the swaths of all cells. The next cell is always the nearest one."""
+        """Append the swaths of all cells, starting each time with the nearest remaining cell."""
         self.layout = layout
         across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.spacing - 1e-9))
         left = list(layout.cells)

@@ -98,7 +98,7 @@ def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int
 
 
 def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span) -> Iterator[Span]:
-    """Yield the stations between which each section works in a part of a strip; equal stations for no work."""
+    """Yield the stations between which each section works in a part of a strip, or equal stations for no work."""
     if count == 1:
         yield whole
         return

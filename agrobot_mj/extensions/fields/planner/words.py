@@ -68,7 +68,7 @@ def end_of(start: Pose, pieces: tuple[Piece, ...] | list[Piece]) -> Pose:
 
 
 def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
-    """Return a straight segment with a given length [m]; no segment for a length of zero."""
+    """Return a straight segment with a given length [m], or no segment for a length of zero."""
     return (Piece(length, 0.0, speed),) if length > 1e-9 else ()
 
 
@@ -113,8 +113,8 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the segments of a word. `values` are the angles of bends [rad] and the length of a straight [m]. A negative
-    angle bends to the other side."""
+    """Yield the segments of a word. `values` are the angles of bends [rad] and the length of a straight [m]. A bend
+    with a negative angle is to the other side."""
     sides = (word.first, word.middle, word.last)
     for k, (side, value) in enumerate(zip(sides, values, strict=True)):
         if side == 0:

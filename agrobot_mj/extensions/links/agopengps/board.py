@@ -60,7 +60,7 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the true steering angle if the board computes the angle `believed` [rad]; inverse of `angle_of`."""
+    """Return the true steering angle for which the board computes the angle `believed` [rad]; inverse of `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -113,10 +113,10 @@ class BoardState(NamedTuple):
 
     settings: SteerSettings
     config: SteerConfig = SteerConfig(0)
-    asked: SteerData | None = None  # Last steering message of the host, or None before the first one
+    asked: SteerData | None = None  # Last steering message of the host, or None before the first message
     heard_at: float = -inf  # Arrival time of the last steering message in board time [s]
     latched: bool = True
-    """Whether the board is latched: it does not steer until a message without the engaged bit has arrived."""
+    """Whether the board is latched. A latched board steers only after a message without the engaged bit has arrived."""
     silent: bool = True  # Whether the watchdog time has passed since the last message of the host
     engaged: bool = False
     steer: float = 0.0  # Steering angle measured in the last tick [rad], left positive

@@ -96,7 +96,7 @@ def health(block: dict[str, Any]) -> list[str]:
 
 
 def link_metrics(session: Session, log: Log) -> dict[str, Any]:
-    """Return the metrics block `link`. For a replayed session, wall-clock times are those of the recorded run."""
+    """Return the metrics block `link`. For a replayed session, wall-clock times come from the recorded run."""
     channel = session.channel
     record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec

@@ -49,7 +49,7 @@ class Receiver(NamedTuple):
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Update the state with the measurements of a tick `dt` [s]. The gyro heading starts at that of `truth`."""
+        """Update the state with the measurements of a tick `dt` [s]. The gyro heading starts at the true heading."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -64,7 +64,7 @@ class Receiver(NamedTuple):
         return write(state.solution._replace(t=t), state.attitude)
 
     def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
-        """Return the NMEA sentences GGA, RMC and VTG at time `t` [s]. They are invalid without a new solution."""
+        """Return the NMEA sentences GGA, RMC and VTG at time `t` [s], invalid without a new solution."""
         if state.solution is None:
             return ()
         s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)
@@ -99,7 +99,7 @@ class LinkOptions(NamedTuple):
     """Event at which the clock of the run starts: first message or engagement of the host, or opening of the link."""
     wait_s: float = 60.0  # Maximum time to wait for the start event [s]
     nmea: tuple[str, int] | None = None
-    """Address and port to which the additional NMEA sentences GGA, RMC and VTG are sent; None to send none."""
+    """Address and port to which the additional NMEA sentences GGA, RMC and VTG are sent, or None to send none."""
     pace: Literal["answered"] | float = 1.0
     """Simulated time per wall-clock time [-], at most 1; or `answered` to continue after each reply of the host."""
     live: bool = False  # Whether observers receive rows during the run, and not only at its end

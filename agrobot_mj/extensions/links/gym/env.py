@@ -164,7 +164,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state of the episode for copies and pickles. It does not include the renderer."""
+        """Return the state of the episode without the renderer, for copies and pickles."""
         return vars(self) | {"components": (), "_camera": None, "_drawn": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -233,7 +233,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
 
 class FollowPathVector(SyncVectorEnv):
-    """Vector environment with `num_envs` tractors. The other arguments are those of `FollowPath`."""
+    """Vector environment with `num_envs` tractors. The other arguments are the arguments of `FollowPath`."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any

@@ -68,7 +68,7 @@ STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND
 """NavSatStatus for each quality of the solution: RTK float is a plain fix, RTK fix a ground-based augmentation."""
 SERVICES = 1 + 2 + 4 + 8  # Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo
 UP_SIGMA = 2.0
-"""Standard deviation of the height divided by that of a horizontal coordinate [-]. Assumed value (1.5-3)."""
+"""Standard deviation of the height divided by the horizontal standard deviation [-]. Assumed value (1.5-3)."""
 AGAIN_TICKS = 100  # Number of ticks between repetitions of /path and /tf_static, for subscribers that connect later
 PATH_STEP_M, MOST_PATH_POINTS = 0.5, 2000  # Distance between points of /path [m], and maximum number of points [-]
 UNKNOWN_VARIANCE = 1e6  # Variance that marks a component without measurement
@@ -91,7 +91,7 @@ class Site(NamedTuple):
 
 
 def site_of(scenario: Scenario) -> Site:
-    """Return the values of a scenario. The geographic origin is that of its guidance or the default origin."""
+    """Return the values of a scenario. The geographic origin comes from its guidance or is the default origin."""
     tractor, sensors = scenario.tractor, scenario.sensors
     keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
@@ -135,7 +135,7 @@ def header(at: Content, frame: str) -> Content:
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna. On level ground, the altitude is the true one."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. On level ground, the altitude is the true altitude."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0

@@ -62,7 +62,7 @@ class Port(Protocol):
     refused: int
     """Number of ignored commands with values that are not finite."""
     last: VelocityMessage | None
-    """Newest command, or None before the first one."""
+    """Newest command, or None before the first command."""
 
     def publish(self, topic: str, content: Content) -> None:
         """Publish a message on a topic."""

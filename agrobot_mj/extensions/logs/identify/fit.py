@@ -40,7 +40,7 @@ MEMORY_S = 0.4
 LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
-"""Maximum time difference at which errors of different windows are correlated [s]. It is at most a third of the log."""
+"""Maximum time difference at which errors of different windows are correlated [s], at most a third of the log."""
 DRAWS = 12  # Number of noise realisations added to the recorded angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
 """Parameters that are fitted if identifiable and are not reported."""

@@ -33,7 +33,7 @@ CHOICES = {
 }
 """Names of the fitted parameters for each value of the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default of `--fit`. It includes a delay but no lag, because slow steering does not distinguish them."""
+"""Default of `--fit`: with a delay but without a lag, because slow steering does not distinguish them."""
 LEAST_WINDOWS = 6  # Minimum number of windows for a fit: half a minute of driving at speed
 LEAST_STEER_DEG = 0.5  # Minimum RMS steering angle for a fit [deg]
 LEAST_EXPLAINED = 0.5

@@ -62,7 +62,7 @@ class FitPiece(NamedTuple):
     steer: Array  # Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]
     u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]
     yaw_rate: Array | None
-    """Recorded yaw rate (gyro or heading) if the speed is that of the antenna [rad/s]; otherwise None."""
+    """Recorded yaw rate (gyro or heading) if the recorded speed is the antenna speed [rad/s]; otherwise None."""
     heading: Callable[[Array], Array] | None
     """Function that interpolates the recorded heading [rad], or None if there is no heading."""
     windows: slice  # Index range of the windows, in each channel, that belong to this segment
@@ -108,7 +108,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the data for a fit. A segment has a wheel angle and a gyro yaw rate, heading or position."""
+    """Return the data for a fit. Each segment must have a wheel angle, and a gyro yaw rate, heading or position."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}
@@ -207,7 +207,7 @@ def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full
 
 
 MASS_KG = 750.0  # Mass of the tractor for which `DYNAMICS` contains the compliances [kg]
-Channels = dict[str, Array]  # Values by channel, shape (windows, n); for positions (windows, n, 2)
+Channels = dict[str, Array]  # Values by channel, shape (windows, n), or (windows, n, 2) for positions
 
 
 class Parameter(NamedTuple):

@@ -40,7 +40,7 @@ def found_in(data: bytes | mmap) -> Iterator[Sentence]:
 
 
 def kind_of(fields: list[str]) -> str:
-    """Return the type of a sentence: its name without the talker; for manufacturers with subtype, as in `PTNL,AVR`."""
+    """Return the type of a sentence: its name without the talker; for manufacturers, name and subtype (`PTNL,AVR`)."""
     name = fields[0]
     if name in ("PTNL", "PSTI", "PSAT") or (name == "PASHR" and fields[1][:1].isalpha()):
         return ",".join(fields[:2])

@@ -213,7 +213,7 @@ def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded track divided by that of the plant's track [-], or NaN without a track."""
+    """Return the length of the recorded track divided by the length of the plant's track [-], or NaN without tracks."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = beside(recording, driven)

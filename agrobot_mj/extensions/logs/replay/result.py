@@ -103,7 +103,7 @@ def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
 
 
 def reach(recording: FieldRecording) -> float:
-    """Return the maximum absolute coordinate of a segment [m]; without positions its maximum track length."""
+    """Return the maximum absolute coordinate of a segment [m], or its maximum track length without positions."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)

@@ -129,7 +129,7 @@ def _settings(c: Calibration) -> dict[str, TwinKey]:
 
 
 def twin_faults(c: Calibration) -> list[dict[str, Any]]:
-    """Return the latencies that a log identifies beyond that of the receiver, as faults of a scenario."""
+    """Return the latencies that a log identifies, except the latency of the receiver, as faults of a scenario."""
     age = {key.removesuffix(".delay_s"): each.value for key, each in c.found.items() if each.identified}
     found = {"steering_pot": age.get("steer", 0.0)}
     if c.log_map.heading is not None and "position" in age and "heading" in age:

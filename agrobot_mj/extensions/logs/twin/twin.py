@@ -208,7 +208,7 @@ def _scenario_text(title: str, points: Array, smoothing: float, faults: Sequence
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Return whether the scenario can be loaded. It cannot if its path is too sharp for the machine."""
+    """Return whether the scenario can be loaded. Loading fails if its path is too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

@@ -57,7 +57,7 @@ def importance_text(found: Sequence[Influence], metric: str) -> str:
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return sentences about one group. The first one begins with the text `group`."""
+    """Return sentences about one group. The first sentence begins with the text `group`."""
     noise = (
         "one seed does not identify the noise"
         if each.noise is None

@@ -82,8 +82,8 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all finished splittings. They advance together, so that many runs can be simulated in parallel. Raises
-    `ScenarioError` if every initial run raises an error, which is not a failure of the tractor."""
+    """Return all finished splittings. The splittings advance together, so that many runs can be simulated in parallel.
+    Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor."""
     rises = Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]
     while going := [each for each in found if each.split is None]:
