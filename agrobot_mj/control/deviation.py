@@ -98,8 +98,7 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 
 @jit
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
-    """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and the preview
-    point."""
+    """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and at its preview."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     s, preview, leg = place.s, abs(seen.speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):

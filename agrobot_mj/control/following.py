@@ -56,8 +56,7 @@ class Following(GuidanceLaw):
     saturation_m_s: NonNegative = 0.6
     """Maximum speed correction towards the time-based reference [m/s]. Assumed value, as for `kinematic`."""
     gain_per_m: Positive = 0.4
-    """Slope of the speed correction versus lag, divided by `saturation_m_s` [1/m]. Assumed value, as for
-    `kinematic`."""
+    """Slope of the speed correction versus lag, per `saturation_m_s` [1/m]. Assumed value, as for `kinematic`."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4

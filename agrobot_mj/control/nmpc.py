@@ -72,8 +72,7 @@ class Nmpc(Following):
     heading_noise_deg: Positive = 1.0
     """Standard deviation of the estimated heading [deg]. Assumed value for the noise of the EKF."""
     heading_walk_deg_rt_s: NonNegative = 0.3
-    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1): the EKF's heading bias changes on each
-    arc."""
+    """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1): the heading bias changes on each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
     """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values
     cause oscillation."""

@@ -50,8 +50,7 @@ class PurePursuit(Integrating):
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
-    """Speed-dependent part of the look-ahead distance, divided by speed [s]. Assumed value, tuned; 0.3-2 if
-    hand-chosen."""
+    """Speed-dependent part of the look-ahead distance, per speed [s]. Assumed value, tuned; 0.3-2 if hand-chosen."""
     lookahead_m: Positive = 1.8
     """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
     values below 1 cause oscillation with a worn valve."""

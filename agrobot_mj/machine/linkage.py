@@ -29,8 +29,7 @@ class Linkage(Spec):
     caster_deg: Annotated[float, Field(ge=-10, le=20)] = 0.0
     """Caster: backward inclination of the kingpin tops [deg]. Default: 0. Assumed value for tractors (0-5)."""
     backlash_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
-    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (0.3-1 for good joints, 2-4
-    for worn joints)."""
+    """Total play between cylinder and wheels, at the wheel [deg]. Default: 0. Assumed value (0.3-1 new, 2-4 worn)."""
     friction_n_m: NonNegative = 0.0
     """Friction torque of kingpins and seals of both wheels [N m]. Default: 0. Assumed value for tractors (5-20)."""
 

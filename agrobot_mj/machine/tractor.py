@@ -113,8 +113,7 @@ class TractorParameters(Spec):
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (8-12)."""
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
-    """Height of the front axle's pivot above the wheel centres, divided by their free radius [-]. Assumed value
-    (0-0.3)."""
+    """Height of the front axle's pivot above the wheel centres, divided by their radius [-]. Assumed value (0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
     """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0

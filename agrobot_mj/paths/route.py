@@ -127,8 +127,7 @@ class SampledRoute:
         return _ahead(self._samples, s)
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures [1/m] at the arc lengths `distances` [m], left positive, (n,). They are 0 before 0
-        m."""
+        """Return the curvatures [1/m] at the arc lengths `distances` [m], left positive, (n,); zero before 0 m."""
         distances = np.asarray(distances, dtype=float)
         found, most = _curvatures(self._samples, distances)
         if self.grows(most):

@@ -28,8 +28,7 @@ class Special(Spec):
     cone_index_kpa: ConeIndex | None = None
     """Cone index of the soil [kPa]. Default: value of `surface`, or without a surface the value of the tyre law."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Rolling resistance of tyres on firm ground divided by load [-]. Default: value of `surface` or of the tyre
-    law."""
+    """Rolling resistance of tyres on firm ground, divided by load [-]. Default: value of `surface` or tyre law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
     """Size of the grid cells that represent the shape [m]. All patches use the minimum size of all patches."""
 

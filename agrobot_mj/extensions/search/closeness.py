@@ -139,8 +139,7 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome at each tick, from load transfer, roll, hitch angle or distance to the
-        path."""
+        """Return the margin to an outcome at each tick, from load transfer, roll, hitch angle or distance to path."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:

@@ -39,8 +39,7 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return vertical stiffness [N/m] and damping [N s/m]: given values, or values for a load [N] and free radius
-        [m]."""
+        """Return vertical stiffness [N/m] and damping [N s/m]: given, or for a static load [N] and free radius [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c

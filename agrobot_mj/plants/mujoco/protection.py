@@ -62,8 +62,7 @@ define i32 @agrobot_{name}(i64 %model, i64 %data) {{
 
 
 class Protected:
-    """Sequences of C functions void f(const mjModel*, mjData*). A sequence returns 1 after an error of MuJoCo, else
-    0."""
+    """Sequences of C functions void f(const mjModel*, mjData*), which return 1 after an error of MuJoCo, else 0."""
 
     def __init__(self, library: ctypes.CDLL, calls: Calls) -> None:
         self._engine = _compiled(_text(calls))

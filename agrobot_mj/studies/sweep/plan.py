@@ -167,8 +167,7 @@ class SweepPlan:
             )
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Check that all runs are feasible; call `advance` after each. Raises `ScenarioError` listing infeasible
-        runs."""
+        """Check that all runs are feasible; call `advance` after each. Raises `ScenarioError` with infeasible runs."""
         checker, wrong = _Checker(self.sweep.base), dict[str, list[str]]()
         for run in self.runs(step=self._stride):
             for fault in checker.faults(run):

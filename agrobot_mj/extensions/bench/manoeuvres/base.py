@@ -150,8 +150,7 @@ class Trial:
         plant.reset(ORIGIN)
 
     def level_plants(self, only_linear: bool = False) -> list[tuple[str, Any, Truth]]:
-        """Return subject, plant, initial truth on level ground: bicycle, and MuJoCo with all tyres or only with
-        `linear`."""
+        """Return subject, plant and initial truth on level ground: bicycle, MuJoCo with all tyres or only `linear`."""
         bicycle = BicyclePlant(Bicycle(), STOCK, LEVEL.ground(), Clock.of(0.002))
         chosen = [Linear()] if only_linear else tyres()
         return [(BICYCLE, bicycle, bicycle.reset(ORIGIN)), *((tyre.kind, *self.mujoco(tyre)) for tyre in chosen)]

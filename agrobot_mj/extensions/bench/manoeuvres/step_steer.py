@@ -112,7 +112,7 @@ def theory(kind: str) -> float | None:
 
 
 def relaxed_bicycle(steer: Array) -> Array:
-    """Return the yaw rate [rad/s] at each tick of a bicycle with `linear` tyres, relaxation and roll, for `steer`
+    """Return the yaw rate [rad/s] at each tick of a bicycle with relaxing `linear` tyres and roll, for `steer`
     [rad]."""
     p, tyre, u, b = TractorParameters(), Linear(), SPEED_M_S, parts(STOCK)
     m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle

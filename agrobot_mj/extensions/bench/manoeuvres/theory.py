@@ -156,8 +156,8 @@ class Tractor:
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels have a lateral force [N]. Raises ValueError for a force above their
-        grip."""
+        """Return the slip angle at which two wheels have a lateral force [N]. Raises ValueError for too large a
+        force."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted

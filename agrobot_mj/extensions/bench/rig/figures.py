@@ -48,8 +48,7 @@ def aligning(table: pa.Table) -> Figure | None:
 
 
 def combined(table: pa.Table) -> Figure:
-    """Plot lateral versus longitudinal force for several slip angles, and the ellipse through the peaks of pure
-    slip."""
+    """Plot lateral versus longitudinal force for several slip angles, and the ellipse through the pure-slip peaks."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)

@@ -124,7 +124,7 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield vehicle parameters with a typical error in one quantity missing in the scenario, and a text about the
+    """Yield vehicle parameters with a typical error in one quantity missing in the scenario, and text about the
     error."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
