@@ -42,11 +42,11 @@ from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
 AIM_RATIO, AIM_RECOMMENDED_RATIO, AIM_RECORDING = 1.35, 2.0, 0.05
-"""Targets [-]: closed loop per bare step, the same for the recommended stack, and relative cost of recording."""
+"""Targets [-]: closed loop divided by bare steps, the same for the recommended stack, relative cost of recording."""
 AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
 """Targets for simulated divided by processor time [-]: standard steps, `physics = "fast"`, recommended stack."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
-"""Targets for physics with tyres per bare step, on firm ground and on soft soil [-], and grid nodes per side."""
+"""Targets of physics with tyres divided by bare steps, on firm and on soft ground [-]; grid nodes per side."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
 """Command lines and targets for their wall times [s]."""
 PARTS = {
@@ -114,7 +114,7 @@ class BareModel:
         return spent
 
     def undisturbed(self, steps: int, count: int = 2000) -> float:
-        """Return the tenth percentile of the time of `steps` steps [s], an estimate without other processes."""
+        """Return the tenth percentile of the time of `steps` steps [s], without the effect of other processes."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
 
@@ -183,7 +183,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
 
 
 def undisturbed_tick(scenario: Scenario) -> float:
-    """Return the processor time of a tick, as tenth percentile [s]."""
+    """Return the tenth percentile of the processor time of a tick [s]."""
     simulation, found = Simulation(scenario), list[float]()
     simulation.reset()
     while not simulation.done:
@@ -271,14 +271,14 @@ def physics_costs(repeats: int) -> str:
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
-    """Return the cost of physics steps per cost of bare steps of the same model, on a grid of 200 x 200 nodes [-]."""
+    """Return the cost of physics steps divided by the cost of bare steps, on a grid of 200 x 200 nodes [-]."""
     plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
 
 
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
-    """Return the cost of 20 plant ticks from the state `start` per cost of as many bare steps [-].
+    """Return the cost of 20 plant ticks from the state `start` divided by the cost of equally many bare steps [-].
 
     Each tick starts from a restored state, because the bare tractor soon tips over, which takes longer.
     """

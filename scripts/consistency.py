@@ -98,7 +98,7 @@ class CaseErrors(NamedTuple):
     """Errors of an estimator in a case, over all seeds."""
 
     wholes: list[Whole]
-    losses: dict[float, list[list[End]]]  # ends of outages by their duration [s], one list per seed
+    losses: dict[float, list[list[End]]]  # Ends of outages by their duration [s], one list per seed
 
 
 def judged(

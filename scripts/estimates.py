@@ -22,8 +22,8 @@ class Estimate(NamedTuple):
     mean: float
     low: float
     high: float
-    n: int  # number of seeds
-    failed: int = 0  # number of other seeds, whose runs failed; the mean excludes them
+    n: int  # Number of seeds
+    failed: int = 0  # Number of other seeds, whose runs failed; the mean excludes them
 
     def text(self, digits: int = 2, sign: str = "") -> str:
         """Return `mean (low to high)`, or only the mean for a single seed, with the number of failed seeds."""

@@ -103,9 +103,9 @@ MOST_LISTED = 4  # Maximum number of columns listed individually in a row: the f
 class Number(NamedTuple):
     """Numeric key that has a source."""
 
-    owner: str  # class that defines the key, with the name of the key
-    kind: str  # kind of the table that contains the key, or empty
-    row: tuple[str, ...]  # key, default, unit, range and source
+    owner: str  # Class that defines the key, with the name of the key
+    kind: str  # Kind of the table that contains the key, or empty
+    row: tuple[str, ...]  # Key, default, unit, range and source
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:

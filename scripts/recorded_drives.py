@@ -36,18 +36,18 @@ class ErrorTrace(NamedTuple):
     """Replay of an estimator with values per tick: errors (estimate - truth), and reported standard deviations."""
 
     t: Array
-    east: Array  # of R [m]
+    east: Array  # East error of the position of R [m]
     north: Array
-    heading: Array  # [rad]
-    course: Array  # estimated yaw minus the direction of motion of R [rad]
-    yaw_rate: Array  # [rad/s]
-    nees: Array  # of the position [-]
+    heading: Array  # Heading error [rad]
+    course: Array  # Estimated yaw minus the direction of motion of R [rad]
+    yaw_rate: Array  # Yaw-rate error [rad/s]
+    nees: Array  # Normalised error squared of the position [-]
     heading_nees: Array
-    sigma: Array  # reported standard deviation of R over both axes [m]
-    nis: Array  # of the position, NaN without a fix [-]
+    sigma: Array  # Reported standard deviation of R over both axes [m]
+    nis: Array  # Normalised innovation squared of the position [-], NaN without a fix
     aligned: Array  # 1 after the initialisation of the yaw
-    travelled: Array  # distance since the start [m]
-    cost: float  # median time of an update [s]
+    travelled: Array  # Distance since the start [m]
+    cost: float  # Median time of an update [s]
 
     @property
     def position(self) -> Array:
@@ -136,10 +136,10 @@ def rms(values: Array) -> float:
 class Whole(NamedTuple):
     """Results of a replay after `BEGIN_S`: RMS errors, mean NEES and NIS [-], and the time of an update."""
 
-    position: float  # [cm]
-    heading: float  # [deg]
-    course: float  # [deg]
-    yaw_rate: float  # [deg/s]
+    position: float  # RMS position error [cm]
+    heading: float  # RMS heading error [deg]
+    course: float  # RMS course error [deg]
+    yaw_rate: float  # RMS yaw-rate error [deg/s]
     nees: float
     nis: float
     cost_us: float

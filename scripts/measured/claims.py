@@ -41,7 +41,7 @@ def path_name(path: dict[str, Any]) -> str:
 
 PATHS = {"10 m, 1.2 m/s": ("paper", 0.0)}
 PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims_paths")["axes"]["path"]}
-"""Study and value `x` of each figure eight; the first one is that of the paper."""
+"""Study and value `x` of each figure eight, first the figure eight of the paper."""
 
 
 def claim_rows(study: Study) -> list[Row]:
@@ -131,8 +131,8 @@ class Judged(NamedTuple):
 
     claim: str
     verdict: str
-    network: str  # result of the paper's network on both plants
-    null: str  # results of the null models
+    network: str  # Result of the paper's network on both plants
+    null: str  # Results of the null models
 
 
 def claims_table(rows: Sequence[Row]) -> str:

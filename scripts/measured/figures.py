@@ -27,10 +27,10 @@ class Panel(NamedTuple):
 
     xlabel: str
     ylabel: str
-    xs: Sequence[Any]  # values of the x axis: names are placed side by side, numbers are connected by lines
+    xs: Sequence[Any]  # Values of the x axis: names are placed side by side, numbers are connected by lines
     laws: Sequence[str]
-    curve: Callable[[str, str, Any], Estimate]  # returns the estimate for a plant and a law at a value of the x axis
-    look: Mapping[str, Any] = {}  # further properties of the axes
+    curve: Callable[[str, str, Any], Estimate]  # Function of plant, law and x value that returns the estimate
+    look: Mapping[str, Any] = {}  # Further properties of the axes
     line: float | None = None  # y value of a dashed line
     plants: Sequence[str] = PLANTS
 

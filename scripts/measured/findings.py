@@ -19,7 +19,7 @@ from agrobot_mj.core.markdown import markdown_table
 from agrobot_mj.studies.report import ReportedRun, lateral_error
 from agrobot_mj.studies.style import STYLE, save
 
-PRINTED = "as printed"  # Variant of the sweep `ablation` with which the others are compared
+PRINTED = "as printed"  # Variant of the sweep `ablation` with which the other variants are compared
 
 
 def claims(study: Study) -> Blocks:

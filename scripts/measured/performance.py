@@ -74,7 +74,7 @@ def growth() -> str:
     return markdown_table(("varied size, cost", "sizes", "cost"), rows)
 
 
-REPEATS = 5  # number of rounds of a measurement
+REPEATS = 5  # Number of rounds of a measurement
 PARTS: dict[str, Part] = {
     "aims": lambda study: {"aims": run_costs(load_scenario("figure_eight"), REPEATS)},
     "tick": lambda study: {"tick": tick_parts(load_scenario("figure_eight"))},

@@ -131,7 +131,7 @@ def bars_table(rows: list[Row]) -> str:
 
 
 def sane_text(rows: list[Row]) -> str:
-    """Return sentences about the runs without fault, and about those of them that were stopped."""
+    """Return sentences about the runs without fault, and about the stopped runs among them."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
     lines = [f"{len(rows)} runs without failures, of which {len(stopped)} were stopped."]
     for row in stopped:
