@@ -32,7 +32,7 @@ from agrobot_mj.control.base import Situation
 from agrobot_mj.control.deviation import STEEP, CommandLimits, Followed, PathDeviation, Situated, deviated_on, followed
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import jit, shared, stage
+from agrobot_mj.core.kernels import fetched, jit, shared, stage
 from agrobot_mj.core.signals import TICK_S, Array, Matrix, Reference, Vector
 from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
@@ -136,6 +136,7 @@ def _tick(
     dt: float,
 ) -> tuple[LqrState, Followed, float]:
     """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
+    p = fetched(p)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, seen.speed))
     limits = p.approach, p.integral
     memory, wanted = steering(limits, memory, deviation, seen.speed, seen.aligned, seen.steer, dt)

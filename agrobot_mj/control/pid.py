@@ -14,7 +14,8 @@ from math import inf, isfinite, isinf, isnan, nan, radians
 from typing import ClassVar, Literal, NamedTuple
 
 from agrobot_mj.control.base import AngleLoop
-from agrobot_mj.core.kernels import jit, shared
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, jit, shared
 from agrobot_mj.core.signals import NEUTRAL_V, Command, Reference
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
@@ -315,13 +316,13 @@ class LoopsState(NamedTuple):
 
 @jit
 def loops_step(
-    p: LoopsLaw, s: LoopsState, w: Wishes, speed: float, steer: float, pedal: float, dt: float
+    p: Held[LoopsLaw], s: LoopsState, w: Wishes, speed: float, steer: float, pedal: float, dt: float
 ) -> tuple[LoopsState, tuple[float, float, float]]:
     """Return the new state, the voltages of steering and pedal valve [V], and the applied brake fraction [-].
 
     The command may bypass one or both loops. `speed` [m/s] is estimated; `steer` [rad] and `pedal` [-] are measured.
     """
-    brake = brake_after(s.brake, w, dt)
+    p, brake = fetched(p), brake_after(s.brake, w, dt)
     share = 1.0 if brake.standing_s >= STANDSTILL_S else 0.0
     if share == 0.0 and isnan(w.pedal):
         driven, pedal_voltage = speed_step(p.speed, s.speed, w.speed, speed, pedal, dt)

@@ -28,7 +28,8 @@ import numpy as np
 from agrobot_mj.control.evidence import Sensed
 from agrobot_mj.control.sums import Sums, Vehicle, heading_of, summed
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Fix, Matrix, Quality, Vector
 from agrobot_mj.machine.implements import TowedImplement
 from agrobot_mj.machine.tractor import TractorParameters
@@ -166,7 +167,7 @@ def _renewed(r: References, t: float) -> References:
 class Reckoning(NamedTuple):
     """State of the dead reckoning."""
 
-    sums: tuple[Sums, ...] = (Sums(),)  # Dead-reckoning sums after each of the last ticks, oldest first
+    sums: tuple[Held[Sums], ...] = ()  # Dead-reckoning sums after each of the last ticks, oldest first
     checked: Sums | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
     begun_at: complex = 0j  # Position of the first fix [m], east + j north
     references: References | None = None  # References for checking fixes, or None until the frame angle theta is known
@@ -191,15 +192,18 @@ class Reckoning(NamedTuple):
         if self.checked is None and not isfinite(m.gyro):
             return self
         vehicle = Vehicle(machine.wheelbase_m, machine.antenna_height_m, body)
-        sums = (*self.sums[1 - HISTORY_TICKS :], summed(self.sums[-1], m, fix, vehicle, towed, dt))
+        before = self.sums or (held(Sums()),)
+        sums = (*before[1 - HISTORY_TICKS :], summed(before[-1], m, fix, vehicle, towed, dt))
         late = round((m.t - fix.t) / dt) if isfinite(fix.t) else 0
         first = self.references is None and quality != Quality.FIX
         state = Reckoning(sums, self.checked, self.begun_at, self.references, self.distance, self.sigma)
         if isnan(fix.x) or first or not 0 <= late < len(sums):
             return state
-        return state._with_fix(sums[-1 - late], fix, quality, m, dt, HITCH_SIGMA * towed.antenna)
+        if state.references and state.checked and m.t - late * dt - state.checked.t < EPOCH_S - 0.5 * dt:
+            return state
+        return state._with_fix(fetched(sums[-1 - late]), fix, quality, m, HITCH_SIGMA * towed.antenna)
 
-    def _with_fix(self, at: Sums, fix: Fix, quality: int, m: Sensed, dt: float, swing: float) -> "Reckoning":
+    def _with_fix(self, at: Sums, fix: Fix, quality: int, m: Sensed, swing: float) -> "Reckoning":
         """Return the state after checking a fix; `swing` is the antenna's position error due to the hitch angle [m]."""
         place = complex(fix.x, fix.y)
         if self.checked is None:
@@ -210,8 +214,6 @@ class Reckoning(NamedTuple):
                 return self
             theta = phase((place - self.begun_at) / moved)
             return self._replace(checked=at, references=References.first(at, place, theta))
-        if at.t - self.checked.t < EPOCH_S - 0.5 * dt:
-            return self
         has_tilt = isfinite(m.roll + m.pitch)
         tilt_error = (TILT_SIGMA if has_tilt else UNKNOWN_TILT_SIGMA) + ROCKING_FACTOR * at.rocking
         fixed = quality == Quality.FIX

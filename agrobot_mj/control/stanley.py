@@ -37,7 +37,7 @@ from agrobot_mj.control.deviation import (
 )
 from agrobot_mj.control.following import Integrating
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.kernels import fetched, jit, stage
 from agrobot_mj.core.signals import Matrix, Reference
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
@@ -106,6 +106,7 @@ def _tick(
     dt: float,
 ) -> tuple[StanleyState, Followed, float]:  # fmt: skip
     """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
+    p = fetched(p)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, (p.gains.rear, p.gains.wheelbase))
     pose, rates = (seen.x, seen.y, seen.yaw), (seen.speed, seen.yaw_rate)
     memory, wanted = steering(p.gains, memory, deviation, pose, rates[0], rates[1], seen.aligned, seen.steer, dt)

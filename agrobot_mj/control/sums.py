@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 from agrobot_mj.control.evidence import Sensed
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.kernels import jit, kernel_method, shared, stage
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, jit, kernel_method, shared, stage
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import Fix
 from agrobot_mj.machine.implements import TowedImplement
@@ -102,8 +103,9 @@ class Vehicle(NamedTuple):
 
 
 @stage
-def summed(s: Sums, m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Sums:
+def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement, dt: float) -> Held[Sums]:
     """Return the dead-reckoning sums, advanced by one tick of length `dt` [s]."""
+    s = fetched(last)
     wheels, fixes, fix_t = _speeds(s, m, fix)
     has_tilt = isfinite(m.roll + m.pitch)
     tilt = s.tilt.after(m.roll, m.pitch, dt) if has_tilt else s.tilt
@@ -126,27 +128,29 @@ def summed(s: Sums, m: Sensed, fix: Fix, vehicle: Vehicle, towed: TowedImplement
     growth = 1.0 + pull * pull + hop * hop
     growth *= growth
     varied, spin = abs(m.specific_force[2] / GRAVITY - 1.0) if isfinite(m.specific_force[2]) else 0.0, _spinning(s)
-    return Sums(
-        m.t,
-        phi,
-        s.path + step,
-        s.bent + 1j * force * step,
-        s.sideslip + growth * _walk_variance(SIDESLIP_WALK, rate, dt),
-        s.slip + growth * _walk_variance(SLIP_WALK, rate, dt) + spin * spin * dt,
-        lever,
-        -towed.antenna * turn(1j * (phi + swing)),
-        rest,
-        s.rocking + (distance - s.rocking) * dt / ROCKING_S,
-        swing,
-        s.hopping + (varied - s.hopping) * dt / ROCKING_S,
-        wheels,
-        fixes,
-        fix_t,
-        tilt,
-        s.compass if blind else s.compass.after(heading - phi, dt),
-        s.gyro_s if blind else s.gyro_s + dt,
-        s.turning + turning,
-        blind,
+    return held(
+        Sums(
+            m.t,
+            phi,
+            s.path + step,
+            s.bent + 1j * force * step,
+            s.sideslip + growth * _walk_variance(SIDESLIP_WALK, rate, dt),
+            s.slip + growth * _walk_variance(SLIP_WALK, rate, dt) + spin * spin * dt,
+            lever,
+            -towed.antenna * turn(1j * (phi + swing)),
+            rest,
+            s.rocking + (distance - s.rocking) * dt / ROCKING_S,
+            swing,
+            s.hopping + (varied - s.hopping) * dt / ROCKING_S,
+            wheels,
+            fixes,
+            fix_t,
+            tilt,
+            s.compass if blind else s.compass.after(heading - phi, dt),
+            s.gyro_s if blind else s.gyro_s + dt,
+            s.turning + turning,
+            blind,
+        )
     )
 
 

@@ -28,7 +28,8 @@ from agrobot_mj.control.monitors import (
 )
 from agrobot_mj.control.pid import clip
 from agrobot_mj.control.reckoning import Reckoning
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Column, Command, Estimate, Fix, Measurement, PathPoint, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
 
@@ -59,7 +60,10 @@ class SupervisorState(NamedTuple):
     """State of a `Supervisor`."""
 
     mode: Mode = Mode.IDLE
-    watched: MonitorSignals = MonitorSignals()  # Signals computed for the monitors
+    watched: Held[MonitorSignals] | None = None
+    """Signals computed for the monitors, or None before the first tick."""
+    shown: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Age of the newest accepted fix [s], arc length [m] and curvature [1/m] of the nearest path point."""
     over_s: Vector = np.zeros(len(REASONS))
     """Weighted time for which the signal of each monitor has exceeded its limit [s]."""
     pedal: float = 0.0  # Pedal reference while coasting and stopping [-]
@@ -68,7 +72,7 @@ class SupervisorState(NamedTuple):
     still_s: float = 0.0  # Time for which the tractor has been at rest during a stop [s]
     released: bool = False  # Whether the power of the pedal valve has been cut
     reason: str = ""  # Reason for the stop
-    limits: Limits | None = None  # Limits of the monitors, or None before the first tick
+    limits: Held[Limits] | None = None  # Limits of the monitors, or None before the first tick
     reckoning: Reckoning = Reckoning()  # Dead reckoning by wheels and gyro
 
 
@@ -108,23 +112,23 @@ class Supervisor(SupervisorLimits):
         if not self.enabled:
             return state, command
         e, (m, fix, quality), machine = situation.estimate, seen(measured), situation.machine
-        limits = state.limits or self.limits(machine)
-        nearest = situation.route.nearest(e.x, e.y, state.watched.place, situation.t)
+        limits, watched = state.limits or held(self.limits(machine)), state.watched or held(MonitorSignals())
+        nearest = situation.route.nearest(e.x, e.y, state.shown[1], situation.t)
         reckoning = state.reckoning.after(m, fix, quality, machine, self.gyro_axes == "body", dt, situation.towed)
         judged = Judged(e.x, e.y, e.speed, e.yaw_rate, e.aligned, e.fix_age, e.position_sigma, e.nis_mean)
         wanted = Wanted(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
         reckoned = reckoning.distance, reckoning.sigma
-        watched, over_s, first, signal, cut = _watched(
-            limits, state.watched, state.over_s, nearest, judged, m, fix, quality, situation.steer, wanted, reckoned, dt
+        watched, shown, over_s, first, signal, cut = _watched(
+            limits, watched, state.over_s, nearest, judged, m, fix, quality, situation.steer, wanted, reckoned, dt
         )
         mode, reason, pedal, steer = state.mode, state.reason, state.pedal, state.steer
         if mode is not Mode.STOPPING:
-            mode = Mode.STOPPING if first >= 0 else self._mode(e, watched.fix_age)
+            mode = Mode.STOPPING if first >= 0 else self._mode(e, shown[0])
             reason = REASONS[first].format(signal) if first >= 0 else ""
             pedal = pedal if mode is state.mode is Mode.COASTING else measured.pedal
         rest = state.neutral_s, state.still_s, state.released or cut, reason, limits, reckoning
         return self._commanded(
-            SupervisorState(mode, watched, over_s, pedal, steer, *rest), situation, measured, command, dt
+            SupervisorState(mode, watched, shown, over_s, pedal, steer, *rest), situation, measured, command, dt
         )
 
     def stopped(self, state: SupervisorState) -> bool:
@@ -140,7 +144,7 @@ class Supervisor(SupervisorLimits):
         self, state: SupervisorState, situation: Situation, measured: Measurement, command: Command, dt: float
     ) -> tuple[SupervisorState, Command]:
         if state.mode is Mode.ALIGNING:
-            command = Command(situation.machine.steering_for(state.watched.curvature), self.aligning_speed_m_s)
+            command = Command(situation.machine.steering_for(state.shown[2]), self.aligning_speed_m_s)
         elif state.mode is Mode.COASTING:  # the estimated speed drifts, whereas the pedal keeps the speed constant
             command = command._replace(pedal=state.pedal)
         elif state.mode is Mode.STOPPING:
@@ -176,7 +180,7 @@ class Supervisor(SupervisorLimits):
 
     def report(self, state: SupervisorState) -> Sequence[float]:
         """Return the values of `columns` for a state."""
-        return (float(state.mode), state.watched.fix_age) if self.enabled else ()
+        return (float(state.mode), state.shown[0]) if self.enabled else ()
 
 
 class Wanted(NamedTuple):
@@ -190,15 +194,16 @@ class Wanted(NamedTuple):
 
 @stage
 def _watched(
-    most: Limits, w: MonitorSignals, over_s: Vector, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix, quality: int,
-    steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
-) -> tuple[MonitorSignals, Vector, int, float, bool]:  # fmt: skip
+    most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix,
+    quality: int, steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
+) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
     """Return the monitor signals after a tick, and for each monitor the weighted time above its limit [s].
 
-    The other results are the index of the first monitor that requires a stop, or -1, its signal, and whether a monitor
-    cuts the power of the pedal valve.
+    The second result is `SupervisorState.shown`. The last results are the index of the first monitor that requires a
+    stop, or -1, its signal, and whether a monitor cuts the power of the pedal valve.
     """
-    w = _observed(most, w, nearest, e, m, fix, quality, steer, wanted, dt)
+    most = fetched(most)
+    w = _observed(most, fetched(w), nearest, e, m, fix, quality, steer, wanted, dt)
     found = checks(most, w, e, m, fix, steer, reckoned)
     after, first, signal, cut = np.zeros(len(found)), -1, nan, False
     for k in range(len(found)):
@@ -208,7 +213,7 @@ def _watched(
             cut = cut or k in CUTTING
             if first < 0:
                 first, signal = k, check[0]
-    return w, after, first, signal, cut
+    return held(w), (w.fix_age, w.place, w.curvature), after, first, signal, cut
 
 
 @jit

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Array, Matrix, Vector
 
 LARGE_STEP = 0.01  # Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value.
@@ -234,14 +234,15 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
 def tick(
     network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
 ) -> tuple[Held[Network], float, float, Vector]:
-    """Return the network after a tick of `dt` [s], and the output tau_n [rad], q and log values before learning."""
-    (s, learning), bound = network, network.learning.input_bound
+    """Return the network after a tick of `dt` [s], and before learning the output tau_n [rad], q and the log values."""
+    s, learning = fetched(network)
+    bound = learning.input_bound
     x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)
     s = move_centres(s, (s.x1, s.x2), x1, x2, learning.follow)  # type: ignore[arg-type]
     W = firing(s, x1, x2)
     tau_n, rates = laws(s, W, x1, x2, learning.alpha * sgn(tau_c, learning.delta_s), learning.floor)
     after = apply_rates(s, x1, x2, rates, dt, learning) if learn else s
-    return Network(after, learning), tau_n, s.q, report_of(s, W)
+    return held(Network(after, learning)), tau_n, s.q, report_of(s, W)
 
 
 @jit

@@ -1,6 +1,7 @@
 """States of compiled stages that stay in compiled memory: Python passes only a reference to them.
 
-A stage with an argument or a result annotated `Held[State]` takes and returns references. Converting a state of 300
+A stage with an argument or a result annotated `Held[State]` takes and returns references, which `fetched` and `held` of
+`kernels` convert. Converting a state of 300
 numbers to Python objects takes longer than most stages. A held state is immutable like the named tuple that it stands
 for, and is converted by `fetched`. Without compilation the reference is the named tuple itself.
 """
@@ -10,11 +11,13 @@ from collections.abc import Callable
 from hashlib import blake2b
 from typing import Annotated, Any, TypeVar
 
+from llvmlite.ir import IntType
 from numba import types
 from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
 from numba.core.runtime import nrt
 from numba.experimental import structref
-from numba.extending import NativeValue, box, unbox
+from numba.extending import NativeValue, box, intrinsic, unbox
 
 T = TypeVar("T")
 Held = Annotated[T, "held"]  # Annotation of a named tuple that a stage takes or returns as a reference
@@ -36,10 +39,32 @@ class HeldType(types.StructRef):  # type: ignore[misc]
 
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
-    """Return the native reference of a Python reference."""
+    """Return the native reference of a Python reference; kernels without reference counts borrow it."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
-    native.meminfo = c.pyapi.nrt_meminfo_from_pyobject(reference)
+    native.meminfo = _word(c.builder, reference, 2)  # after the header of a Python object
+    if c.context.enable_nrt:
+        c.context.nrt.incref(c.builder, kind, native._getvalue())
     return NativeValue(native._getvalue())
+
+
+def _word(builder: Any, pointer: Any, k: int) -> Any:
+    """Return the pointer stored in word `k` at `pointer`."""
+    byte = IntType(8).as_pointer()
+    return builder.load(builder.gep(builder.bitcast(pointer, byte.as_pointer()), [IntType(32)(k)]))
+
+
+@intrinsic  # type: ignore[misc, unused-ignore]
+def value_of(_: Any, reference: Any) -> Any:
+    """Return the named tuple of a native reference, also in kernels without reference counts."""
+
+    def read(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        native = cgutils.create_struct_proxy(reference)(context, builder, value=arguments[0])
+        data, stored = _word(builder, native.meminfo, 3), reference.get_data_type()
+        place = builder.bitcast(data, context.get_value_type(stored).as_pointer())
+        value = cgutils.create_struct_proxy(stored)(context, builder, ref=place).value
+        return impl_ret_borrowed(context, builder, signature.return_type, value)
+
+    return reference.field_dict["value"](reference), read
 
 
 @box(HeldType)
@@ -53,24 +78,14 @@ def number_of(reference: Any) -> int:
     return ctypes.c_int64.from_address(reference.data).value
 
 
-def with_references(function: Any, arguments: dict[str, types.Type], results: Any) -> Callable[..., Any]:
-    """Return a function for compilation that takes and returns references for each `HeldType`.
+def holding(value: Any) -> Callable[..., Any]:
+    """Return a function for kernels that returns a reference to a copy of a named tuple of the type `value`."""
+    kind = HeldType(value)
+    number = kind.number
 
-    `results` is the type of the result, or a tuple with the types of its elements. Types without a reference are None.
-    """
-    taken = ", ".join(f"{name}.value" if isinstance(kind, HeldType) else name for name, kind in arguments.items())
-    several = isinstance(results, tuple)
-    kinds = results if several else (results,)
-    lines = [f"def {function.__name__}({', '.join(arguments)}):", f"    found = function({taken})"]
-    found = [f"found[{k}]" if several else "found" for k in range(len(kinds))]
-    for k, kind in enumerate(kinds):
-        if isinstance(kind, HeldType):
-            lines += [f"    r{k} = new(kind{k})", f"    r{k}.kind, r{k}.value = {kind.number}, {found[k]}"]
-            found[k] = f"r{k}"
-    lines.append(f"    return {', '.join(found)}")
-    code = function.py_func.__code__
-    scope = {"function": function, "new": structref.new, **{f"kind{k}": kind for k, kind in enumerate(kinds)}}
-    exec(compile("\n" * (code.co_firstlineno - 1) + "\n".join(lines), code.co_filename, "exec"), scope)
-    made: Callable[..., Any] = scope[function.__name__]
-    made.__module__, made.__qualname__ = function.py_func.__module__, f"{function.__name__}.held"
-    return made
+    def hold(value, as_it_is=False):  # type: ignore[no-untyped-def]
+        reference = structref.new(kind)
+        reference.kind, reference.value = number, value
+        return reference
+
+    return hold

@@ -10,12 +10,12 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type
 import numpy as np
 from numba import config, njit, typeof, types
 from numba.core.codegen import JITCodeLibrary
-from numba.extending import overload_method, register_jitable
+from numba.extending import overload, overload_method, register_jitable
 from numba.np.numpy_support import from_dtype
 
 from agrobot_mj.core import geometry
 from agrobot_mj.core.boxing import box_in_c
-from agrobot_mj.core.held import KINDS, HeldType, Reference, number_of, with_references
+from agrobot_mj.core.held import KINDS, HeldType, Reference, holding, number_of, value_of
 from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 
@@ -68,7 +68,10 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
     """Return `function` compiled for the types of these arguments, without numba's type dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
-    return _entry(function, *map(typeof, arguments))
+    kinds = tuple(HeldType(KINDS[number_of(a)]) if type(a) is Reference else typeof(a) for a in arguments)
+    entry, hints = _entry(function, *kinds), get_type_hints(function.py_func, include_extras=True)
+    _check_references(hints["return"], function.overloads[kinds].signature.return_type)
+    return entry
 
 
 def stage(function: F) -> F:
@@ -91,11 +94,12 @@ def stage(function: F) -> F:
                 raise TypeError(f"{function.__name__}: argument {k + 1} must be a held state, got {arguments[k]!r:.80}")
         if not entries:
             known = get_type_hints(compiled.py_func, include_extras=True)
-            results = _references(known.pop("return"))
-            kinds, entry = {name: declared(hint) for name, hint in known.items()}, compiled
-            if results or any(isinstance(kind, HeldType) for kind in kinds.values()):
-                entry = _compiled(with_references(compiled, kinds, results))
-            entries.append(_entry(entry, *kinds.values()))
+            kinds = {name: declared(hint) for name, hint in known.items() if name != "return"}
+            for given, kind in zip(arguments, kinds.values(), strict=True):
+                if isinstance(kind, HeldType) and number_of(given) != kind.number:
+                    raise TypeError(f"{function.__name__}: expected a held {kind.types[0]}")
+            entries.append(_entry(compiled, *kinds.values()))
+            _check_references(known["return"], compiled.overloads[tuple(kinds.values())].signature.return_type)
         return entries[0](*arguments)
 
     return cast(F, call)
@@ -110,12 +114,13 @@ def _entry(compiled: Any, *kinds: types.Type) -> Callable[..., Any]:
 _KEPT: list[Any] = []
 
 
-def _references(hint: Any) -> Any:
-    """Return the types of references in the result of a stage, as for `with_references`."""
+def _check_references(hint: Any, found: Any) -> None:
+    """Raise TypeError unless the references in the result of a compiled function have the annotated types."""
     if get_origin(hint) is tuple:
-        kinds = tuple(_references(part) for part in get_args(hint))
-        return kinds if any(kinds) else None
-    return declared(hint) if get_origin(hint) is Annotated else None
+        for part, kind in zip(get_args(hint), found, strict=True):
+            _check_references(part, kind)
+    elif get_origin(hint) is Annotated and declared(hint).number != found.number:
+        raise TypeError(f"a stage must return a held {declared(hint).types[0]}, got {found.types[0]}")
 
 
 def declared(hint: Any) -> types.Type:
@@ -134,20 +139,30 @@ def declared(hint: Any) -> types.Type:
     return types.BaseTuple.from_types([declared(part) for part in get_type_hints(hint).values()], hint)
 
 
-def held(value: T) -> T:
-    """Return a reference to a copy of a named tuple, for arguments annotated `Held`."""
-    return value if config.DISABLE_JIT else cast(T, _holder(cast(Any, type(value)))(value))
+def held(value: T, as_it_is: bool = False) -> T:
+    """Return a reference to a copy of a named tuple, for arguments annotated `Held`; arrays are not copied.
+
+    Its type is that of the annotations or, if `as_it_is`, of the value. References are returned unchanged.
+    """
+    if config.DISABLE_JIT or type(value) is Reference:
+        return value
+    return cast(T, _holder(typeof(value) if as_it_is else cast(Any, type(value)))(value))
 
 
 def fetched(value: T) -> T:
-    """Return the named tuple of a reference; other values are returned unchanged."""
+    """Return the named tuple of a reference; other values are returned unchanged. Kernels may call this function."""
     return cast(T, _fetcher(number_of(value))(value)) if type(value) is Reference else value
 
 
+overload(fetched)(lambda value: (lambda value: value_of(value)) if isinstance(value, HeldType) else None)
+overload(held)(lambda value, as_it_is=False: holding(value))
+
+
 @cache
-def _holder(kind: type) -> Callable[..., object]:
-    value = declared(kind)
-    return _entry(_compiled(with_references(_compiled(_same), {"value": value}, HeldType(value))), value)
+def _holder(kind: Any) -> Callable[..., object]:
+    value = kind if isinstance(kind, types.Type) else declared(kind)
+    HeldType(value)  # makes the type known to `fetched`
+    return _entry(_compiled(_same), value)
 
 
 @cache
@@ -156,11 +171,11 @@ def _fetcher(number: int) -> Callable[..., object]:
 
 
 def _same(value: T) -> T:
-    return value
+    return held(value)
 
 
-def _same_of(reference: Any) -> Any:
-    return reference.value
+def _same_of(reference: T) -> T:
+    return fetched(reference)
 
 
 copyreg.pickle(Reference, lambda reference: (held, (fetched(reference),)))

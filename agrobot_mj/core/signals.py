@@ -82,16 +82,17 @@ class Truth(NamedTuple):
     """Position of the GNSS antenna, ENU [m]."""
     antenna_velocity: tuple[float, float, float]
     """Velocity of the GNSS antenna, ENU [m/s]."""
-    steer_samples: Array
+    steer_samples: Vector
     """Steering angle after each physics step of the last tick [rad], oldest first, shape (n,)."""
-    pedal_samples: Array
+    pedal_samples: Vector
     """Pedal position after each physics step of the last tick [-], oldest first, shape (n,)."""
     wheel_speed: float = nan
     """Mean circumferential speed of the rear wheels: angular velocity times free radius, forward positive [m/s]."""
     body_rates: tuple[float, float, float] = (nan, nan, nan)
     """Angular velocity in chassis axes: x forward, y left, z up [rad/s]."""
-    knuckle_samples: Array | None = None
-    """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad]."""
+    knuckle_samples: Matrix = np.zeros((2, 0))
+    """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad], or an
+    empty array if the plant has no knuckles."""
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
     """Velocity of the rear-axle point R, ENU [m/s]."""
     implement: tuple[float, float] = (nan, nan)

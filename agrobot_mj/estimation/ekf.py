@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Estimate, Fix, Matrix, Vector
 from agrobot_mj.estimation.base import Readings
 from agrobot_mj.estimation.pose_estimator import PoseEstimator, PoseSettings, PoseState, finished, prepared
@@ -63,9 +63,11 @@ def _tick(
     s: Held[PoseSettings], p: Held[PoseEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Estimate]:
     """Return the result of `PoseEstimator.update`."""
+    s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, 0.0, dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
-    return finished(s, state, now, corrected(model, state.pose_covariance, now.fix), m, nan, dt)
+    after, estimate = finished(s, state, now, corrected(model, state.pose_covariance, now.fix), m, nan, dt)
+    return held(after), estimate
 
 
 class PoseEkf(FixEkf):

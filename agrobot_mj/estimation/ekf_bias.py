@@ -23,7 +23,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import jit, stage
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.signals import Array, Estimate, Fix, Matrix, Vector
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
 from agrobot_mj.estimation.base import Readings
@@ -92,10 +92,12 @@ def _tick(
     s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Estimate]:
     """Return the result of `PoseEstimator.update`."""
+    s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
     found = corrected(model, state.pose_covariance, now.fix)
-    return finished(s, state, now, found, m, float(found[0][BIAS]), dt)
+    after, estimate = finished(s, state, now, found, m, float(found[0][BIAS]), dt)
+    return held(after), estimate
 
 
 class BiasEkf(FixEkf):

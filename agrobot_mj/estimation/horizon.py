@@ -13,7 +13,7 @@ import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, jit, stage
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, Estimate, Fix, Matrix
 from agrobot_mj.estimation.base import Health, Readings, largest_sigma
@@ -113,6 +113,7 @@ def estimated(
 
     The core advances by `ticks`, the last with the fix. The queue begins with the measurements of these ticks.
     """
+    s, core = fetched(s), fetched(core)
     roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)
     first = isnan(tilt.roll)
     if not isfinite(roll + pitch):  # not measured: keep the last tilt
@@ -148,7 +149,7 @@ def estimated(
     r, mount = core.rejections, core.mean[MOUNT] if core.mean.size > N else nan
     counts = float(r.positions), float(r.velocities), float(r.restarts)
     errors = (core.mean[B_G], mount, core.mean[K], counts[0], counts[1], counts[2])
-    return core, core.seen.t, queue, tilt, health, estimate, errors
+    return held(core), core.seen.t, queue, tilt, health, estimate, errors
 
 
 @jit

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import held
 from agrobot_mj.core.signals import NOMINAL, TICK_S, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.terrain.memory import AnyArray, RutMap
@@ -48,6 +50,10 @@ class RunningPlant(Protocol):
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """Advance one tick at constant voltages and conditions; return the true state."""
+
+    def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
+        """Advance one tick as `advance`; return a reference to the true state."""
+        return held(self.advance(drive, conditions))
 
     def save(self) -> Any:
         """Return a copy of the state between two ticks."""

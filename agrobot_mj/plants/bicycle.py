@@ -12,7 +12,7 @@ the MuJoCo plant, with a rigid cylinder and no wheel slip. The wheels turn after
 
 from collections.abc import Iterator
 from math import cos, cosh, exp, isfinite, nan, radians, sin, sinh, sqrt
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -300,7 +300,7 @@ class BicyclePlant(RunningPlant):
             rear_velocity=(vx, vy, 0.0),
         )
 
-    def _knuckles(self, delta: Array) -> Array:
+    def _knuckles(self, delta: Array) -> Any:
         """Return the Ackermann angles of the left and right wheel, shape (2, n), for steering angles (n,) [rad]."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])

@@ -11,11 +11,11 @@ call. The parameters of a law are the keys of the sensor as a named tuple of num
 
 from collections.abc import Callable
 from math import nan
-from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
 
 from numpy.random import Generator
 
+from agrobot_mj.core.kernels import shared
 from agrobot_mj.core.randomness import addresses
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Conditions, Truth
@@ -39,12 +39,14 @@ class SensedMotion(NamedTuple):
     implement: tuple[float, float]
 
 
-_motion = attrgetter(*SensedMotion._fields)
-
-
+@shared
 def motion_of(truth: Truth) -> SensedMotion:
     """Return the part of the true state that compiled sensors measure."""
-    return SensedMotion(*_motion(truth))
+    t = truth
+    return SensedMotion(
+        t.t, t.yaw, t.pitch, t.roll, t.speed, t.yaw_rate, t.antenna, t.antenna_velocity, t.wheel_speed, t.body_rates,
+        t.rear_velocity, t.implement,
+    )  # fmt: skip
 
 
 class Noise(NamedTuple):

@@ -247,8 +247,8 @@ class Gnss(Sensor):
         noise, delivery = state
         delivery, sky = self.sky(delivery, truth, conditions, dt)
         streams = Streams(*addresses(noise.generators))
-        errors, found = solution(self.parameters(dt), noise.values, streams, motion_of(truth), sky)
-        delivery, reading = self.deliver(delivery, *found, sky.quality, conditions, dt)
+        errors, (solved, heading) = solution(self.parameters(dt), noise.values, streams, motion_of(truth), sky)
+        delivery, reading = self.deliver(delivery, Fix(*solved), heading, sky.quality, conditions, dt)
         return GnssState(noise._replace(values=errors), delivery), reading
 
     def sky(self, state: Delivery, truth: Truth, conditions: Conditions, dt: float) -> tuple[Delivery, Sky]:
@@ -265,10 +265,15 @@ class Gnss(Sensor):
             return state, CLEAR
         return state, Sky(quality, conditions.gnss_offset, conditions.gnss_velocity_offset)
 
+    @property
+    def immediate(self) -> bool:
+        """Whether the receiver delivers a fixed solution in every tick without faults."""
+        return not self.canopy and round(self.latency_s / TICK_S) == 0 and round(1.0 / (self.rate_hz * TICK_S)) == 1
+
     def deliver(
-        self, state: Delivery, solved: Solved, heading: float, quality: int, conditions: Conditions, dt: float
+        self, state: Delivery, fix: Fix, heading: float, quality: int, conditions: Conditions, dt: float
     ) -> tuple[Delivery, GnssReading]:
-        """Return the new state and the solution delivered in the tick in which `solved` and `heading` were computed.
+        """Return the new state and the solution delivered in the tick in which `fix` and `heading` were computed.
 
         Quality and offset in `conditions` apply to the solution computed in this tick, the latency to the delivered
         solution. While the latency increases no solution arrives; when it decreases, overtaken solutions are lost.
@@ -277,8 +282,8 @@ class Gnss(Sensor):
         if self.dual_antenna.enabled:
             line, heading = line.carried(heading, conditions.heading, dt)
         found = None
-        if quality != Quality.NONE and round(solved[4] / dt) % round(1.0 / (self.rate_hz * dt)) == 0:
-            fix = Fix(*solved, wrap(heading) if self.dual_antenna.enabled else nan)
+        if quality != Quality.NONE and round(fix.t / dt) % round(1.0 / (self.rate_hz * dt)) == 0:
+            fix = fix._replace(heading=wrap(heading) if self.dual_antenna.enabled else nan)
             found = last = _frozen(fix, last, conditions.gnss_frozen) if last else fix
         reading = GnssReading(found, quality)
         late = round((self.latency_s + conditions.gnss_latency_s) / dt)

@@ -125,6 +125,12 @@ class SteeringPotentiometer(Potentiometer):
     scale_right: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Measured angle from the centre divided by the true angle to the right: a wrong scale in the computer [-]."""
 
+    @property
+    def linear(self) -> bool:
+        """Whether the sensor measures the angle of the virtual wheel."""
+        errors = self.second_order_deg, self.third_order_deg, self.centre_deg
+        return self.at == "virtual" and not any(errors) and self.scale_left == self.scale_right == 1.0
+
     def characteristic(self, delta: Array) -> Array:
         """Return the measured angles for true angles `delta` (n,), without noise [rad]."""
         if self.second_order_deg != 0.0 or self.third_order_deg != 0.0:
@@ -136,7 +142,7 @@ class SteeringPotentiometer(Potentiometer):
 
     def seen(self, truth: Truth) -> Array:
         """Return the measured angles without noise after each physics step [rad], left positive, shape (n,)."""
-        if self.at == "virtual" or truth.knuckle_samples is None:
+        if self.at == "virtual" or not truth.knuckle_samples.size:
             return self.characteristic(truth.steer_samples)
         return self.characteristic(truth.knuckle_samples[0 if self.at == "left" else 1])
 

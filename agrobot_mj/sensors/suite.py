@@ -6,18 +6,32 @@ have separate fields of `Measurement`.
 """
 
 from functools import lru_cache
-from math import nan
+from math import isfinite, nan
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from agrobot_mj.core.contracts import check_pair
+from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import held, stage
+from agrobot_mj.core.kernels import fetched, held, jit, stage
 from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.randomness import address, addresses
-from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Column, Conditions, Measurement, Truth, Vector
+from agrobot_mj.core.signals import NOMINAL, SOUND, TICK_S, Column, Conditions, Fix, Measurement, Truth, Vector
 from agrobot_mj.core.spec import Spec
-from agrobot_mj.sensors.base import CompiledSensor, SensedMotion, Sensor, motion_of
-from agrobot_mj.sensors.gnss import Delivery, FixErrors, Gnss, GnssLaw, Sky, Solved, Streams, solution
+from agrobot_mj.sensors.base import CompiledSensor, Sensor, motion_of
+from agrobot_mj.sensors.gnss import (
+    CLEAR,
+    Delivery,
+    FixErrors,
+    Gnss,
+    GnssLaw,
+    GnssReading,
+    Sky,
+    Solved,
+    Streams,
+    solution,
+)
 from agrobot_mj.sensors.gyro import Gyro, GyroLaw, GyroValues, gyro_rate
 from agrobot_mj.sensors.implement_gnss import (
     ImplementFix,
@@ -101,7 +115,8 @@ class Addresses(NamedTuple):
 class SensorReadings(NamedTuple):
     """Measurements of the compiled sensors, with NaN for absent sensors."""
 
-    gnss: tuple[Solved, float]  # Solution and heading computed in this tick
+    gnss: Solved  # Solution computed in this tick
+    heading: float  # Heading from two antennas before its signal line [rad]
     steering_pot: float
     pedal_pot: float
     gyro: float
@@ -111,7 +126,7 @@ class SensorReadings(NamedTuple):
     implement_gnss: ImplementFix
 
 
-NO_ATTITUDE, NO_PLACE = Imu.absent, ImplementGnss.absent
+NO_ATTITUDE, NO_PLACE, NO_SAMPLES = Imu.absent, ImplementGnss.absent, np.zeros(0)
 
 
 @stage
@@ -119,15 +134,19 @@ def sense(
     p: Held[Laws],
     s: Held[Values],
     streams: Held[Addresses],
-    motion: SensedMotion,
+    truth: Held[Truth],
     sky: Sky,
     steer: Vector,
-    pedal: Vector,
-) -> tuple[Held[Values], SensorReadings]:
-    """Return the numbers after a tick and the measurements; `steer` and `pedal` (n,) are potentiometer signals."""
-    steer_angle = rounded_mean(p.steering_pot, streams.steering_pot, steer)
-    pedal_place = rounded_mean(p.pedal_pot, streams.pedal_pot, pedal)
-    gnss, solved = solution(p.gnss, s.gnss, streams.gnss, motion, sky)
+) -> tuple[Held[Values], SensorReadings, bool]:
+    """Return the numbers after a tick, the measurements, and whether the true state is finite.
+
+    `steer` (n,) is the signal of the steering potentiometer, or an empty array for the steering angle.
+    """
+    p, s, streams, truth = fetched(p), fetched(s), fetched(streams), fetched(truth)
+    motion = motion_of(truth)
+    steer_angle = rounded_mean(p.steering_pot, streams.steering_pot, steer if steer.size else truth.steer_samples)
+    pedal_place = rounded_mean(p.pedal_pot, streams.pedal_pot, truth.pedal_samples)
+    gnss, (solved, heading) = solution(p.gnss, s.gnss, streams.gnss, motion, sky)
     has_gyro, has_imu, has_wheel_speed, has_radar, has_implement = p.present
     gyro, rate = s.gyro, nan
     if has_gyro:
@@ -144,9 +163,17 @@ def sense(
     implement, tool = s.implement_gnss, NO_PLACE
     if has_implement:
         implement, tool = implement_fix(p.implement_gnss, implement, streams.implement_gnss, motion)
-    return Values(gnss, gyro, imu, wheels, radar, implement), SensorReadings(
-        solved, steer_angle, pedal_place, rate, angles, rolled, moved, tool
-    )
+    readings = SensorReadings(solved, heading, steer_angle, pedal_place, rate, angles, rolled, moved, tool)
+    return held(Values(gnss, gyro, imu, wheels, radar, implement)), readings, is_sound(truth)
+
+
+@jit
+def is_sound(t: Truth) -> bool:
+    """Return whether the numbers of the true state that every plant reports are finite, except the samples."""
+    (x, y, z), (vx, vy, vz) = t.antenna, t.antenna_velocity
+    pose = t.t + t.x + t.y + t.z + t.yaw + t.pitch + t.roll + t.rear_x + t.rear_y
+    rates = t.speed + t.lateral_speed + t.yaw_rate + t.steer + t.pedal
+    return isfinite(pose + rates + x + y + z + vx + vy + vz)
 
 
 class SensorState(NamedTuple):
@@ -159,6 +186,7 @@ class SensorState(NamedTuple):
     readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
     """Signal lines distorted in the last tick, by name; other lines have transmitted the last measurement."""
+    sound: bool = True  # Whether the numbers of the true state are finite
 
 
 class Sensors(Spec):
@@ -210,7 +238,7 @@ class Sensors(Spec):
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
         """Return the measurement available to the controllers in the tick of length `dt` [s] that ends at `truth.t`."""
-        return _suite(self, dt).measure(state, truth, conditions)
+        return _suite(self, dt).measure(state, held(truth), conditions)
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Return the values of `columns` after a tick."""
@@ -224,11 +252,15 @@ KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}  #
 def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
     """Return the sensors evaluated in the compiled call, and the sensors evaluated by their own `measure`.
 
-    If the class of a sensor overrides `measure`, the compiled call contains a default sensor in its place.
+    If the class of a sensor overrides `measure` or `seen`, the compiled call contains a default sensor in its place.
     """
     every = sensors.all
-    compiled = {k: every[k] if type(every[k]).measure is kind.measure else kind() for k, kind in KINDS.items()}
+    compiled = {k: every[k] if _methods(type(every[k])) == _methods(kind) else kind() for k, kind in KINDS.items()}
     return compiled, {name: sensor for name, sensor in every.items() if compiled.get(name) is not sensor}
+
+
+def _methods(kind: type) -> list[Any]:
+    return [getattr(kind, name, None) for name in ("measure", "seen")]
 
 
 class Suite:
@@ -240,7 +272,10 @@ class Suite:
         compiled, self.others = _split(sensors)
         self.compiled: dict[str, Any] = compiled
         self.gnss, self.steering_pot, self.pedal_pot = compiled["gnss"], compiled["steering_pot"], compiled["pedal_pot"]
-        self._prepared: tuple[int, Laws] | None = None
+        self._prepared: tuple[int, Any] = 0, None
+        """Number of physics steps in a tick, and parameters of `sense` for such ticks."""
+        self.plain = not self.others and self.gnss.immediate and self.steering_pot.linear
+        """Whether the compiled call delivers all measurements in ticks without faults."""
         self._streams: tuple[Generators, Addresses] | None = None
         """Random streams, and their addresses."""
         self.absent = {name: self.compiled[name].absent for name in NOISY if not self.compiled[name].enabled}
@@ -252,14 +287,27 @@ class Suite:
         """Other sensors that are present; absent sensors are evaluated only in the first tick."""
         self._reporting = [(name, sensor.report) for name, sensor in sensors.all.items() if len(sensor.columns)]
 
-    def measure(self, state: SensorState, truth: Truth, conditions: Conditions) -> tuple[SensorState, Measurement]:
+    def measure(
+        self, state: SensorState, truth: Held[Truth], conditions: Conditions
+    ) -> tuple[SensorState, Measurement]:
         """Return the new state and the measurement at the end of a tick."""
-        delivery, sky = self.gnss.sky(state.delivery, truth, conditions, self.dt)
-        steer, pedal = self.steering_pot.seen(truth), self.pedal_pot.seen(truth)
-        streams, laws = self._addresses(state.generators), self._laws(len(truth.steer_samples))
-        values, found = sense(laws, state.values, streams, motion_of(truth), sky, steer, pedal)
-        (solved, heading), steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
-        delivery, gnss = self.gnss.deliver(delivery, solved, heading, sky.quality, conditions, self.dt)
+        now, plain = truth, conditions is NOMINAL and self.plain
+        if not (plain and self._prepared[0]):
+            now = fetched(truth)
+            self._prepare(len(now.steer_samples))
+        delivery, sky = (state.delivery, CLEAR) if plain else self.gnss.sky(state.delivery, now, conditions, self.dt)
+        steer = NO_SAMPLES if plain else np.ascontiguousarray(self.steering_pot.seen(now))
+        streams = self._addresses(state.generators)
+        values, found, sound = sense(self._prepared[1], state.values, streams, truth, sky, steer)
+        solved, heading, steer_angle, pedal_place, gyro, imu, wheels, radar, implement = found
+        fix = Fix(*solved)
+        if plain and not delivery.pending:
+            line = delivery.heading
+            if self.gnss.dual_antenna.enabled:
+                line, fix = SignalLine(heading), Fix(*solved, wrap(heading))
+            delivery, gnss = Delivery(delivery.canopies, line, (), fix), GnssReading(fix, sky.quality)
+        else:
+            delivery, gnss = self.gnss.deliver(delivery, fix, heading, sky.quality, conditions, self.dt)
         readings = {
             "gnss": gnss,
             "steering_pot": steer_angle,
@@ -271,22 +319,15 @@ class Suite:
             "implement_gnss": implement,
             **self.absent,
         }
-        states = self._measure_others(state, readings, truth, conditions) if self.others else state.states
-        lines = () if conditions is NOMINAL else _distort(readings, state, conditions, self.dt)
-        gnss, imu = readings["gnss"], readings["imu"]
-        measurement = Measurement(
-            truth.t,
-            gnss.fix,
-            gnss.quality,
-            readings["steering_pot"],
-            readings["pedal_pot"],
-            readings["gyro"],
-            imu.roll,
-            imu.pitch,
-            readings["wheel_speed"],
-            readings,
-        )
-        return SensorState(state.generators, values, delivery, states, readings, lines), measurement
+        states, lines = state.states, state.lines[:0]
+        if not plain:
+            states = self._measure_others(state, readings, now, conditions) if self.others else state.states
+            lines = () if conditions is NOMINAL else _distort(readings, state, conditions, self.dt)
+            gnss, steer_angle, pedal_place = readings["gnss"], readings["steering_pot"], readings["pedal_pot"]
+        imu, t = readings["imu"], fix.t if plain else now.t
+        measured = steer_angle, pedal_place, readings["gyro"], imu.roll, imu.pitch, readings["wheel_speed"]
+        measurement = Measurement(t, *gnss, *measured, readings)
+        return SensorState(state.generators, values, delivery, states, readings, lines, sound), measurement
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -301,15 +342,14 @@ class Suite:
             values += report(readings[name])
         return tuple(values)
 
-    def _laws(self, steps: int) -> Held[Laws]:
-        """Return the parameters of `sense` for ticks with `steps` physics steps."""
-        if self._prepared is None or steps != self._prepared[0]:
+    def _prepare(self, steps: int) -> None:
+        """Compute the parameters of `sense` for ticks with `steps` physics steps."""
+        if steps != self._prepared[0]:
             noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
             present: Any = tuple(sensor.enabled for sensor in noisy.values())
             pots = self.steering_pot.parameters(steps), self.pedal_pot.parameters(steps)
             laws = {name: sensor.parameters(self.dt) for name, sensor in noisy.items()}
             self._prepared = steps, held(Laws(*pots, present, self.gnss.parameters(self.dt), **laws))
-        return self._prepared[1]
 
     def _addresses(self, generators: Generators) -> Held[Addresses]:
         """Return the addresses of the random streams."""

@@ -14,6 +14,8 @@ import numpy as np
 
 from agrobot_mj.core.contracts import check_type, check_update, one_line
 from agrobot_mj.core.errors import NotFiniteError, ScenarioError
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import (
     NOMINAL,
     Array,
@@ -22,9 +24,11 @@ from agrobot_mj.core.signals import (
     Conditions,
     Estimate,
     Fix,
+    Matrix,
     Measurement,
     Quality,
     Truth,
+    Vector,
 )
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState, Suite
@@ -88,10 +92,10 @@ def _shape(hint: Any, default: Any) -> str:
         return "" if np.isnan(default).any() else "few" if few else "one"
     if hint == float | None:
         return "none"
-    return "many" if hint == Array else "message" if hasattr(hint, "_fields") else ""
+    return "many" if hint in (Array, Vector, Matrix) else "message" if hasattr(hint, "_fields") else ""
 
 
-STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples")), Numbers(Truth)
+STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
 """Checks of the true state without and with the samples, which are checked only if a measurement is not finite."""
 CONDITIONS = Numbers(Conditions)
 
@@ -147,21 +151,25 @@ class Reception(NamedTuple):
     pedal: float = 0.0  # Last finite pedal position [-]
     rejected: tuple[tuple[str, int], ...] = ()  # Number of rejected values for each field of `Measurement`
 
-    def after(self, s: Scenario, suite: Suite, truth: Truth, conditions: Conditions) -> "tuple[Reception, Measurement]":
+    def after(
+        self, s: Scenario, suite: Suite, truth: Held[Truth], conditions: Conditions
+    ) -> "tuple[Reception, Measurement]":
         """Return the new state and the measurement after a check of its numbers.
 
         An invalid fix becomes missing; the last valid value replaces an invalid steering angle or pedal position.
         Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
         """
-        STATE.check(truth, plant := f"the plant ({s.plant.kind})")
+        plant = f"the plant ({s.plant.kind})"
+        if not (suite.plain and conditions is NOMINAL):
+            STATE.check(fetched(truth), plant)
         if conditions is not NOMINAL:
             CONDITIONS.check(conditions, f"a fault ({', '.join(fault.kind for fault in s.fault)})")
         sensors, measured = suite.measure(self.sensors, truth, conditions)
         _, fix, _, steer, pedal, *optional, _ = measured
         sound = fix is None or _possible(fix)
-        if sound and isfinite(steer + pedal) and inf not in map(abs, optional):
+        if sound and sensors.sound and isfinite(steer + pedal) and inf not in map(abs, optional):
             return Reception(sensors, steer, pedal, self.rejected), measured
-        SAMPLED_STATE.check(truth, plant)
+        SAMPLED_STATE.check(fetched(truth), plant)
         changes: dict[str, Any] = {} if sound else {"fix": None, "quality": Quality.NONE}
         for name in ("steer", "pedal"):
             if not isfinite(getattr(measured, name)):

@@ -6,19 +6,36 @@ reported by stages: guidance laws, estimators and sensors declare `columns` and 
 `report(state)`. Reported signals that are not in this table are appended.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from math import nan
-from typing import NamedTuple
+from types import GenericAlias
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.core.geometry import to_heading
-from agrobot_mj.core.signals import WHEELS, Column, Command, Drive, Estimate, Measurement, Reference, Truth
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, stage
+from agrobot_mj.core.signals import (
+    NO_FIX,
+    WHEELS,
+    Column,
+    Command,
+    Drive,
+    Estimate,
+    Fix,
+    Measurement,
+    Reference,
+    Truth,
+    Vector,
+)
 
 
 class Tick(NamedTuple):
     """Messages of one tick, from which the row of the log is computed."""
 
-    truth: Truth
+    truth: Held[Truth]
     measured: Measurement
     estimate: Estimate
     reference: Reference
@@ -37,31 +54,7 @@ class Signal(NamedTuple):
     """Column of the log with the source of its value."""
 
     column: Column
-    value: str | None  # Python expression of fields of `Tick` and `Derived`, or None for a value reported by a stage
-
-
-class Derived(NamedTuple):
-    """Signals computed from the messages of a tick."""
-
-    gnss_x: float
-    gnss_y: float  # North and (`gnss_x`) east position of the antenna from GNSS [m], or NaN without a fix
-    ahead: float
-    left: float  # Position of the reference left and (`ahead`) ahead of the true CG [m], in the frame of the reference
-    p_xx: float
-    p_xy: float
-    p_yy: float  # Estimated covariance of the rear-axle position: elements `p_xx`, `p_xy` and `p_yy` [m2]
-    p_yaw: float  # Estimated variance of the heading [rad2]
-    nees: float  # Normalised error squared (NEES) of the rear-axle position; mean 2 for a consistent estimator [-]
-
-
-def _derived(k: Tick) -> Derived:
-    t, r, e, fix = k.truth, k.reference, k.estimate, k.measured.fix
-    p: list[list[float]] = e.covariance.tolist()
-    dx, dy = t.rear_x - e.rear_x, t.rear_y - e.rear_y
-    p_xx, p_xy, p_yy = p[0][0], p[0][1], p[1][1]
-    nees = (p_yy * dx * dx - 2 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)
-    gnss = (fix.x, fix.y) if fix else (nan, nan)
-    return Derived(*gnss, *to_heading(r.yaw, r.x - t.x, r.y - t.y), p_xx, p_xy, p_yy, p[2][2], nees)
+    value: str | None  # Python expression of the variables of `_written`, or None for a value reported by a stage
 
 
 def _signals(*rows: tuple[str, str, str, str]) -> tuple[Signal, ...]:
@@ -107,25 +100,25 @@ _ESTIMATE = _signals(
     ("position_nis", "-", "normalised innovation squared of the fix; null without a fix", "estimate.nis"),
 )
 _CONDITIONS = _signals(
-    ("gnss_x", "m", "GNSS solution of the antenna, east; null without a solution", "gnss_x"),
-    ("gnss_y", "m", "GNSS solution of the antenna, north; null without a solution", "gnss_y"),
-    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 3 DGPS, 0 none", "measured.quality"),
+    ("gnss_x", "m", "GNSS solution of the antenna, east; null without a solution", "fix.x"),
+    ("gnss_y", "m", "GNSS solution of the antenna, north; null without a solution", "fix.y"),
+    ("gnss_quality", "-", "quality of the GNSS solution: 2 fix, 1 float, 3 DGPS, 0 none", "quality"),
     ("faults_active", "-", "number of active scripted faults", "faults"),
 )
 _ERRORS = _signals(
     ("e_longitudinal", "m", "reference minus true CG, ahead positive (time-based)", "ahead"),
     ("e_lateral", "m", "reference minus true CG, left positive (time-based)", "left"),
-    ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", "command.speed"),
+    ("speed_ref", "m/s", "speed reference of the guidance law, negative in reverse", "speed_ref"),
 )
 _ACTUATION = _signals(
     ("steer_ref", "rad", "setpoint of the steering loop, left positive", "steer_ref"),
     ("steer", "rad", "true angle of the virtual wheel in the bicycle model, left positive", "truth.steer"),
-    ("steer_measured", "rad", "filtered measurement of the steering potentiometer", "measured.steer"),
+    ("steer_measured", "rad", "filtered measurement of the steering potentiometer", "steer_measured"),
     ("steer_saturated", "-", "1 where the steering command is at its limit, else 0", "saturated"),
     ("valve_voltage", "V", "voltage of the steering valve; neutral at 6 V, left above", "drive.steer_voltage"),
     ("pedal_ref", "-", "pedal position commanded by the speed loop, -1 to 1", "pedal_ref"),
     ("pedal", "-", "true pedal position, forward positive", "truth.pedal"),
-    ("pedal_measured", "-", "filtered measurement of the pedal", "measured.pedal"),
+    ("pedal_measured", "-", "filtered measurement of the pedal", "pedal_measured"),
     ("pedal_voltage", "V", "voltage of the pedal valve, 6 V is neutral; null without power", "drive.pedal_voltage"),
     ("brake", "-", "applied fraction of the brake torque, 0 to 1", "drive.brake"),
     ("valve_flow", "m3/s", "oil flow to the steering cylinder, steering left positive", "actuation[0]"),
@@ -158,16 +151,43 @@ WHEEL_SIGNALS = tuple(
 )
 """Additional columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
-_SOURCES = ", ".join(signal.value or "nan" for signal in SIGNALS)
-_values: Callable[..., list[float]] = eval(
-    f"lambda {', '.join((*Tick._fields, *Derived._fields))}: [{_SOURCES}]", {"nan": nan}
+
+class Here(NamedTuple):
+    """Part of the true state that decides whether a run ends; see `Truth`."""
+
+    t: float
+    x: float
+    y: float
+    pedal: float
+
+
+_LINES = (
+    "def _written(out, truth, fix, estimate, reference, drive, actuation, others):",
+    "    truth, r = fetched(truth), reference",
+    "    quality, steer_measured, pedal_measured, z_ref, speed_ref, steer_ref, pedal_ref, saturated, faults = others",
+    "    ahead, left = to_heading(r.yaw, r.x - truth.x, r.y - truth.y)",
+    "    p, dx, dy = estimate.covariance, truth.rear_x - estimate.rear_x, truth.rear_y - estimate.rear_y",
+    "    p_xx, p_xy, p_yy, p_yaw = p[0, 0], p[0, 1], p[1, 1], p[2, 2]",
+    "    nees = (p_yy * dx * dx - 2.0 * p_xy * dx * dy + p_xx * dy * dy) / (p_xx * p_yy - p_xy * p_xy)",
+    *(f"    out[{k}] = {signal.value or 'ABSENT'}" for k, signal in enumerate(SIGNALS)),
+    "    return Here(truth.t, truth.x, truth.y, truth.pedal)",
 )
-"""Return the values of `COLUMNS` for the fields of `Tick` and `Derived` as arguments."""
+_SCOPE: dict[str, Any] = {"__name__": __name__, "fetched": fetched, "to_heading": to_heading}
+_SCOPE |= {"Here": Here, "ABSENT": nan}
+exec(compile("\n".join(_LINES), __file__, "exec"), _SCOPE)
+_KINDS: tuple[Any, ...] = (Vector, Held[Truth], Fix, Estimate, Reference, Drive, tuple[float, float, float])
+_write: Any = _SCOPE["_written"]
+_names = (*_write.__code__.co_varnames[:8], "return")
+_write.__annotations__ = dict(zip(_names, (*_KINDS, GenericAlias(tuple, (float,) * 9), Here), strict=True))
+_write = stage(_write)
 
 
-def row(tick: Tick) -> list[float]:
-    """Return the values of `COLUMNS` for a tick, with NaN for columns that a stage reports."""
-    return _values(*tick, *_derived(tick))
+def row(k: Tick) -> tuple[Vector, Here]:
+    """Return the values of `COLUMNS` for a tick, with NaN for columns that a stage reports, and part of the truth."""
+    values, m = np.empty(len(COLUMNS)), k.measured
+    others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
+    here = _write(values, held(k.truth), m.fix or NO_FIX, k.estimate, k.reference, k.drive, k.actuation, others)
+    return values, here
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:

@@ -1,6 +1,7 @@
 """Continuation of a run with a changed scenario, as if the changed scenario had been simulated from the start."""
 
 from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.faults.base import Scripted
 from agrobot_mj.faults.script import Script
@@ -18,7 +19,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
     Faults that start or end after the present tick may be added or changed, and the duration may differ. The guidance
     law must be of the same kind, since it keeps its state. Raises `CommandError` if the past would have been different.
     """
-    before, t = state.scenario, state.loop.truth.t
+    before, t = state.scenario, fetched(state.loop.seen).t
     changed = [
         key for key in Scenario.model_fields if key not in FREE and getattr(before, key) != getattr(scenario, key)
     ]

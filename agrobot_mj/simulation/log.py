@@ -18,7 +18,7 @@ from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import suggestion
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.long_array import PIECE, LongArray
-from agrobot_mj.core.signals import Array, Column
+from agrobot_mj.core.signals import Array, Column, Vector
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
@@ -55,14 +55,14 @@ class Rows:
         in_a_row = places == list(range(first, first + len(places)))
         self._reported = slice(first, first + len(places)) if in_a_row else np.array(places, dtype=np.intp)
 
-    def append(self, row: Sequence[float], wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
+    def append(self, row: Sequence[float] | Vector, wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
         """Append a tick: common columns, wheel report, poses of the bodies, and values reported by the stages."""
         self._make_room(self.filled + 1)
-        values, numbers = self._values.numbers[self.filled], np.frombuffer(array("d", [*row, *report]))
-        values[:COMMON] = numbers[:COMMON]
+        values = self._values.numbers[self.filled]
+        values[:COMMON] = row
         values[self._wheels] = wheels
         if len(self.columns) > COMMON or len(report):
-            values[self._reported] = numbers[COMMON:]
+            values[self._reported] = np.frombuffer(array("d", report))
         self._poses.numbers[self.filled] = poses
         self.filled += 1
 

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 from agrobot_mj.control.base import Situation
 from agrobot_mj.control.pid import BrakeState, SpeedState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
-from agrobot_mj.core.kernels import bound
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import bound, fetched, held
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.lines import SignalLine
 from agrobot_mj.core.reporting import Reporting
@@ -97,8 +98,8 @@ class Stages:
 class Loop:
     """Stages of a scenario with their states. A `tick` consists of `sense`, `decide` and `act`; then call `advance`."""
 
-    def __init__(self, scenario: Scenario, truth: Truth | None = None) -> None:
-        """Create the stages in their initial state, or for a saved run with the true state `truth`."""
+    def __init__(self, scenario: Scenario, seen: Held[Truth] | None = None) -> None:
+        """Create the stages in their initial state, or for a saved run with the true state `seen`."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
@@ -110,7 +111,8 @@ class Loop:
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
-        truth = self.truth = truth or self.plant.reset(start_of(s.path), conditions)
+        self.seen: Held[Truth] = seen or held(self.plant.reset(start_of(s.path), conditions))
+        truth, self.has_sensed = self.truth, False
         self.sensed: tuple[Measurement, Situation] | None = None
         self.stages = Stages(
             faults=faults,
@@ -148,26 +150,26 @@ class Loop:
 
     def now(self) -> tuple[Measurement, Situation]:
         """Return measurement and situation of the present tick; the sensors are read once per tick."""
-        if self.sensed is None or self.sensed[1].t != self.truth.t:
-            self.sensed = self.sense()
+        if self.sensed is None or not self.has_sensed:
+            self.sensed, self.has_sensed = self.sense(), True
         return self.sensed
 
     @property
-    def has_sensed(self) -> bool:
-        """Whether the sensors have been read in the present tick."""
-        return self.sensed is not None and self.sensed[1].t == self.truth.t
+    def truth(self) -> Truth:
+        """True state at the present time."""
+        return fetched(self.seen)
 
     def sense(self) -> tuple[Measurement, Situation]:
         """Read the sensors; return the measurement and the inputs of the guidance law."""
-        s, state, truth = self.scenario, self.stages, self.truth
-        state.sensors, measured = state.sensors.after(s, self.suite, truth, state.conditions)
+        s, state = self.scenario, self.stages
+        state.sensors, measured = state.sensors.after(s, self.suite, self.seen, state.conditions)
         fixed = state.receiver.reduced(measured)
         state.estimator, estimate = self.estimator.update(state.estimator, fixed, TICK_S)
         state.receiver = state.receiver.after(measured, estimate, TICK_S)
-        reference = self.path.ask(truth.t)
+        reference = self.path.ask(measured.t)
         x, y = measured.readings["implement_gnss"]
         seen = measured.steer, measured.roll, (x, y)
-        return measured, Situation(truth.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
+        return measured, Situation(measured.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
         """Return the command of the guidance law or of the supervisor.
@@ -193,7 +195,7 @@ class Loop:
         state, reference = self.stages, situation.reference
         drive = self.loops.ask(state, measured, situation, command)
         return Tick(
-            truth=self.truth,
+            truth=self.seen,
             measured=measured,
             estimate=situation.estimate,
             reference=reference,
@@ -203,21 +205,20 @@ class Loop:
             pedal_ref=state.speed.reference,
             drive=drive._replace(pedal_voltage=nan) if command.released else drive,
             saturated=abs(state.steering.reference) > self.scenario.tractor.steer_limit - SATURATION_MARGIN,
-            faults=self.script.active(self.truth.t) if self.script.faults else 0,
+            faults=self.script.active(measured.t) if self.script.faults else 0,
             actuation=self.plant.actuation(),
         )
 
-    def advance(self, drive: Drive) -> Truth:
-        """Advance the plant by one tick, apply the faults of the next tick, and return the true state."""
-        state = self.stages
+    def advance(self, drive: Drive) -> None:
+        """Advance the plant by one tick, and apply the faults of the next tick."""
+        state, self.has_sensed = self.stages, False
         if not self.script.faults:
-            state.wiring, self.truth = drive, self.plant.advance(drive, state.conditions)
-            return self.truth
+            state.wiring, self.seen = drive, self.plant.advanced(drive, state.conditions)
+            return
         lines = state.wiring if isinstance(state.wiring, Wiring) else Wiring.after(state.wiring)
         state.wiring, arrived = lines.carried(drive, state.conditions, TICK_S)
-        self.truth = self.plant.advance(arrived, state.conditions)
+        self.seen = self.plant.advanced(arrived, state.conditions)
         state.faults, state.conditions = self.script.update(state.faults, self.truth.t, TICK_S)
-        return self.truth
 
     @property
     def follows_path(self) -> bool:

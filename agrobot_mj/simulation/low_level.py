@@ -14,7 +14,7 @@ from agrobot_mj.control.pid import (
     loops_step,
     wishes_of,
 )
-from agrobot_mj.core.kernels import stage
+from agrobot_mj.core.kernels import held, stage
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Measurement
 from agrobot_mj.scenario.schema import Scenario
 
@@ -38,7 +38,7 @@ class LowLevelLoops:
         self.other = None if type(loop) is SteeringLoop else loop
         inner = loop if type(loop) is SteeringLoop else SteeringLoop()
         self.speed, self.steering, self.idle = s.speed, loop, inner.init()
-        self.law = LoopsLaw(s.speed.parameters(), inner.parameters())
+        self.law = held(LoopsLaw(s.speed.parameters(), inner.parameters()))
 
     def drive(self, states: LoopStates, measured: Measurement, situation: Situation, command: Command) -> Drive:
         """Return the valve voltages and the brake, and update `states`; the command may bypass one or both loops."""

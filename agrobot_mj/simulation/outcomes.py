@@ -3,9 +3,10 @@
 from math import hypot, inf
 from typing import NamedTuple
 
-from agrobot_mj.core.signals import TICK_S, Truth
+from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.plants import RunningPlant
+from agrobot_mj.simulation.columns import Here
 
 LOST_M = 50.0  # Distance from the reference above which a run has diverged [m]. Assumed value.
 STUCK_S = 10.0  # Time without motion after which a tractor with a command to drive is stuck [s]. Assumed value.
@@ -31,7 +32,7 @@ class Watch:
     def __init__(self, plant: RunningPlant) -> None:
         self.plant, self.standstill = plant, Standstill()
 
-    def trouble(self, truth: Truth, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
+    def trouble(self, truth: Here, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
         """Return the outcome that ends the run after this tick, or None.
 
         `distance` [m] is the distance from the reference, `asked` [-] the pedal position commanded by the speed loop.
@@ -44,7 +45,7 @@ class Watch:
             return "diverged"
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
-    def _stuck(self, truth: Truth, distance: float, asked: float, led: bool) -> bool:
+    def _stuck(self, truth: Here, distance: float, asked: float, led: bool) -> bool:
         """Return whether a tractor with a command to drive, or behind its reference, has been at rest for STUCK_S."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
@@ -60,7 +61,7 @@ class Watch:
         return at.tried_s > STUCK_S or (at.waited_s > STUCK_S and distance - at.distance > LEFT_M)
 
 
-def past_end(path: ReferencePath, truth: Truth) -> bool:
+def past_end(path: ReferencePath, truth: Here) -> bool:
     """Return whether first the reference and then the tractor have passed the end of an open path."""
     if not path.ends or truth.t < path.duration_s:
         return False

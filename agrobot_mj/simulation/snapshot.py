@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from agrobot_mj.control.base import Situation
 from agrobot_mj.core.errors import CommandError
+from agrobot_mj.core.held import Held
 from agrobot_mj.core.signals import Measurement, Truth
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.log import SavedRows
@@ -21,7 +22,7 @@ class LoopState(NamedTuple):
 
     plant: Any
     stages: dict[str, Any]  # States of the stages, by name in `Stages`
-    truth: Truth  # True state after the last step of the plant
+    seen: Held[Truth]  # True state after the last step of the plant
     sensed: tuple[Measurement, Situation] | None
     """Last measurement and situation, without the sampled path, or None before the first measurement."""
 
@@ -38,7 +39,7 @@ class Snapshot(NamedTuple):
 
 def loop_state(loop: Loop) -> LoopState:
     """Return the state of a loop between two ticks, without copying."""
-    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.truth, _on_route(loop.sensed, None))
+    return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.seen, _on_route(loop.sensed, None))
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
@@ -46,7 +47,8 @@ def set_loop_state(loop: Loop, state: LoopState) -> None:
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)
-    loop.truth, loop.sensed = state.truth, _on_route(state.sensed, loop.route)
+    loop.seen, loop.sensed = state.seen, _on_route(state.sensed, loop.route)
+    loop.has_sensed = loop.sensed is not None
 
 
 def _on_route(sensed: tuple[Measurement, Situation] | None, route: Any) -> Any:

@@ -58,7 +58,7 @@ class Simulation:
     def _begin(self, saved: Snapshot | None = None) -> None:
         """Start a run in its initial state, or prepare the run for the state `saved`, which is restored next."""
         with without_exit():
-            loop = Loop(self.scenario, saved and saved.loop.truth)
+            loop = Loop(self.scenario, saved and saved.loop.seen)
         plant = loop.plant
         rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
         self._measured = SampledRoute(self.scenario.path)  # metrics must not change the samples of the law
@@ -160,11 +160,12 @@ class Simulation:
         """
         loop, plant, rows = self.loop, self.loop.plant, self.rows
         try:
-            rows.append(row(tick), plant.wheels(), plant.poses(), loop.report())
+            values, t = row(tick)
+            rows.append(values, plant.wheels(), plant.poses(), loop.report())
         except (TypeError, ValueError):
             loop.check_reports()
             raise
-        r, t = tick.reference, tick.truth
+        r = tick.reference
         led = led and loop.follows_path
         distance = hypot(r.x - t.x, r.y - t.y) if loop.guidance.timed else 0.0
         self.outcome = self._watch.trouble(t, distance, tick.pedal_ref, led) or ""

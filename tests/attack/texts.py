@@ -13,6 +13,7 @@ from judge import LONGEST_TEXT, call
 
 from agrobot_mj import load_scenario, run
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.core.kernels import fetched, held
 from agrobot_mj.core.resources import sweep_files
 from agrobot_mj.plants import BicyclePlant, MujocoPlant
 from agrobot_mj.scenario.loading import scenario_files
@@ -121,7 +122,7 @@ def injected(chance: random.Random) -> str:
     s, calls = load_scenario("figure_eight", {"duration_s": 1.0, "plant.kind": kind}), [0]
     stage, owner, method = chance.choice(
         [
-            ("plant", BicyclePlant if kind == "bicycle" else MujocoPlant, "advance"),
+            ("plant", BicyclePlant if kind == "bicycle" else MujocoPlant, "advanced"),
             ("sensors", Suite, "measure"),
             ("estimator", type(s.estimator), "update"),
             ("guidance", type(s.guidance.using(s.controller)), "update"),
@@ -135,11 +136,11 @@ def injected(chance: random.Random) -> str:
         found = whole(*arguments)
         if calls[0] != at:
             return found
-        message = found if stage == "plant" else found[1]
+        message = fetched(found) if stage == "plant" else found[1]
         given = {name: getattr(message, name) for name in message._fields if name != "t"}
         changed = chance.choice([name for name, v in given.items() if isinstance(v, float) and isfinite(v)])
         message = message._replace(**{changed: value})
-        return message if stage == "plant" else (found[0], message)
+        return (found[0], message) if stage != "plant" else held(message) if kind == "mujoco" else message
 
     try:
         with patch.object(owner, method, spoilt):

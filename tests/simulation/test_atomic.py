@@ -130,7 +130,7 @@ def test_forked_processes_continue_independently(ticks):
 
 def test_step_from_a_second_thread_is_rejected(monkeypatch):
     sim, entered, leave = begun("mujoco"), threading.Event(), threading.Event()
-    advance = MujocoPlant.advance
+    advance = MujocoPlant.advanced
 
     def slow(*arguments):
         entered.set()
@@ -138,7 +138,7 @@ def test_step_from_a_second_thread_is_rejected(monkeypatch):
         return advance(*arguments)
 
     with monkeypatch.context() as patched:
-        patched.setattr(MujocoPlant, "advance", slow)
+        patched.setattr(MujocoPlant, "advanced", slow)
         thread = threading.Thread(target=sim.step)
         thread.start()
         assert entered.wait(60.0)
@@ -176,7 +176,7 @@ def test_step_after_an_incomplete_step_is_rejected(monkeypatch):
         raise MemoryError
 
     with monkeypatch.context() as patched:
-        patched.setattr(sim.loop.plant, "advance", failing)
+        patched.setattr(sim.loop.plant, "advanced", failing)
         with pytest.raises(MemoryError):
             sim.step()
     for call in (sim.step, sim.save, lambda: copy.deepcopy(sim)):
@@ -218,7 +218,7 @@ def interrupted():
 @pytest.mark.usefixtures("interrupted")
 def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
     """Interrupts while the plant advances, which is compiled code, in every third step."""
-    sim, advance, count = begun("mujoco", 0), MujocoPlant.advance, [0]
+    sim, advance, count = begun("mujoco", 0), MujocoPlant.advanced, [0]
 
     def hit(*arguments):
         count[0] += 1
@@ -228,7 +228,7 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
 
     raised = 0
     with monkeypatch.context() as patched:
-        patched.setattr(MujocoPlant, "advance", hit)
+        patched.setattr(MujocoPlant, "advanced", hit)
         while not sim.done:
             try:
                 sim.step()
@@ -240,7 +240,7 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
 
 @pytest.mark.usefixtures("interrupted")
 def test_runs_are_interrupted_between_ticks(monkeypatch):
-    scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advance, []
+    scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advanced, []
 
     def hit(*arguments):
         ticks.append(len(ticks))
@@ -263,7 +263,7 @@ def test_runs_are_interrupted_between_ticks(monkeypatch):
             self.error = error
 
     seen = Seen()
-    monkeypatch.setattr(MujocoPlant, "advance", hit)
+    monkeypatch.setattr(MujocoPlant, "advanced", hit)
     with pytest.raises(KeyboardInterrupt):
         run(scenario, (seen,))
     assert len(ticks) == seen.rows.filled == 7

@@ -78,7 +78,7 @@ EXPECTED = {
 
 
 def logged(tick=TICK):
-    return dict(zip(COLUMNS, row(tick), strict=True))
+    return dict(zip(COLUMNS, row(tick)[0].tolist(), strict=True))
 
 
 def test_each_log_column_contains_its_own_quantity():

@@ -120,14 +120,14 @@ def test_run_far_from_its_reference_ends_as_diverged():
 def test_diverging_physics_end_the_run_before_sensing(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = short(seconds=2.0)
-    advance, calls = MujocoPlant.advance, iter(range(1000))
+    advance, calls = MujocoPlant.advanced, iter(range(1000))
 
     def exploding(plant, drive, conditions=NOMINAL):
         if next(calls) == 20:
             plant.data.qvel[0] = np.nan
         return advance(plant, drive, conditions)
 
-    monkeypatch.setattr(MujocoPlant, "advance", exploding)
+    monkeypatch.setattr(MujocoPlant, "advanced", exploding)
     log = run(scenario)
     assert log.outcome == "diverged"
     assert log.column("t")[-1] == pytest.approx(1.0)
@@ -300,7 +300,7 @@ def decided(change_truth=None, change_estimate=None, change_measured=None):
         loop.advance(loop.tick().drive)
     measured, situation = loop.sense()
     if change_truth:
-        loop.truth = loop.truth._replace(**change_truth(loop.truth))
+        loop.seen = loop.truth._replace(**change_truth(loop.truth))
     if change_measured:
         measured = measured._replace(**change_measured(measured))
     if change_estimate:

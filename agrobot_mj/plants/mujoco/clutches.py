@@ -43,9 +43,7 @@ class Clutches:
             offset[:] = 0.0
 
     def update(self, motion: TractorMotion) -> None:
-        """Engage or release each clutch according to the steering angle and the slip of the current motion."""
-        if not self.switched:
-            return
+        """Engage or release each switched clutch according to the steering angle and the slip of the current motion."""
         steer, drive = abs(degrees(motion.steer)), self.drive
         if drive.differential_lock:
             self._set(LOCK, self._straight(LOCK, steer, drive.lock_release_deg))

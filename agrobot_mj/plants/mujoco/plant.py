@@ -3,13 +3,13 @@
 import sys
 from collections.abc import Sequence
 from math import cos, hypot, nan, radians
-from typing import Any
 
 import mujoco
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
-from agrobot_mj.core.kernels import bound
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import bound, fetched, held
 from agrobot_mj.core.signals import NEUTRAL_V, NOMINAL, WHEELS, Array, Column, Conditions, Drive, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import drive_law, reset_drive
@@ -21,13 +21,22 @@ from agrobot_mj.plants.mujoco.c_api import fail
 from agrobot_mj.plants.mujoco.clearance import clearance_of
 from agrobot_mj.plants.mujoco.clutches import Clutches
 from agrobot_mj.plants.mujoco.drawing import poses_of
-from agrobot_mj.plants.mujoco.implement import COLUMNS, RunningImplement
+from agrobot_mj.plants.mujoco.implement import COLUMNS, Motion, RunningImplement
 from agrobot_mj.plants.mujoco.loads import AHEAD, CENTRE, HUNG, LEFT, PULL, SIDE, no_loads
 from agrobot_mj.plants.mujoco.native_contact import NativeContacts
 from agrobot_mj.plants.mujoco.payload import Chassis
 from agrobot_mj.plants.mujoco.saving import INTEGRATION, MujocoState, step_results
 from agrobot_mj.plants.mujoco.settling import REST_M_S, RecentMotion, Settled, Tilt, drive_holds, pose_on, start_warning
-from agrobot_mj.plants.mujoco.stepping import FAILED, Actuators, TractorMotion, Tyred, observe, oil_of, run_steps
+from agrobot_mj.plants.mujoco.stepping import (
+    FAILED,
+    Actuators,
+    Assembly,
+    TractorMotion,
+    Tyred,
+    look,
+    oil_of,
+    run_steps,
+)
 from agrobot_mj.plants.mujoco.views import CHASSIS, views_of
 from agrobot_mj.terrain import Ground
 from agrobot_mj.terrain.memory import AnyArray, RutMap, forget, restore, rut_map, saved
@@ -43,6 +52,7 @@ STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
 NOWHERE = (nan, nan)  # Position of the working point of a tractor without implement
+ON_TRACTOR = Motion((nan, nan, nan), (nan, nan, nan))  # Stands for the motion of an antenna that is on the tractor
 DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. Assumed value.
 
 
@@ -89,8 +99,9 @@ class MujocoPlant(RunningPlant):
         self._poses = poses_of(self.data)
         self.clearance, self.clear = clearance_of(self.model), False
         self.option, self.flags = self.model.opt, self.model.opt.disableflags
-        self._run = bound(run_steps, *self._arguments((NEUTRAL_V, NEUTRAL_V)), 0, False)
-        self._observe = bound(observe, self.views, self.actuators, *self.sites)
+        self.rig = self._rig()
+        self._run = bound(run_steps, self.rig, (NEUTRAL_V, NEUTRAL_V), 0, False)
+        self._observe = bound(look, self.rig, self.samples, 0.0, 0.0, ON_TRACTOR, NOWHERE)
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
@@ -159,12 +170,18 @@ class MujocoPlant(RunningPlant):
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """Advance one tick at constant voltages and conditions; return the true state."""
+        return fetched(self.advanced(drive, conditions))
+
+    def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
+        """Advance one tick as `advance`; return a reference to the true state."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
-        self.clutches.update(self.motion)
+        if self.clutches.switched:
+            self.clutches.update(self.motion)
         self.step_through(drive)
         self.ticks += 1
-        return self.truth()
+        self._look()
+        return self.seen
 
     def step_through(self, drive: Drive) -> None:
         """Simulate the physics steps of one tick at constant voltages, without reading the new state."""
@@ -172,7 +189,7 @@ class MujocoPlant(RunningPlant):
             self.contacts.set_friction()
         if drive.brake != self.braking:
             self._brake(drive.brake)
-        arguments, done = self._arguments((drive.steer_voltage, drive.powered_pedal)), 0
+        arguments, done = (self.rig, (drive.steer_voltage, drive.powered_pedal)), 0
         if self.clear:
             self.option.disableflags = self.flags | CONTACTLESS
             done, self.clear = self._run(*arguments, done, True)
@@ -186,7 +203,7 @@ class MujocoPlant(RunningPlant):
 
     def _update_bodies(self) -> None:
         """Compute the poses of the bodies, and whether they are clear of the ground, from the positions."""
-        _, self.clear = self._run(*self._arguments((NEUTRAL_V, NEUTRAL_V)), self.samples.shape[1], False)
+        _, self.clear = self._run(self.rig, (NEUTRAL_V, NEUTRAL_V), self.samples.shape[1], False)
 
     def _brake(self, share: float) -> None:
         """Apply the fraction `share` of the brake torque [-], modelled as dry friction without creep or chatter."""
@@ -196,18 +213,22 @@ class MujocoPlant(RunningPlant):
         if self.contacts:
             self.option.impratio = self.contacts.impratio * (STICKING_CONTACT if stands else 1.0)
 
-    def _arguments(self, voltages: tuple[float, float]) -> tuple[Any, ...]:
-        actuators, samples = self.actuators, self.samples
-        return self.views, self.tyred, self.attached, self.loads, actuators, voltages, samples, self.clearance
+    def _rig(self) -> Assembly:
+        moved = self.views, self.tyred, self.attached, self.loads, self.actuators, self.samples, self.clearance
+        return held(Assembly(*moved, *self.sites), as_it_is=True)
 
     def _look(self) -> None:
-        self.motion: TractorMotion = self._observe(self.views, self.actuators, *self.sites)
+        t, radius, hung = self.ticks * self.tick_s, self.tractor.rear_wheel_radius_m, self.implement
+        points = ((hung.antenna or ON_TRACTOR), hung.working_place) if hung else (ON_TRACTOR, NOWHERE)
+        found: tuple[Truth, TractorMotion] = self._observe(self.rig, self.samples, t, radius, *points)
+        self.seen, self.motion = found
 
     def _apply_conditions(self, conditions: Conditions) -> None:
         self.chassis.carry(conditions.payload)
         self.conditions = conditions
         valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         self.actuators = self.actuators._replace(valve=valve)
+        self.rig = self._rig()
         tyres = self.tyred.tyres
         tyres.grip[:] = conditions.grip
         tyres.carcass[:, 0], tyres.carcass[:, 1] = conditions.tyre_stiffness, conditions.tyre_rolling
@@ -257,34 +278,7 @@ class MujocoPlant(RunningPlant):
     def truth(self) -> Truth:
         """Return the true state, which the sensors measure."""
         self._look()
-        m, samples = self.motion, self.samples.copy()
-        antenna = (self.implement and self.implement.antenna) or m.antenna
-        (x, y, z), (rear_x, rear_y, _), (yaw, pitch, roll) = m.cg.place, m.rear.place, m.attitude
-        return Truth(
-            t=self.ticks * self.tick_s,
-            x=x,
-            y=y,
-            z=z,
-            yaw=wrap(yaw),
-            pitch=pitch,
-            roll=roll,
-            speed=m.speed,
-            lateral_speed=m.lateral_speed,
-            yaw_rate=m.yaw_rate,
-            steer=m.steer,
-            pedal=m.pedal,
-            rear_x=rear_x,
-            rear_y=rear_y,
-            antenna=antenna.place,
-            antenna_velocity=antenna.velocity,
-            steer_samples=samples[0],
-            pedal_samples=samples[1],
-            knuckle_samples=samples[2:],
-            wheel_speed=self.tractor.rear_wheel_radius_m * m.spin,
-            body_rates=m.body_rates,
-            rear_velocity=m.rear.velocity,
-            implement=self.implement.working_place if self.implement else NOWHERE,
-        )
+        return fetched(self.seen)
 
     def poses(self) -> Array:
         """Return the pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
@@ -329,8 +323,7 @@ class MujocoPlant(RunningPlant):
             return "rolled_over"
         if self.implement and self.implement.jackknifed:
             return "jackknifed"
-        x, y, _ = self.motion.cg.place
-        return None if self.ground.covers(x, y) else "left_terrain"
+        return None if self.ground.covers(*self.motion.cg.place[:2]) else "left_terrain"
 
     @property
     def _fallen(self) -> bool:

@@ -1,10 +1,12 @@
 """One tick of MuJoCo physics as a compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
-from math import atan2, cos, hypot, inf, isfinite, radians, sin
+from math import atan2, cos, hypot, inf, isfinite, isnan, radians, sin
 from typing import NamedTuple
 
-from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.signals import Array, Index
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, held, jit, kernel
+from agrobot_mj.core.signals import Array, Index, Truth
 from agrobot_mj.core.vectors import Vector, cross, plus, to_world
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.driveline import DriveLaw, DriveMemory, drive_step
@@ -105,6 +107,20 @@ class Tyred(NamedTuple):
     ground: Ground
     bristles: Array  # Bristle deflections of the tyres, shape (4, 3): longitudinal and lateral [m], twist [rad]
     report: Array  # Report of the tyres, shape (4, 6); see `tyres.patch`
+
+
+class Assembly(NamedTuple):
+    """Model, data and parts of a running tractor; arrays are written in place."""
+
+    views: Views
+    tyred: Tyred
+    attached: Attached
+    loads: Array
+    actuators: Actuators
+    samples: Array  # Angle of the virtual wheel, pedal, and angles of both knuckles after each step, shape (4, n)
+    clearance: Clearance
+    cg_site: Array
+    antenna_site: Array  # Positions of `cg_site` and antenna in the chassis frame [m], shape (3,)
 
 
 @kernel
@@ -215,24 +231,13 @@ def finish_step(v: Views, direct: bool) -> int:
 
 
 @kernel
-def run_steps(
-    v: Views,
-    tyred: Tyred,
-    attached: Attached,
-    loads: Array,
-    actuators: Actuators,
-    voltages: tuple[float, float],
-    samples: Array,
-    clearance: Clearance,
-    first: int,
-    clear: bool,
-) -> tuple[int, bool]:
-    """Advance one tick, with one physics step per column of `samples` (4, n); return the number of completed steps.
+def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
+    """Advance one tick, with one physics step per column of the samples; return the number of completed steps.
 
-    Each column receives the angle of the virtual wheel, the pedal, and the angles of the left and right knuckle. The
-    first step is `first`. If `clear`, stop before the first step in which the body could touch the ground. The second
-    result is whether the body is clear of the ground. The number of steps is `FAILED` after an error of MuJoCo.
+    The first step is `first`. If `clear`, stop before the first step in which the body could touch the ground. The
+    second result is whether the body is clear of the ground. The number of steps is `FAILED` after an error of MuJoCo.
     """
+    v, tyred, attached, loads, actuators, samples, clearance, _, _ = fetched(rig)
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
     loaded, alone, direct = loads[PULL] != 0.0 or loads[SIDE] != 0.0, clear and is_alone(v.coupling), False
     for i in range(first, samples.shape[1]):
@@ -276,8 +281,9 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 
 
 @kernel
-def observe(v: Views, actuators: Actuators, cg_site: Array, antenna_site: Array) -> TractorMotion:
-    """Return the current motion for the CG and antenna positions (3,) in the chassis frame [m]."""
+def observe(rig: Held[Assembly]) -> TractorMotion:
+    """Return the current motion of the tractor."""
+    v, _, _, _, actuators, _, _, cg_site, antenna_site = fetched(rig)
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))
     cg, antenna, yaw = motion_of(v, omega, cg_site), motion_of(v, omega, antenna_site), atan2(R[3], R[0])
@@ -303,3 +309,21 @@ def observe(v: Views, actuators: Actuators, cg_site: Array, antenna_site: Array)
         fastest=fastest if isfinite(total) else inf,
         lean_cosine=R[8],
     )
+
+
+@jit
+def look(
+    rig: Held[Assembly], samples: Array, t: float, radius: float, antenna: Motion, working: tuple[float, float]
+) -> tuple[Held[Truth], TractorMotion]:
+    """Return the true state at time `t` [s] and the motion; `radius` [m] is that of the rear wheels.
+
+    `antenna` (NaN for an antenna on the tractor) and the point `working` belong to the implement.
+    """
+    m = observe(rig)
+    (x, y, z), (rear_x, rear_y, _), (yaw, pitch, roll) = m.cg.place, m.rear.place, m.attitude
+    seen = m.antenna if isnan(antenna.place[0]) else antenna
+    steer, pedal, knuckles = samples[0].copy(), samples[1].copy(), samples[2:].copy()
+    return held(Truth(
+        t, x, y, z, wrap(yaw), pitch, roll, m.speed, m.lateral_speed, m.yaw_rate, m.steer, m.pedal, rear_x, rear_y,
+        seen.place, seen.velocity, steer, pedal, radius * m.spin, m.body_rates, knuckles, m.rear.velocity, working,
+    )), m  # fmt: skip
