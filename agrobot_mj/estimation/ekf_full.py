@@ -23,7 +23,7 @@ from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, Readings, StateEs
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
-from agrobot_mj.estimation.horizon import HISTORY_TICKS, NO_TILT, Errors, Horizon, Settings, estimated
+from agrobot_mj.estimation.horizon import NO_TILT, Errors, Horizon, Settings, estimated
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -243,8 +243,7 @@ class EkfFull(StateEstimator):
             *(Readings.of(m), ticks, fix, m.quality, dt),
         )
         estimate.covariance.flags.writeable = False
-        history = (*horizon.history[-HISTORY_TICKS:], (horizon.held, horizon.seen_t, queue[:ticks]))
-        horizon = Horizon(core, seen_t, queue[ticks:], history)
+        horizon = horizon.after(core, seen_t, queue, ticks)
         return FullState(state.settings, horizon, health, tilt, estimate, errors), estimate
 
     def report(self, state: FullState) -> tuple[float, ...]:

@@ -42,8 +42,9 @@ from agrobot_mj.estimation.full_model import (
 from agrobot_mj.estimation.lever_arm import offset
 from agrobot_mj.machine.tractor import GRAVITY
 
-HISTORY_TICKS = 110
-"""Number of stored filter states. Assumed value for the maximum latency of a receiver, 5 s, plus a margin."""
+HISTORY_TICKS, BLOCK_TICKS = 110, 10
+"""Minimum number of stored filter states, and their number in a block: a tick copies only the last block. Assumed value
+for the maximum latency of a receiver, 5 s, plus a margin."""
 
 
 class Horizon(NamedTuple):
@@ -52,8 +53,8 @@ class Horizon(NamedTuple):
     held: Held[Core]  # Filter state at the time of the newest fix
     seen_t: float = -1.0  # Time of the newest fix [s]
     waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
-    history: tuple[tuple[Held[Core], float, Matrix], ...] = ()
-    """Core before each tick, time of its newest fix and measurements used in the tick, oldest first."""
+    history: tuple[tuple[tuple[Held[Core], float, Matrix], ...], ...] = ((),)
+    """Core before each tick, time of its newest fix and measurements used in the tick, oldest first, in blocks."""
 
     @property
     def core(self) -> Core:
@@ -62,16 +63,27 @@ class Horizon(NamedTuple):
 
     def back(self, ticks: int) -> "Horizon":
         """Return the filter state at least `ticks` ticks earlier, with all later measurements queued again."""
-        core, seen_t, waiting, history = self
+        if ticks <= 0:
+            return self
+        core, seen_t, waiting, history = *self[:3], [tick for block in self.history for tick in block]
         while ticks > 0 and history:
-            core, seen_t, used = history[-1]
-            waiting, history, ticks = np.concatenate((used, waiting)), history[:-1], ticks - len(used)
-        return Horizon(core, seen_t, waiting, history)
+            core, seen_t, used = history.pop()
+            waiting, ticks = np.concatenate((used, waiting)), ticks - len(used)
+        return Horizon(core, seen_t, waiting, (tuple(history),))
+
+    def after(self, core: Held[Core], seen_t: float, queue: Matrix, ticks: int) -> "Horizon":
+        """Return the state after a tick with the new `core`, which has used the first `ticks` rows of the queue."""
+        *blocks, last = self.history[-1 - HISTORY_TICKS // BLOCK_TICKS :]
+        if len(last) >= BLOCK_TICKS:
+            blocks, last = [*blocks, last], ()
+        last = (*last, (self.held, self.seen_t, queue[:ticks]))
+        return Horizon(core, seen_t, queue[ticks:], (*blocks, last))
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
         """Return the state before a fix that arrives at `t` [s], the ticks up to the fix, and the fix (NaN if old)."""
         late = max(0, round((t - fix.t) / dt)) if isfinite(fix.t) else 0
-        queued, past = len(self.waiting) + 1, sum(len(used) for _, _, used in self.history) if late else 0
+        past = sum(len(used) for block in self.history for _, _, used in block) if late else 0
+        queued = len(self.waiting) + 1
         if late >= queued + past or t - late * dt < self.seen_t + 0.5 * dt:
             return self, 1, NO_FIX
         horizon = self.back(late + 1 - queued)
