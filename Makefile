@@ -46,7 +46,7 @@ help: ## Show these verbs
 install: $(STAMP) ## Make .venv with the locked versions
 
 demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
-	@echo "Comparing four runs of four minutes each; with compiling this takes `$(call ABOUT,$(PY),40)`."
+	@echo "Comparing four runs of four minutes each; the first time this takes `$(call ABOUT,$(PY),110)`, mostly for compiling."
 	@$(call TICK,loading,[ ! -e $(DEMO) ]); \
 		$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO); \
 		status=$$?; kill $$ticker 2>/dev/null; exit $$status
@@ -169,7 +169,7 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip --version >/dev/null 2>&1 || { \
 		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; \
 		$(call TICK,making,:); $(PYTHON) -m venv --clear $(VENV); status=$$?; kill $$ticker; exit $$status; }
-	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes `$(call ABOUT,$(PY),30)` after the download."
+	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes `$(call ABOUT,$(PY),45)` after the download."
 	@$(call PIP,$(PY),--require-hashes --only-binary :all: -r requirements.lock)
 	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .

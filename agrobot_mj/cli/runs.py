@@ -6,6 +6,7 @@ Example of a text for `--variant`: `worn: steering.valve.dead_band_v=0.8, path.p
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -42,7 +43,7 @@ def run(
     from agrobot_mj.metrics.lag import lag_of
     from agrobot_mj.metrics.success import error_of
     from agrobot_mj.scenario.loading import load_scenario
-    from agrobot_mj.simulation.progress import Progress
+    from agrobot_mj.simulation.progress import Progress, elapsed
     from agrobot_mj.simulation.results import results
     from agrobot_mj.simulation.run import run as run_scenario
     from agrobot_mj.simulation.storage import can_record, files_of_run, write_log
@@ -50,9 +51,11 @@ def run(
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
     recorded = not no_rrd and can_record()
-    watchers = (*(() if quiet else (Progress(),)), *recordings(folder, recorded, live))
+    waiting = ExitStack()
+    watchers = (*(() if quiet else (Progress(waiting.close),)), *recordings(folder, recorded, live))
     said = print_hints([scenario], quiet)
-    with results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+    with waiting, results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+        waiting.enter_context(elapsed(f"{scenario.name}: starting, which compiles the first time", quiet))
         log = run_scenario(scenario, watchers, lambda: bool(stopped))
         write_log(log, folder, recorded=recorded)
     rms = error_of({**log.metrics, "outcome": log.outcome, "expected": log.as_expected}, "lateral_rms")

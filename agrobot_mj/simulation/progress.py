@@ -3,7 +3,7 @@
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from threading import Event, Thread
 from typing import TYPE_CHECKING
 
@@ -70,8 +70,8 @@ class Count:
             while not ended.wait(max(SILENCE_S + self.told - time.monotonic(), 0.01)):
                 if (now := time.monotonic()) - self.told >= SILENCE_S:
                     self.told = now
-                    spent = span(now - self.began)
-                    print(f"{self.description}: {self.done:,} done after {spent}", file=sys.stderr, flush=True)
+                    done = f"{self.done:,} done after " if self.total else ""
+                    print(f"{self.description}: {done}{span(now - self.began)}", file=sys.stderr, flush=True)
 
         thread = Thread(target=print_time, daemon=True)
         thread.start()
@@ -106,6 +106,11 @@ def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> I
         yield count.advance
 
 
+def elapsed(description: str, quiet: bool) -> AbstractContextManager[None]:
+    """Return a context that prints the elapsed time on stderr every `SILENCE_S`."""
+    return nullcontext() if quiet else Count(description, 0, 0, None, quiet).breaking_silence()
+
+
 def span(seconds: float) -> str:
     """Return a duration as text: `48 s`, `12 min`, `3.5 h`."""
     if seconds < LONGEST_IN_S:
@@ -114,13 +119,14 @@ def span(seconds: float) -> str:
 
 
 class Progress:
-    """Progress bar of one run."""
+    """Progress bar of one run. `began` is called after the kernels are loaded, when the run begins."""
 
-    def __init__(self) -> None:
-        self.bar, self.rows = bar(), Rows(0, 0, 0)
+    def __init__(self, began: Callable[[], None] = lambda: None) -> None:
+        self.bar, self.rows, self.began = bar(), Rows(0, 0, 0), began
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
         """Show an empty bar."""
+        self.began()
         self.rows = rows
         if self.bar:
             self.bar.start()

@@ -4,7 +4,9 @@ import time
 
 import pytest
 
+from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.simulation import progress
+from agrobot_mj.simulation.log import Rows
 from agrobot_mj.simulation.progress import span, tally
 
 
@@ -83,3 +85,28 @@ def test_quiet_silence_is_not_broken(monkeypatch, capsys):
     with tally("figure_eight: 4 runs", 4, quiet=True):
         time.sleep(0.2)
     assert capsys.readouterr().err == ""
+
+
+def test_elapsed_time_is_printed_until_the_block_ends(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "SILENCE_S", 0.05)
+    with progress.elapsed("circle: starting", quiet=False):
+        time.sleep(0.2)
+    lines = capsys.readouterr().err.splitlines()
+    time.sleep(0.2)
+    assert (lines[0], capsys.readouterr().err) == ("circle: starting: 0 s", "")
+
+
+def test_run_prints_the_elapsed_time_only_while_it_starts(call, monkeypatch, tmp_path):
+    def slow(scenario, watchers, stopped):
+        time.sleep(0.2)
+        watchers[0].start(scenario, None, Rows(1, 0, 0))
+        time.sleep(0.2)
+        raise ScenarioError("circle: stopped")
+
+    monkeypatch.setattr(progress, "SILENCE_S", 0.15)
+    monkeypatch.setattr("agrobot_mj.simulation.run.run", slow)
+    status, _, err = call("run", "circle", "--no-rrd", "--out", str(tmp_path / "out"))
+    assert (status, err.splitlines()) == (
+        2,
+        ["circle: starting, which compiles the first time: 0 s", "circle: stopped"],
+    )

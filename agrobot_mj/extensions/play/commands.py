@@ -3,7 +3,7 @@
 import io
 import sys
 import webbrowser
-from contextlib import redirect_stdout
+from contextlib import ExitStack, redirect_stdout
 from typing import Annotated
 
 import typer
@@ -37,6 +37,7 @@ def play(
     from agrobot_mj.extensions.play.play import play as drive
     from agrobot_mj.extensions.play.session import drivable
     from agrobot_mj.scenario.loading import load_scenario
+    from agrobot_mj.simulation.progress import elapsed
 
     scenario = load_scenario(source, overrides(sets))
     said = print_hints([scenario], quiet)
@@ -47,14 +48,16 @@ def play(
             print(f"{scenario.name}: {text}", file=sys.stderr, flush=True)
 
     def ready(url: str) -> None:
+        waiting.close()
         tell(f"drive at {url}, end with Ctrl-C")
         if not no_browser:
             webbrowser.open(url)
 
     driven = drivable(scenario)
-    tell("placing the tractor; the first time this compiles for up to a minute")
+    tell("placing the tractor; the first time this compiles for one to two minutes")
     options = PlayOptions(port, network, seconds, not no_rrd)
-    with stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
+    with ExitStack() as waiting, stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
+        waiting.enter_context(elapsed(f"{scenario.name}: placing the tractor", quiet))
         drives = drive(driven, folder, options, lambda: bool(stopped), ready)
     rows = [
         {"folder": str(place), "outcome": log.outcome, "duration_s": log.scenario.duration_s} for place, log in drives
