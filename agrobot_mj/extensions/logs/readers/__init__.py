@@ -4,6 +4,7 @@
 from `LogReader`, registered like any other kind. It takes precedence over the readers of the package.
 """
 
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,11 +22,14 @@ from agrobot_mj.extensions.logs.readers.isoxml import TaskData
 from agrobot_mj.extensions.logs.readers.mcap import Ros2Bag
 from agrobot_mj.extensions.logs.readers.nmea import NmeaText
 from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
+from agrobot_mj.extensions.logs.readers.sentences import found_in
 from agrobot_mj.extensions.logs.readers.timed import TimedLines
 
 READERS = LogReader.registry  # All readers in the order in which they are tried, the most specific first
 READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), TimedLines(), NmeaText(), CanText()]
 READERS += [FreeColumns()]
+
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # Pattern of a byte that text does not contain
 
 
 class OpenedLog(NamedTuple):
@@ -59,6 +63,10 @@ def open_log(path: Path) -> OpenedLog:
         raise FieldLogError(
             f"{path}: the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"
         )
+    if next(found_in(head.data), None):
+        raise FieldLogError(f"{path.name}: the NMEA sentences have no valid checksum; enable checksums in the receiver")
+    if CONTROL.search(head.data):
+        raise FieldLogError(f"{path.name}: the file is binary, of an unknown format; record NMEA, or convert it to CSV")
     kinds = ", ".join(reader.kind for reader in READERS)
     raise FieldLogError(
         f"{path.name}: the format is unknown (supported: {kinds}); export it as CSV in UTF-8 with a header line"

@@ -2,15 +2,17 @@
 
 Sentences may follow the time stamp of a logger, or be inside JSON or between binary messages of the receiver. Times are
 those of the receiver; a sentence without a time gets the time of the preceding one. Sentences before the first fix are
-omitted, because the receiver has not yet set its clock. The speed is over ground, and positive also in reverse.
+omitted, because the receiver has not yet set its clock. In GGA sentences without a quality, the status of RMC sentences
+determines whether there is a fix. The speed is over ground, and positive also in reverse.
 """
 
 import mmap
-from math import inf
+from math import inf, isnan
 from pathlib import Path
 from typing import Any, Literal
 
 from agrobot_mj.core.errors import shortened
+from agrobot_mj.core.nmea import NO_FIX
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Head, LogReader, ReadLog, Samples
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, Quantities, Sentence, found_in
@@ -47,6 +49,7 @@ class _Sentences:
         """Types of sentences with a valid checksum; and number, first line and first text of sentences with an invalid
         checksum, by type."""
         self._counted, self._line = 0, 1
+        self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 
     def read(self) -> ReadLog:
         """Return the values of all sentences. Raises `FieldLogError`."""
@@ -87,6 +90,10 @@ class _Sentences:
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)
+            if found.kind == "RMC":
+                self._void = "latitude" not in values
+            elif self._void and isnan(values.get("quality", 0.0)):  # GGA without a quality: RMC reports the fix
+                values = {"quality": NO_FIX}
             if self.t == -inf and "latitude" not in values:
                 self.early += 1
                 return None

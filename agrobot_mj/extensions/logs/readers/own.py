@@ -75,7 +75,7 @@ class FreeColumns(LogReader):
         if is_parquet(head.data):
             return True
         first = head.lines[0] if head.lines else ""
-        return b"\0" not in head.data and any(delimiter in first for delimiter in ",;\t")
+        return b"\0" not in head.data and not first.startswith("$") and any(mark in first for mark in ",;\t")
 
     def read(self, path: Path) -> ReadLog:
         """Return the path of the file. Its columns are read later with a map."""

@@ -168,7 +168,7 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
     two = {f"TLG0000{k}_{end}": HEADER if end == "XML" else bytes(6_000_000) for k in (1, 2) for end in ("XML", "BIN")}
     with pytest.raises(FieldLogError, match=r"TLG00002.BIN: 6 MB when unpacked are more than 4"):
         open_log(zipped(TASKDATA_XML=TASK, **two))
-    with pytest.raises(FieldLogError, match="the format is unknown"):
+    with pytest.raises(FieldLogError, match="the file is binary, of an unknown format"):
         open_log(zipped(readme_txt="hello"))
     data = zipped(TASKDATA_XML=TASK, TLG00001_XML=HEADER, TLG00001_BIN=b"".join(RECORDS)).read_bytes()
     for cut in (data[:300], data[:400] + bytes(50) + data[450:], data[:-30]):

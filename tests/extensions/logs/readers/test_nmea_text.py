@@ -170,6 +170,30 @@ def test_positions_without_a_quality_are_read(tmp_path):
     assert log.notes == ("from GGA: latitude, longitude",)
 
 
+def test_positions_without_a_quality_need_the_status_of_rmc(tmp_path):
+    lines = []
+    for k in range(20):
+        quality, status = ("", "V") if k < 8 else ("1", "A")
+        lines += [f"$GPGGA,{timed(k)},{place_of(k)},{quality},3,2.5,35.0,M,0.0,M,,"]
+        lines += [f"$GPRMC,{timed(k)},{status},{place_of(k)},7.0,90.0,081009,,,{'AN'[status == 'V']}"]
+    (tmp_path / "log").write_text("\n".join(map(checked, lines)))
+    assert len(open_log(tmp_path / "log").source) == 12
+
+
+REASONS = {
+    "binary": (bytes([0xB5, 0x62, 1, 7, 92, 0]) * 50, "the file is binary, of an unknown format; record NMEA"),
+    "no checksum": (b"$GPGGA,222449,3349.0,S,01843.9,E,1,07,2.3,115.4,M,33.3,M,,\r\n" * 9, "have no valid checksum"),
+}
+
+
+@pytest.mark.parametrize("name", REASONS)
+def test_unknown_receiver_log_is_rejected_with_its_reason(tmp_path, name):
+    content, text = REASONS[name]
+    (tmp_path / "log").write_bytes(content)
+    with pytest.raises(FieldLogError, match=text):
+        open_log(tmp_path / "log")
+
+
 @pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
 def test_gns_has_the_best_mode_as_its_quality(tmp_path, mode, quality):
     lines = [f"$GNGNS,{timed(k)},{place_of(k)},{mode},31,0.5,35.0,0.0,1.0,0,V" for k in range(9)]

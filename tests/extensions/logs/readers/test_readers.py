@@ -63,7 +63,7 @@ def test_readers_do_not_recognise_unknown_content(reader, tmp_path):
 
 
 def test_unknown_format_is_reported_with_the_fix(tmp_path):
-    (tmp_path / "x").write_bytes(bytes(99))
+    (tmp_path / "x").write_bytes(b"north 7 east 8\n")
     with pytest.raises(FieldLogError, match=r"x: the format is unknown \(supported: run, link, .*; export it as CSV"):
         open_log(tmp_path / "x")
     with pytest.raises(FieldLogError, match="no such file"):
