@@ -4,7 +4,6 @@
 from `LogReader`, registered like any other kind. It takes precedence over the readers of the package.
 """
 
-import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,15 +20,13 @@ from agrobot_mj.extensions.logs.readers.can import CanText
 from agrobot_mj.extensions.logs.readers.isoxml import TaskData
 from agrobot_mj.extensions.logs.readers.mcap import Ros2Bag
 from agrobot_mj.extensions.logs.readers.nmea import NmeaText
-from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
+from agrobot_mj.extensions.logs.readers.own import CONTROL, FreeColumns, LinkRecord, RunFolder
 from agrobot_mj.extensions.logs.readers.sentences import found_in
 from agrobot_mj.extensions.logs.readers.timed import TimedLines
 
 READERS = LogReader.registry  # All readers in the order in which they are tried, the most specific first
 READERS += [RunFolder(), LinkRecord(), AgOpenWebRecorder(), TaskData(), Ros2Bag(), TimedLines(), NmeaText(), CanText()]
 READERS += [FreeColumns()]
-
-CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # Pattern of a byte that text does not contain
 
 
 class OpenedLog(NamedTuple):

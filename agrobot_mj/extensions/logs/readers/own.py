@@ -1,5 +1,6 @@
 """Readers for files of this program (run folder, `link.parquet`) and for tables with free columns (CSV, Parquet)."""
 
+import re
 from math import isnan
 from pathlib import Path
 from typing import Literal
@@ -14,6 +15,9 @@ from agrobot_mj.core.agopengps.wire import decode
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.core.table_columns import FieldLogError, column_names, is_parquet
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
+
+CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # Pattern of a byte that text does not contain
+DECIMAL = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?")  # Pattern of a number that is no column name
 
 
 class RunFolder(LogReader):
@@ -75,9 +79,16 @@ class FreeColumns(LogReader):
         if is_parquet(head.data):
             return True
         first = head.lines[0] if head.lines else ""
-        return b"\0" not in head.data and not first.startswith("$") and any(mark in first for mark in ",;\t")
+        return (
+            not CONTROL.search(head.data)
+            and not first.startswith(("$", "\x1b"))
+            and any(mark in first for mark in ",;\t")
+        )
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path of the file. Its columns are read later with a map."""
-        column_names(path)
+        """Return the path of the file. Its columns are read later with a map. Raises `FieldLogError` without names."""
+        names = column_names(path)
+        if not any(names) or (number := next(filter(DECIMAL.fullmatch, names), "")):
+            found = f"the number {number}" if any(names) else "no names"
+            raise FieldLogError(f"{path.name}: the first line has {found}; write the column names in the first line")
         return ReadLog(path)

@@ -182,6 +182,9 @@ def test_positions_without_a_quality_need_the_status_of_rmc(tmp_path):
 
 REASONS = {
     "binary": (bytes([0xB5, 0x62, 1, 7, 92, 0]) * 50, "the file is binary, of an unknown format; record NMEA"),
+    "a terminal": (b"\x1b[?25l time, lat, lon\n1,52.3,6.7\n" * 9, "the format is unknown"),
+    "no names": (b"1.06,0.07,0.15\n2.28,0.12,0.29\n" * 9, "the first line has the number 1.06; write the column"),
+    "empty names": (b",,,\n1,2,3,4\n", "the first line has no names; write the column names"),
     "no checksum": (b"$GPGGA,222449,3349.0,S,01843.9,E,1,07,2.3,115.4,M,33.3,M,,\r\n" * 9, "have no valid checksum"),
 }
 
