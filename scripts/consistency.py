@@ -1,7 +1,8 @@
 """Consistency of an estimator's covariance on varying ground, with GNSS outages.
 
-A drive is recorded in closed loop with LQR. Sensors with other seeds measure it again, without and with two outages of
-each duration. A consistent filter has a mean NEES of 2 for the position and 1 for the heading.
+A drive is recorded in closed loop with LQR. The same drive is then measured again with other sensor seeds, once without
+outages and once with two outages of each duration. A consistent filter has a mean NEES of 2 for the position and 1 for
+the heading.
 """
 
 from collections.abc import Callable, Iterable, Sequence

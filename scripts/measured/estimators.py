@@ -149,11 +149,18 @@ def recorded(study: Study) -> Blocks:
         found = [alignment(follow(one, FULL, seed, yaw_error=radians(error))) for one, seed in runs_15]
         metres, off = np.transpose(found)
         aligned.append((f"{error} deg", f"{metres.max():.2f}", f"{rms(off):.2f}", f"{off.max():.2f}"))
-    heads = ("start heading off by", "found after, worst [m]", "heading after 5 m, rms [deg]", "worst [deg]")
+    heads = (
+        "error of the start heading",
+        "distance to alignment, maximum [m]",
+        "heading error after 5 m, rms [deg]",
+        "worst [deg]",
+    )
     return {
         "settled": markdown_table((*COMMON, "yaw rate [deg/s]", "NEES", "NIS", "time [us]"), settled, 2),
-        "losses": markdown_table(("loss in an arc", "estimator", "rms [cm]", "worst [cm]"), lost, 2),
-        "outliers": markdown_table(("one fix off by 2 m", "moves the estimate by, worst [cm]"), struck, 1),
+        "losses": markdown_table(("GNSS loss in an arc", "estimator", "rms [cm]", "worst [cm]"), lost, 2),
+        "outliers": markdown_table(
+            ("kind", "maximum shift of the estimate by one fix with an error of 2 m [cm]"), struck, 1
+        ),
         "alignments": markdown_table(heads, aligned, 0),
     }
 

@@ -57,7 +57,7 @@ SLOPE: Keys = (("terrain.kind", "slope"), ("terrain.grade_deg", 6.0))
 CONDITIONS: dict[str, tuple[Keys, Keys]] = {
     "reference": ((), ()),
     "position error of 5 cm": ((), (("sensors.gnss.sigma_m", 0.05),)),
-    "antenna 5 cm beside its configured place": ((), (("sensors.gnss.configured_left_m", 0.05),)),
+    "antenna 5 cm from its configured position": ((), (("sensors.gnss.configured_left_m", 0.05),)),
     "drawn implement": (DRAWN, ()),
     "slope of 6 deg": ((), SLOPE),
     "worn valve": ((), VALVES["worn"]),
@@ -80,19 +80,20 @@ LEAST_PERCENT = 0.05  # Minimum decrease of the missed area for which a break-ev
 TURNS_SAID = (
     "The compact tractor drives parallel swaths at 2 m/s, with turns on open ground. The *planned depth* is the "
     "distance by which the planned turn extends beyond the ends of the swaths, with tractor and implement. The "
-    "plan assumes a new valve; the worn one has a dead band of 0.8 V, and the idling engine gives 40 % of the "
+    "plan assumes a new valve. The worn valve has a dead band of 0.8 V, and the idling engine gives 40 % of the "
     "pump flow. The first table gives the distance beyond the planned depth: the 95th percentile of a normal "
-    "distribution over the turns, and its interval. The second one has the largest depth, with `lqr` and a new "
-    "valve, and time and area per turn. Intervals have a confidence of 90 %. Failed runs are not averaged."
+    "distribution fitted to the turns, and the confidence interval of this percentile. The second table gives the "
+    "maximum depth with `lqr` and a new valve, and time and area per turn. Intervals have a confidence of 90 %. "
+    "Failed runs are not averaged."
 )
 FIELDS_SAID = (
     "Each field is worked with passes of 3 m. The plan knows the implement, but neither the slope nor the other "
     "conditions. Two fields are in the source package of Fields2Cover on PyPI, which the command downloads. The "
     "columns *planned* are the overlaps and gaps of the plan itself, in corners and at oblique edges. The second "
-    "table is for the body of the fields. *Break-even* is the value of the yield of a hectare divided by the cost "
-    "of its inputs, above which the step from the previous planned overlap is worth its cost. Published overlaps "
-    "on farms: 3.3 % at planting and 7 % at tillage without guidance (Iowa, 2011), 5 % by hand and 2.5 % with "
-    "guidance at mowing (Wisconsin, 2011). Intervals have a confidence of 90 %. Failed runs are not averaged."
+    "table is for the body of the fields. *Break-even* is the ratio of yield value to input cost per hectare above "
+    "which the step from the previous planned overlap pays for itself. Published overlaps on farms are 3.3 % at "
+    "planting and 7 % at tillage without guidance (Iowa, 2011), and 5 % by hand and 2.5 % with guidance at mowing "
+    "(Wisconsin, 2011). Intervals have a confidence of 90 %. Failed runs are not averaged."
 )
 """Descriptions of the tables."""
 
@@ -165,7 +166,7 @@ def headlands(study: Study) -> Blocks:
         if normal := [row for row in good if (row["valve"], row["law"]) == ("new", "lqr")]:
             means = (_mean([row[key] for row in normal]) for key in ("turn_s", "missed", "overlapped"))
             used.append((implement, f"`{turn}`", f"{max(max(row['reach']) for row in normal):.1f}", *means))
-    heads = ("implement", "turn", "valve", "planned depth [m]", *(f"`{law}`, beyond it [m]" for law in LAWS))
+    heads = ("implement", "turn", "valve", "planned depth [m]", *(f"`{law}`, beyond planned depth [m]" for law in LAWS))
     costs = ("implement", "turn", "depth used [m]", "time [s]", "missed [m2]", "overlapped [m2]")
     failed = f"{sum(not row['expected'] for row in rows)} failed"
     return {

@@ -44,7 +44,7 @@ def exceptions(study: Study) -> Blocks:
     if missing := {name for name, _ in groups} - set(WHY):
         raise SystemExit(f"scripts/measured/machines.toml: add a reason for {', '.join(sorted(missing))}")
     lines = [(f"`{name}`", ", ".join(some), ends, WHY[name]) for (name, ends), some in groups.items()]
-    return {BLOCK: markdown_table(("scenario", "on", "ends", "because"), lines) if rows else ""}
+    return {BLOCK: markdown_table(("scenario", "machine", "outcome", "reason"), lines) if rows else ""}
 
 
 def listed() -> dict[Pair, str]:

@@ -1,5 +1,6 @@
-"""Page safety, from the sweeps `faults` (one failure of a sensor or actuator per run), `receivers` (failures recorded
-on a real tractor), `farthest` (maximum errors with a drifting position), and `sane` (runs without failure)."""
+"""Generation of the page on safety from the sweeps `faults` (one failure of a sensor or actuator per run), `receivers`
+(failures recorded on a real tractor), `farthest` (maximum errors with a drifting position), and `sane` (runs without
+failure)."""
 
 import json
 from collections import Counter, defaultdict

@@ -4,8 +4,9 @@ On a circle of 30 m radius at 1, 2, 3 and 4 m/s, the required steering angle inc
 the bicycle and for the `linear` tyre, the understeer gradient K must be the paper's m (l_r C_r - l_f C_f) / (L C_f
 C_r). The other tyres understeer about twice as much, for four reasons: the outer wheels carry more load and have more
 rolling resistance, which turns the tractor out of the bend; the pneumatic trail shifts side force to the front; rolling
-resistance unloads the front axle; and cornering stiffness grows less than load. Their theory is the line through the
-balances of forces and moments at the same speeds. The contact model of MuJoCo has no meaningful slip angle.
+resistance unloads the front axle; and cornering stiffness grows less than load. Their theoretical gradient is a
+straight-line fit to the balances of forces and moments at the same speeds. The contact model of MuJoCo has no
+meaningful slip angle.
 """
 
 from collections.abc import Iterator
@@ -71,7 +72,8 @@ def theory(kind: str) -> float | None:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the understeer gradient for the bicycle and every tyre. Quick mode: shorter runs."""
+    """Yield checks of the understeer gradient for the bicycle model and every tyre model. Runs are shorter in quick
+    mode."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
         about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)
