@@ -102,7 +102,7 @@ def _called() -> tuple[int, str]:
 
 
 def _flushed(status: int) -> int:
-    """Write the remaining stdout and return the status. A closed pipe or a full disk does not change the status."""
+    """Flush stdout and return the exit status `status`. A closed pipe or a full disk does not change the status."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -174,8 +174,8 @@ class Lqr(Integrating):
     steer_deg: Positive = 6.0
     """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
     integral_m_s: Positive | None = 2.6
-    """Integral of the cross-track error with a cost of 1 [m s]; null disables the integral. Assumed value (1-5); the
-    error after a step disturbance decays in 10 s."""
+    """Integral of the cross-track error that contributes 1 to the cost [m s]; null disables integral action. Assumed
+    value (1-5), with which the error after a step disturbance decays in 10 s."""
     integral_limit_deg: Annotated[float, Field(gt=0, le=45)] = 15.0
     """Maximum steering angle of the integral term [deg]. Assumed value, sufficient for a side slope of 20 deg."""
     tunable: ClassVar = {

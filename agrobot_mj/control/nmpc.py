@@ -126,7 +126,8 @@ class Nmpc(Following):
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], deviation: PathDeviation, situation: Situation) -> list[float]:
-        """Return the sideslip of a CG on the path at the end of each step [rad], or 0 in forward travel."""
+        """Return the sideslip of a CG that follows the path in reverse, at the end of each step [rad]; 0 in forward
+        travel."""
         if deviation.direction > 0:
             return [0.0] * STEPS
         l_r, way = situation.machine.cg_to_rear_axle, abs(deviation.speed) * STEP_S

@@ -112,7 +112,8 @@ class EkfFull(StateEstimator):
     sideslip_walk_deg_rt_s: Positive = 0.1
     """Random walk of the excess sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4); 1 deg in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): the bias changes by 1 deg during half a
+    turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003) for slip changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
@@ -124,8 +125,8 @@ class EkfFull(StateEstimator):
     """Turn offset: distance of the rear axle ahead of the point without sideslip in a slow bend [m]. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
-    """Random walk of the relative wheel-speed error, divided by the component of gravity along the ground
-    [s2/m/sqrt(s)]. Assumed value for slip that the climb does not explain."""
+    """Random walk of the relative wheel-speed error per unit of gravity along the ground [s2/m/sqrt(s)]. Assumed value
+    for slip that is not proportional to the slope."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
     """Additional random walk of the relative wheel-speed error without fixes, used until fixes have determined the
     variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
@@ -158,7 +159,8 @@ class EkfFull(StateEstimator):
     gate_position_m: NonNegative = 0.25
     """Position innovation up to which every fix is accepted [m]. Assumed value for an antenna oscillation of 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
-    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an oscillation of 15 deg/s."""
+    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an antenna that oscillates at 15
+    deg/s."""
     gate_patience_s: Positive = 2.0
     """Duration of consecutive rejections before the filter restarts from the fixes [s]. Assumed value (1-5)."""
 

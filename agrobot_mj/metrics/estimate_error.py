@@ -27,7 +27,7 @@ Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the main cause of the lateral (`across`) or horizontal error, or an empty string without a main cause."""
+    """Return the main cause of the lateral (`across`) or horizontal error, or an empty string if no cause dominates."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")

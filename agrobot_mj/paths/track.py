@@ -174,7 +174,8 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """Return the course along y(x) with `slope` dy/dx, shapes (n,); x is along the axis from `start` (x, y, yaw)."""
+    """Return the course along the curve y(x) with the slope dy/dx, shapes (n,), in a frame with the pose `start` (x, y,
+    yaw)."""
     x0, y0, yaw = start
     c, s = np.cos(yaw), np.sin(yaw)
     return through(x0 + c * x - s * y, y0 + s * x + c * y, yaw + np.arctan(slope))

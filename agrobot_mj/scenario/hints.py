@@ -99,7 +99,7 @@ class Change(NamedTuple):
     place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the time [s] that the wheels need beyond the duration of the change, at the steering rate [rad/s]."""
+        """Return the time [s] by which the wheels, steered at the rate `rate` [rad/s], complete the change late."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 

@@ -166,7 +166,8 @@ class Gnss(Sensor):
     """RTK-GNSS receiver, the keys of `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Paper, section V-A."""
+    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Value from section V-A
+    of the paper."""
     float_sigma_m: NonNegative = 0.3
     """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3

@@ -105,9 +105,9 @@ class Potentiometer(Sensor):
 class SteeringPotentiometer(Potentiometer):
     """Potentiometer at the virtual front wheel of the bicycle model or at one knuckle (`[sensors.steering_pot]`).
 
-    At a knuckle the sensor measures the angle of this wheel, which by Ackermann is larger on the inside of a bend. The
-    rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order (delta / 45 deg)^3. The
-    on-board computer may have a wrong centre, and a wrong scale of each side.
+    At a knuckle the sensor measures the angle of this wheel, which is larger on the inside of a bend because of the
+    Ackermann geometry. The rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order
+    (delta / 45 deg)^3. The centre and the scale of each side may be wrong in the on-board computer.
     """
 
     place = "steering_pot"
@@ -167,9 +167,10 @@ class PedalPotentiometer(Potentiometer):
 
 @lru_cache(maxsize=16)
 def _resampling(n: int, samples: int) -> tuple[Index, Matrix]:
-    """Return the linear interpolation from `n` to `samples` even samples of a tick, constant before the first value.
+    """Return indices and weights that interpolate `n` values of a tick to `samples` evenly spaced samples.
 
-    The result is the index (samples,) of the preceding value, and the weights (samples, 2) of this and the next one.
+    The index (samples,) is that of the preceding value; the weights (samples, 2) are for this value and the next one.
+    The interpolation is constant before the first value.
     """
     place = np.maximum(n * np.arange(1, samples + 1) / samples - 1, 0.0)
     before = place.astype(np.int64)

@@ -71,7 +71,7 @@ class SpeedSensor(CompiledSensor, OptionalSensor):
 
 
 class WheelSpeed(SpeedSensor):
-    """Wheel-speed sensor of the driven axle, the keys of `[sensors.wheel_speed]`."""
+    """Wheel-speed sensor of the driven axle, configured by the keys of `[sensors.wheel_speed]`."""
 
     column = Column("wheel_speed", "m/s", "speed of the driven wheels from their sensor")
     law = wheel_speed
@@ -79,7 +79,8 @@ class WheelSpeed(SpeedSensor):
     sigma_m_s: NonNegative = 0.02
     """Standard deviation of the white noise [m/s]. Assumed value (0.01-0.03) for counting pulses within a tick."""
     scale_error: float = 0.02
-    """Constant relative error: assumed wheel radius / true radius - 1 [-]. Assumed value (0-0.05: wear, pressure)."""
+    """Constant relative error: assumed wheel radius / true radius - 1 [-]. Assumed value (0-0.05, due to wear and
+    pressure)."""
     slip_sigma: NonNegative = 0.002
     """Standard deviation of the slow slip [-]. Assumed value (0.001-0.01), a tenth of the mean slip without draught."""
     slip_time_s: Positive = 10.0
@@ -94,7 +95,7 @@ class WheelSpeed(SpeedSensor):
 
 
 class RadarSpeed(SpeedSensor):
-    """Doppler radar for the speed over ground, the keys of `[sensors.radar_speed]`."""
+    """Doppler radar for the speed over ground, configured by the keys of `[sensors.radar_speed]`."""
 
     column = Column("radar_speed", "m/s", "ground speed from the radar, never negative")
     law = radar_speed

@@ -171,7 +171,8 @@ def errors_naming(path: Path) -> Iterator[None]:
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` for an invalid name, and for an existing file of the same name from another origin."""
+    """Raise `ScenarioError` for an invalid name, and for an existing file of the same name that was not written by
+    agrobot-mj."""
     ours = owned(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given

@@ -43,9 +43,9 @@ def can_record() -> bool:
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
     """Write the data files of a run, and the files of `more`, into `folder`, which is created if missing.
 
-    The new files replace all files of an earlier run in one step. The recording of the earlier run is removed
-    unless the new run is `recorded`. Raises OSError naming a file that cannot be written, and `ScenarioError` for an
-    existing file of another origin.
+    The new files replace all files of an earlier run in one step. The recording of the earlier run is removed unless
+    the new run is `recorded`. Raises OSError naming a file that cannot be written, and `ScenarioError` if an existing
+    file was not written by agrobot-mj.
     """
     text, data_files = log.scenario.portable()
     text = f"# identity {log.metrics.get('identity', '')}\n{plugin_note()}{text}"

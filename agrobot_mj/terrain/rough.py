@@ -47,7 +47,7 @@ class Rough(Generated):
     """Seed of the random phases, independent of the seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights, zero at the middle node [m]."""
+        """Return the heights relative to the middle node [m]."""
         from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # imported here: the import takes 0.05 s
 
         columns, rows = x.size - 1, y.size - 1

@@ -1,8 +1,8 @@
 """Random variation of soil strength, friction and moisture over a field, and named surfaces.
 
 Each field is a stationary Gaussian process with the autocorrelation exp(-distance / correlation length), generated on a
-grid by circulant embedding, which gives the variance and correlation of the process without a fit. Strength and
-friction are log-normal with the requested mean and coefficient of variation; moisture is normal and affects both.
+grid by circulant embedding, which reproduces the variance and correlation of the process exactly. Strength and friction
+are log-normal with the requested mean and coefficient of variation; moisture is normal and affects both.
 """
 
 from math import ceil, log1p, sqrt

@@ -86,7 +86,8 @@ def side_of(east: float, north: float, field: BaseGeometry) -> str:
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return maximum distance, area and side of excursions beyond the boundary, for named arrays (n,) of outlines."""
+    """Return the maximum distance, the area and the side of excursions beyond the boundary `field`, by name of the
+    outlines. `outlines` contains arrays (n,) of polygons by name."""
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
 

@@ -20,7 +20,7 @@ class Field:
     """Geographic position of x = y = 0, or None if the coordinate system of the file is unknown."""
     notes: tuple[str, ...] = ()  # Sentences about repairs of the geometry in the file
     headland: Polygon | None = None
-    """Area inside the headland line of the file [m], or None if the file has no headland line."""
+    """Polygon of the headland line in the file [m], or None if the file has no headland line."""
     crs: str = ""  # Coordinate system of the file, for example EPSG:32631. Empty for metres in an unknown system.
     shift: tuple[float, float] = (0.0, 0.0)
     """East and north coordinates of the origin in the file, which are subtracted [m], or 0 for a file in degrees."""

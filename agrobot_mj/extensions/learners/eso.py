@@ -27,7 +27,8 @@ from agrobot_mj.control.stanley import Stanley
 from agrobot_mj.core.signals import Column
 
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
-"""Maximum crab angle [rad] and disturbance curvature [1/m]. Assumed values: side slope of 20 deg, half of full lock."""
+"""Maximum crab angle [rad] and disturbance curvature [1/m]. Assumed values: the crab angle on a side slope of 20 deg,
+and half of the curvature at full lock."""
 MOVING_M_S = 0.3  # Speed below which the observer is not updated [m/s]
 
 

@@ -78,7 +78,7 @@ class PathNetwork(Spec):
     speed_sets: int = Field(2, ge=1, le=21)
     """Number of speed sets [-], with centres from 0 upwards. Assumed value (1-5)."""
     speed_range_m_s: Positive = 3.0
-    """Speed of the highest centre [m/s]. Assumed value (2-5)."""
+    """Upper end of the range of speeds: the speed of the highest centre [m/s]. Assumed value (2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
     """Number of roll sets [-]. Assumed value (1-7). More than one set needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26

@@ -53,8 +53,8 @@ body sway [s]. For a distance ahead it is the first value times the speed. Assum
 TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
-"""Factor on the widths of intervals if the machine drives at one speed, where the effects of scale, tyres and antenna
-are inseparable [-]. Assumed value."""
+"""Factor that widens the intervals if the log has a single speed, which confounds scale, tyres and antenna [-]. Assumed
+value."""
 SPREAD = {"speed.delay_s": 1.4}
 """Factors on the widths of intervals that depend on slip, by key [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2

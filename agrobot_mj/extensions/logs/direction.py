@@ -111,9 +111,9 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 
 
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
-    """Return the signs of the sections that best explain the yaw rate, mostly forwards, or None for a poor fit.
+    """Return the direction (1 or -1) of each section that best explains the yaw rate, or None if the fit is poor.
 
-    Centre, scale and sign of the steering sensor are unknown here.
+    Most of the distance is assumed to be forwards. Centre, scale and sign of the steering sensor are unknown here.
     """
     if recording.steer is None or recording.yaw_rate is None or len(signs) > MOST_LEGS:
         return None

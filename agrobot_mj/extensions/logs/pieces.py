@@ -33,7 +33,7 @@ class Span(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Used segments of recordings, with notes."""
+    """Segments of recordings that are used for a fit, with notes."""
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]

@@ -106,8 +106,8 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
-    """Return points (n, 2) without temporary jumps and without points near permanent jumps. `reach` returns the
-    possible distance between the points with two indices."""
+    """Return points (n, 2) without temporary jumps and without points near permanent jumps. `reach(a, b)` returns the
+    maximum distance that the machine can travel between points a and b."""
     t, places = series
     rows = np.arange(len(t))
 

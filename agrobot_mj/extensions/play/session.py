@@ -91,7 +91,7 @@ class PlaySession:
             self.message = f"{self.sim.outcome}: {self.sim.reason}" if self.sim.reason else self.sim.outcome
 
     def steer(self, angle: float, speed: float) -> None:
-        """Set the steering angle [rad] and speed [m/s] of the driver."""
+        """Set the steering angle [rad] and speed [m/s] requested by the driver."""
         limit = self.base.tractor.steer_limit
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 

@@ -113,7 +113,7 @@ def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
 
 
 def most_steps(share: float) -> float:
-    """Return the maximum number of axis steps of a plot with the fraction `share` of the height of a tab."""
+    """Return the maximum number of axis steps of a plot that takes up the fraction `share` of the height of a tab."""
     return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
 
 

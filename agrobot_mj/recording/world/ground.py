@@ -296,7 +296,8 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
 
 
 def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
-    """Return `colours` (n, 3) blended with the soil colours around `positions` (n, 3) [m], within `BLEND_M`."""
+    """Return `colours` (n, 3) blended with the soil colours of the area within `BLEND_M` of each of the `positions` (n,
+    3) [m]."""
     offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
     x, y = positions[:, 0], positions[:, 1]
     painted = [by_soil(colours, *properties(surface, x + a, y + b)) for a in offsets for b in offsets]

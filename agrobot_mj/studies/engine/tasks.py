@@ -56,7 +56,7 @@ class Task(NamedTuple):
 
 
 class Done(NamedTuple):
-    """Result of a performed task."""
+    """Result of a completed task."""
 
     row: Row
     files: dict[str, bytes]  # Content of the files to keep, by path relative to the folder of the run

@@ -31,7 +31,8 @@ ROUNDING = 1e-6  # Maximum energy gain due to rounding errors, divided by the en
 
 
 class Cycle(NamedTuple):
-    """Closed motion of one wheel. A signal is a mean and `HARMONICS` pairs (amplitude, phase), shape (5,)."""
+    """Periodic motion of one wheel that returns to its start. Each signal is given by its mean and `HARMONICS` pairs
+    (amplitude, phase), shape (5,)."""
 
     wheel: int  # Index of the wheel: 0 for front left, 2 for rear left
     period: float  # Period [s]

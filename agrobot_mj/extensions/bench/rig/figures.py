@@ -36,7 +36,7 @@ def lateral(table: pa.Table) -> Figure:
 
 
 def longitudinal(table: pa.Table) -> Figure:
-    """Plot longitudinal force versus slip ratio, with one curve per load."""
+    """Plot longitudinal force against slip ratio, with one curve per load."""
     return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
 
 

@@ -1,8 +1,8 @@
 """Datagram channels: sockets in real time, sockets whose pace is given by replies of the host, or a recorded session.
 
 A link performs one turn per tick: it processes the datagrams received since the last turn (`begin`), sends a position,
-and processes the replies (`rest`) before the board steers. The control loop of a board has a frequency of 40 Hz.
-Therefore `rest` lasts 25 ms of the 50 ms tick.
+and processes the replies (`rest`) before the board steers. A board runs its control loop at 40 Hz. Therefore `rest`
+lasts 25 ms of the 50 ms tick.
 """
 
 import time

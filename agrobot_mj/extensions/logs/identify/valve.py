@@ -1,14 +1,16 @@
 """Identification of the steering from a run: valve (dead band, gains, rate limit, time constant, delay) and backlash.
 
 The model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each tick, a
-rigid cylinder, and a play between cylinder and wheels. The angle, averaged over a tick as by the potentiometer, is
-compared with `steer_measured` in windows of 5 s. Each window has its own offset, so that earlier events have no effect.
-Least squares fits all parameters at once, with an initial delay from a grid; the delay may be a fraction of a step.
+rigid cylinder, and play between the cylinder and the wheels. The angle, averaged over a tick as by the potentiometer,
+is compared with `steer_measured` in windows of 5 s. Each window has its own offset, so that earlier events have no
+effect. Least squares fits all parameters at once, with an initial delay from a grid; the delay may be a fraction of a
+step.
 
 A run only identifies excited parameters: the rate limit is None unless the valve reached it; the backlash is None
 unless the run shows it. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push the
-wheels towards straight ahead, against one side of the play. The lag of an oil spring (damping per stiffness of the
-cylinder, 8 ms) appears in the delay. Windows at the steering stops are omitted. Standard errors assume white residuals.
+wheels towards straight ahead, against one side of the play. The delay includes the lag due to the compliance of the oil
+(damping divided by stiffness of the cylinder, 8 ms). Windows at the steering stops are omitted. Standard errors assume
+white residuals.
 """
 
 from collections.abc import Sequence

@@ -108,7 +108,7 @@ def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> 
 
 
 def regression(x: Array, y: Array) -> Regression:
-    """Return the least-squares regression of y (n,) on x (n, d), both with mean 0 and variance 1."""
+    """Return the least-squares regression of y (n,) on x (n, d). Both are standardised to mean 0 and variance 1."""
     n, d = x.shape
     inverse = np.linalg.pinv(x.T @ x)
     slopes = inverse @ x.T @ y

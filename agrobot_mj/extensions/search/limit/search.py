@@ -71,7 +71,8 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the result of the baseline by another search, or only by runs if the baseline lacks the key or sets it."""
+    """Return the result of the baseline. The baseline is searched like the scenario, unless it lacks the searched key
+    or overrides this key. In that case, it is only simulated."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
