@@ -80,7 +80,7 @@ def machine():
 
 
 @pytest.mark.parametrize("straight", [447.0, 400.0])
-def test_tractor_settles_within_the_dead_band_around_the_steady_offset(machine, straight):
+def test_tractor_stays_within_the_dead_band_around_the_steady_offset(machine, straight):
     found = Loop(machine, straight, SCALE).run(0.5, 1, LEVEL).middle
     expected = steady_offset(Board().bias(straight), 0.0)
     assert found.left / 100 == pytest.approx(expected, abs=PLAY)

@@ -132,7 +132,7 @@ def test_signal_while_writing_leaves_either_all_files_or_none(call, monkeypatch,
     assert ("interrupted before the end" in err) == (status == 130)
 
 
-def test_signals_are_deferred_until_all_files_are_in_place(call, monkeypatch):
+def test_operating_system_signals_are_deferred_until_all_files_are_written(call, monkeypatch):
     clear = storage.clear
 
     def interrupted(*arguments, **options):
@@ -321,7 +321,7 @@ def test_scenario_hash_depends_on_data_file_content_but_not_its_path(own_files):
     assert load_scenario("elsewhere/mine.toml").hash8 != before
 
 
-def test_output_folder_may_be_named_like_a_drive(call):
+def test_output_folder_name_may_look_like_a_drive_letter(call):
     assert call("run", "circle", *QUICK[:-1], "a:") == (0, "")
     assert call("report", "a:", "--quiet") == (0, "")
     assert call("twin", "--only", "valve", "a:")[0] == 2  # a second is too short, and that is read

@@ -35,7 +35,7 @@ def test_law_acquires_line_with_small_overshoot_and_stays_on_it(law, start):
 
 
 @pytest.mark.parametrize(("start", "law"), by_turns(UNALIGNED, LAWS[:2]))
-def test_integral_is_frozen_while_heading_is_unknown(law, start):
+def test_integral_is_constant_while_the_heading_is_unknown(law, start):
     """Until the heading is known, the supervisor drives straight on and ignores the command of the law."""
     metrics = acquisition(
         law, start, {"supervisor.enabled": True, "plant.kind": "mujoco", "physics": "fast", "seed": 7}

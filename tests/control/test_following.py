@@ -170,7 +170,7 @@ def test_speed_is_low_until_wheels_reach_the_steering_command(law: Following) ->
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_sideslip_uses_curvature_already_passed_in_both_directions() -> None:
+def test_sideslip_uses_curvature_behind_the_tractor_in_both_directions() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0
@@ -304,7 +304,7 @@ def test_nmpc_without_casadi_names_the_package_to_install(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_report_has_one_value_per_column(law: Following) -> None:
+def test_law_reports_one_value_per_column(law: Following) -> None:
     assert len(law.columns) == len(law.report(law.init()))
     assert all(c.unit and c.description for c in law.columns)
 

@@ -40,7 +40,7 @@ def test_every_law_starts_from_rest_and_follows_a_line(kind: str) -> None:
 
 
 @needs_all
-def test_lane_change_is_tested_with_at_least_seven_laws() -> None:
+def test_at_least_seven_laws_are_tested_on_the_lane_change() -> None:
     assert len(LAWS) >= 7
 
 

@@ -36,7 +36,7 @@ def test_pid_output_is_the_sum_of_its_terms_on_a_ramp() -> None:
     assert outputs[1:] == pytest.approx(expected[1:])
 
 
-def test_first_error_causes_no_derivative_kick() -> None:
+def test_first_error_causes_no_derivative_response() -> None:
     assert _run(Pid(kp=0.0, kd=5.0), [3.0]) == [0.0]
 
 
@@ -171,7 +171,7 @@ def test_integral_does_not_wind_up_at_either_limit(side: int, saturated: bool) -
     assert state.integral == pytest.approx(before - side * 2.0 * TICK), "the integral moves away from the limit"
 
 
-def test_outer_loop_state_is_unchanged_when_only_the_inner_loop_runs() -> None:
+def test_outer_loop_state_is_unchanged_while_only_the_inner_loop_runs() -> None:
     loop = SpeedLoop()
     law = loop.parameters()
     state, _ = speed_step(law, loop.init(), 1.2, 0.7, 0.2, TICK)

@@ -241,7 +241,7 @@ def test_long_loss_of_heading_causes_a_stop():
     assert "heading unknown" in state.reason
 
 
-def test_lock_to_lock_steering_step_causes_no_stop_while_wheels_move():
+def test_full_steering_step_causes_no_stop_while_the_wheels_move():
     turning = [situation_with(steer=-0.78 + 0.02 * k) for k in range(79)]  # 23 deg/s towards +0.78 rad
     state, _ = drive(Supervisor(), [situation_with(steer=-0.78)] + turning, command=Command(0.78, 1.2))
     assert state.mode is Mode.TRACKING
@@ -279,7 +279,7 @@ def test_loss_of_fixes_causes_coasting():
 
 
 @pytest.mark.parametrize("path", [Line(), Circle(radius_m=8.5)], ids=["line", "circle"])
-def test_with_unknown_heading_tractor_creeps_with_path_curvature(path):
+def test_tractor_with_unknown_heading_creeps_along_the_path_curvature(path):
     situation = situation_with(aligned=False)._replace(route=SampledRoute(path))
     state, commands = drive(Supervisor(), [situation] * 5, command=Command(0.4, 1.2))
     assert state.mode is Mode.ALIGNING

@@ -89,13 +89,13 @@ def test_short_configuration_message_is_decoded():
     assert decode(frame(127, 251, bytes((1, 2, 3, 4, 5)))) == SteerConfig(1, 2, 3, 4, 5)
 
 
-def test_module_without_imu_has_neither_heading_nor_roll():
+def test_reply_of_a_module_without_imu_has_neither_heading_nor_roll():
     state = decode(bare(GOLDEN["253"][1]))
     assert isnan(state.yaw)
     assert isnan(state.roll)
 
 
-def test_imu_reply_is_unchanged_by_encoding_and_decoding():
+def test_imu_reply_is_the_same_after_encoding_and_decoding():
     assert decode(encode(HelloReply(121))) == HelloReply(121, -0.0)
 
 

@@ -188,7 +188,7 @@ def scaled(pair: Held[Pair], by: float) -> tuple[Held[Pair], float]:
     return held(Pair(by * pair.number, by * pair.numbers)), by + pair.number
 
 
-def test_a_held_state_does_not_change_and_survives_pickling():
+def test_held_state_is_immutable_and_can_be_pickled():
     first = held(Pair(2.0, np.array([1.0, 4.0])))
     second, total = scaled(first, 3.0)
     assert total == 5.0

@@ -88,11 +88,11 @@ def test_sentences_without_gnss_solution_have_empty_fields_and_a_flag():
         panda(LEUVEN, NORTHWARD)[:-6],
     ],
 )
-def test_invalid_datagrams_are_read_as_none(datagram):
+def test_invalid_datagram_gives_none(datagram):
     assert read(datagram) is None
 
 
-def test_sentence_with_invalid_fields_is_read_as_none():
+def test_sentence_with_invalid_fields_gives_none():
     good = panda(LEUVEN, NORTHWARD).decode().strip().split("*")[0][1:]
     for field in range(1, 16):
         for nonsense in ("", "x", "nan", "1e999"):

@@ -11,7 +11,7 @@ def test_the_same_seed_and_name_give_the_same_numbers():
     assert np.array_equal(stream(3, "gnss").standard_normal(10), stream(3, "gnss").standard_normal(10))
 
 
-def test_the_stream_of_a_name_is_fixed_across_processes():
+def test_random_stream_of_a_name_is_the_same_in_all_processes():
     """PCG64's raw output is guaranteed by numpy; a salted hash or another derivation would change it."""
     assert stream(1, "gnss").bit_generator.random_raw(2).tolist() == [
         17226359634499376580,

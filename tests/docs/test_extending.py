@@ -89,7 +89,7 @@ def results(checkout):
     return checkout / "out"
 
 
-def test_new_member_needs_one_file_and_at_most_two_lines():
+def test_new_component_needs_one_file_and_at_most_two_other_lines():
     files = [path for path in PYTHON if not (ROOT / path).exists()]
     assert {path.split("/")[1] for path in files} == FAMILIES
     assert len(files) == len(FAMILIES), "pick kinds that are not there yet"
@@ -142,13 +142,13 @@ def of_lists(tests):
     return {test for test in tests if test.partition("::")[0] in names}
 
 
-def test_contract_tests_fail_only_where_the_page_says_so(contracts):
+def test_contract_tests_without_plugin_fail_only_where_documented(contracts):
     failed, passed = contracts
     assert of_lists(failed) == ANNOUNCED
     assert {test.partition("::")[0] for test in of_lists(passed)} == {Path(name).name for name in LISTS}
 
 
-def test_contract_tests_of_the_new_members_pass(contracts):
+def test_contract_tests_of_the_new_components_pass(contracts):
     failed, passed = contracts
     assert failed - of_lists(failed) == set()
     assert len(passed - of_lists(passed)) >= 22
@@ -156,7 +156,7 @@ def test_contract_tests_of_the_new_members_pass(contracts):
 
 @pytest.mark.slow
 def test_contract_tests_of_the_law_pass(checkout):
-    """It drives every path by default: `test_the_law_drives_every_path`."""
+    """It drives every path by default: `test_example_law_follows_every_path`."""
     failed, passed = outcomes(checkout, "tests/control", "-k", "carrot", compiled=True)
     assert failed == set()
     assert len(passed) >= 1
@@ -171,7 +171,7 @@ def test_tests_of_the_tyre_columns_and_plots_pass(checkout):
     assert outcomes(checkout, "tests/recording/test_recording_signals.py", compiled=True)[0] == set()
 
 
-def test_the_scenario_states_what_was_chosen(results):
+def test_resolved_scenario_contains_the_kinds_of_the_example(results):
     scenario = tomllib.loads((results / "scenario.toml").read_text(encoding="utf-8"))
     assert (scenario["terrain"]["kind"], scenario["terrain"]["height_m"]) == ("dome", 2.0)
     assert (scenario["fault"][0]["kind"], scenario["fault"][0]["east_m"]) == ("gnss_shift", 0.25)
@@ -180,7 +180,7 @@ def test_the_scenario_states_what_was_chosen(results):
     assert scenario["sensors"]["accelerometer"]["sigma_m_s2"] == 0.05
 
 
-def test_the_new_members_work_as_described(results):
+def test_example_components_work_as_described_on_the_page(results):
     table = pq.read_table(results / "signals.parquet")
     signals = {name: np.array(column, dtype=float) for name, column in table.to_pydict().items()}
     assert signals["z_ref"][0] == pytest.approx(2.0, abs=0.01), "the reference runs over the top"
@@ -196,7 +196,7 @@ def test_the_new_members_work_as_described(results):
     assert 0 < used.max() < 0.7 + 0.06
 
 
-def test_columns_and_metrics_carry_their_descriptions(results):
+def test_columns_and_metrics_of_the_example_have_descriptions(results):
     schema = pq.read_schema(results / "signals.parquet")
     assert schema.field("lateral_acceleration").metadata[b"unit"] == b"m/s2"
     assert schema.field("bearing").metadata[b"description"].startswith(b"bearing of the carrot")
@@ -204,7 +204,7 @@ def test_columns_and_metrics_carry_their_descriptions(results):
     assert 0 < metrics["lateral_acceleration_rms"] < 1
 
 
-def test_the_recording_has_the_plots(results):
+def test_recording_contains_the_plots_of_the_example(results):
     from rerun.chunk import RrdReader
 
     plots = {chunk.entity_path for chunk in RrdReader(str(results / "run.rrd")).stream().to_chunks()}
@@ -229,7 +229,7 @@ print(json.dumps(found))
 
 
 @pytest.mark.parametrize(("length", "runs"), [("short", 6), pytest.param("whole", 12, marks=pytest.mark.slow)])
-def test_the_law_drives_every_path(tmp_path, length, runs):
+def test_example_law_follows_every_path(tmp_path, length, runs):
     """As it stands on the page, from rest, with no fault that would push it off the start; whole, on both plants."""
     (tmp_path / "carrot.py").write_text(PYTHON["agrobot_mj/control/carrot.py"], encoding="utf-8")
     done = program(tmp_path, DRIVE, length)
@@ -242,7 +242,7 @@ def test_the_law_drives_every_path(tmp_path, length, runs):
         assert error < 1.0, name
 
 
-def test_the_law_sets_off_without_the_fault(checkout):
+def test_example_law_starts_to_move_without_the_fault(checkout):
     changes = ("fault=[]", "duration_s=2.5", "plant.settle_s=0.5")
     arguments = (word for change in changes for word in ("--set", change))
     done = call(checkout, "run", "hill.toml", *arguments, "--no-rrd", "--out", "still")
@@ -252,7 +252,7 @@ def test_the_law_sets_off_without_the_fault(checkout):
     assert signals["speed"].to_numpy()[-1] > 0.3
 
 
-def test_the_new_kinds_are_known_by_name(checkout):
+def test_kinds_of_the_example_can_be_selected_by_name(checkout):
     wrong = {"terrain.kind": "dom", "fault.0.kind": "gnss_shif", "guidance.kind": "carot", "plant.tyre.kind": "brussh"}
     done = call(
         checkout, "run", "hill.toml", *(part for key, kind in wrong.items() for part in ("--set", f"{key}={kind}"))

@@ -32,37 +32,37 @@ TYRES = {"front_tyre": "420/85R30", "rear_tyre": "520/85R42"}
         ("26x12.00-12", 0.305, 0.660, False),
     ],
 )
-def test_codes_of_every_family_give_the_dimensions(code, width, diameter, radial):
+def test_tyre_size_codes_of_every_family_give_the_dimensions(code, width, diameter, radial):
     size = tyre_size(code)
     assert size[:2] == pytest.approx((width, diameter), abs=6e-4)
     assert size.radial is radial
 
 
 @pytest.mark.parametrize(("code", "printed_m"), [("18.4R38", 1.750), ("13.6R24", 1.210), ("16.9R30", 1.475)])
-def test_diameters_of_inch_codes_are_within_two_percent_of_print(code, printed_m):
+def test_diameters_from_inch_codes_agree_with_data_sheets_within_2_percent(code, printed_m):
     assert tyre_size(code).diameter == pytest.approx(printed_m, rel=0.02)
 
 
 @pytest.mark.parametrize("code", ["", "tall", "520/85", "520/5R42", "9999/85R42", "520/85R99", "0-0", "1x1-1"])
-def test_unreadable_and_impossible_codes_name_key_and_fix(code):
+def test_error_for_an_invalid_tyre_size_code_names_key_and_fix(code):
     with pytest.raises(ScenarioError) as caught:
         load_scenario("straight_line", {"tractor.rear_tyre": code})
     assert str(caught.value).count("\n") == 0
     assert "tractor.rear_tyre: " in str(caught.value)
 
 
-def test_a_wide_tyre_without_a_code_keeps_room_for_its_rim():
+def test_wide_tyre_without_a_size_code_has_a_rim_of_minimum_diameter():
     size = nominal_size(0.3, 0.4)
     assert (size.diameter, size.width, size.rim, size.radial) == pytest.approx((0.6, 0.4, 0.24, False))
 
 
 @pytest.mark.parametrize("keys", [{"rear_tyre": "9.5-16"}, {"axle_pivot_radii": 0.2}])
-def test_keys_that_an_own_body_defines_are_rejected(keys):
+def test_tyre_keys_defined_by_a_custom_body_are_rejected(keys):
     with pytest.raises(ValidationError, match=f"omit {next(iter(keys))}"):
         TractorParameters(mjcf="own.xml", **keys)
 
 
-def test_size_of_a_machines_tyre_is_replaced_and_survives_a_round_trip(tmp_path):
+def test_overridden_tyre_size_of_a_machine_is_written_and_read_unchanged(tmp_path):
     changed = {"machine": "row_crop", "tractor.rear_tyre": "480/80R46", "tractor.rear_tyre_pressure_bar": 0.9}
     scenario = load_scenario("straight_line", changed)
     assert scenario.tractor.rear_wheel.radius == pytest.approx((46 * 0.0254 + 2 * 0.8 * 0.48) / 2)
@@ -80,20 +80,20 @@ def test_size_of_a_machines_tyre_is_replaced_and_survives_a_round_trip(tmp_path)
         ("12-16.5", 2800, 5.52, 15.1 * 0.0254),
     ],
 )
-def test_loaded_radii_are_within_one_and_a_half_percent_of_print(code, kg, bar, printed_m):
+def test_loaded_radii_agree_with_data_sheets_within_1_5_percent(code, kg, bar, printed_m):
     """The loads of the first four are those usual at this pressure; the last is printed with load and pressure."""
     size = tyre_size(code)
     assert size.diameter / 2 - GRAVITY * kg / size.stiffness(bar) == pytest.approx(printed_m, rel=0.015)
 
 
-def test_pressure_by_default_gives_a_fifth_of_the_section_height():
+def test_tyres_at_default_pressure_deflect_by_a_fifth_of_section_height():
     for wheel in TractorParameters(**LARGE, **TYRES).wheels:
         assert wheel.deflection / wheel.size.section_height == pytest.approx(0.2)
     light = TractorParameters(rear_tyre="520/85R42")
     assert light.rear_wheel.stiffness == pytest.approx(tyre_size("520/85R42").stiffness(0.6))
 
 
-def test_lower_pressure_lengthens_patch_and_relaxation():
+def test_lower_pressure_lengthens_contact_patch_and_relaxation_length():
     def fitted(bar):
         return tyre_set(MagicFormula(), TractorParameters(**LARGE, **TYRES, rear_tyre_pressure_bar=bar))
 
@@ -105,13 +105,13 @@ def test_lower_pressure_lengthens_patch_and_relaxation():
     assert np.array_equal(soft.stiffness[:2], hard.stiffness[:2])
 
 
-def test_a_measured_stiffness_has_precedence_over_the_pressure():
+def test_specified_tyre_stiffness_takes_precedence_over_pressure():
     given = TractorParameters(**LARGE, **TYRES, rear_tyre_stiffness_n_m=3e5)
     assert given.rear_wheel.stiffness == 3e5
     assert given.rear_wheel.size == tyre_size("520/85R42")
 
 
-def test_soil_law_uses_section_height_and_carcass_of_the_code():
+def test_soil_law_uses_section_height_and_carcass_of_the_size_code():
     tractor = TractorParameters(**LARGE, **TYRES)
     _, rear = Soil().coefficients(tractor)
     assert (rear.h, rear.radial) == (pytest.approx(0.442), 1.0)

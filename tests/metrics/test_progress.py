@@ -117,7 +117,7 @@ def test_lag_of_17_m_reduces_the_driven_length_by_17_m():
 
 
 @pytest.mark.parametrize(("aside", "expected"), [(-4.5, 1.0), (4.5, 1.0), (-5.5, 0.0), (5.5, 0.0)])
-def test_path_passed_outside_the_corridor_does_not_count_as_driven(aside, expected):
+def test_path_passed_outside_the_corridor_is_not_counted_as_driven(aside, expected):
     path = Line(length_m=60.0)
     assert share(path, places(path, ticks(path)) + [0.0, aside]) == pytest.approx(expected, abs=0.01)
 

@@ -88,7 +88,7 @@ def test_tested_variants_include_every_path_kind() -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_velocity_is_the_derivative_of_position_along_the_heading(path: Any) -> None:
+def test_reference_velocity_is_along_the_heading_and_the_rate_of_position(path: Any) -> None:
     for t in times(path)[1:]:
         before, now, after = path.at(t - EPS), path.at(t), path.at(t + EPS)
         assert (after.x - before.x) / (2 * EPS) == pytest.approx(now.vx, abs=1e-4)

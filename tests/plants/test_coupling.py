@@ -39,7 +39,7 @@ def weave(plant, ticks=100):
 
 
 @pytest.mark.parametrize("solimp", [(0.9, 0.95, 0.001, 0.5, 2), (0.5, 0.9, 0.003, 0.4, 3), (0.8, 0.8, 0.001, 0.5, 1)])
-def test_closed_form_agrees_with_the_solver_at_any_error_of_the_linkage(solimp):
+def test_closed_form_coupling_agrees_with_the_solver_at_any_linkage_error(solimp):
     plant, rng = plant_of(Machine(implement=Drawn())), np.random.default_rng(3)
     model, data = plant.model, plant.data
     model.eq_solimp[plant.views.coupling.rows] = solimp
@@ -63,7 +63,7 @@ def test_closed_form_agrees_with_the_solver_at_any_error_of_the_linkage(solimp):
 
 
 @pytest.mark.parametrize("machine", [Machine(), Machine(implement=Drawn())], ids=["alone", "drawn"])
-def test_motion_is_that_with_the_solver(machine):
+def test_motion_with_the_closed_form_equals_motion_with_the_solver(machine):
     plant = plant_of(machine)
     direct = weave(plant)
     assert plant.data.nefc == 0
@@ -82,14 +82,14 @@ def test_motion_is_that_with_the_solver(machine):
     ],
     ids=["free", "brake", "friction", "lock"],
 )
-def test_other_constraints_leave_the_coupling_to_the_solver(machine, drive, rows):
+def test_solver_computes_the_coupling_if_other_constraints_are_active(machine, drive, rows):
     plant = plant_of(machine)
     plant.step_through(drive)
     assert plant.data.nefc == rows
     assert plant.data.eq_active[plant.views.coupling.rows].all()
 
 
-def test_stops_of_the_axle_leave_the_coupling_to_the_solver():
+def test_solver_computes_the_coupling_if_the_axle_is_at_a_stop():
     plants = plant_of(), without_closed_form(plant_of())
     for plant in plants:
         plant.step_through(AHEAD)
@@ -99,7 +99,7 @@ def test_stops_of_the_axle_leave_the_coupling_to_the_solver():
     assert plants[0].data.joint("axle_roll").qpos[0] < 0.195
 
 
-def test_restored_tractor_repeats_the_bits_after_touching_the_ground():
+def test_restored_tractor_is_bit_identical_after_ground_contact():
     plant = plant_of()
     weave(plant, 5)
     state = plant.save()

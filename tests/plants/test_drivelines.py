@@ -35,7 +35,7 @@ def turned(driveline, steer_deg, seconds=12.0):
     return radius * tan(radians(steer_deg)) / plant.tractor.wheelbase_m, plant
 
 
-def test_a_released_front_drive_turns_as_tightly_as_none():
+def test_disengaged_front_drive_does_not_widen_the_turn():
     rigid, _ = turned(Driveline(front_wheel_drive=True), 35.0)
     free, plant = turned(Driveline(front_wheel_drive=True, front_release_deg=25.0), 35.0)
     none, _ = turned(Driveline(), 35.0)
@@ -44,7 +44,7 @@ def test_a_released_front_drive_turns_as_tightly_as_none():
     assert rigid > 1.1 * none
 
 
-def test_a_front_drive_engages_again_without_a_jump():
+def test_reengaged_front_drive_causes_no_jump_of_the_yaw_rate():
     driveline = Driveline(front_wheel_drive=True, front_release_deg=25.0)
     plant = plant_of(driveline)
     driver = Driver(plant, plant.truth(), 0.8, driveline.full_speed_m_s)
@@ -58,7 +58,7 @@ def test_a_front_drive_engages_again_without_a_jump():
     assert fronts == pytest.approx(wanted, rel=0.01)
 
 
-def test_a_lock_releases_in_turns_and_holds_on_the_straight():
+def test_differential_lock_is_released_in_turns_and_engaged_on_straights():
     driveline = Driveline(differential_lock=True, lock_release_deg=10.0)
     plant = plant_of(driveline)
     driver = Driver(plant, plant.truth(), 0.8, driveline.full_speed_m_s)
@@ -74,7 +74,7 @@ def test_a_lock_releases_in_turns_and_holds_on_the_straight():
     assert left == pytest.approx(right, rel=1e-3)
 
 
-def test_front_drive_engages_by_the_slip_of_the_rear_wheels():
+def test_front_drive_engages_above_the_configured_rear_wheel_slip():
     automatic = Driveline(front_wheel_drive=True, front_engage_slip=0.1)
     free = plant_of(automatic, Soil())
     driver = Driver(free, free.truth(), 0.8, automatic.full_speed_m_s)
@@ -118,7 +118,7 @@ def test_motors_split_the_torque_between_the_axles(share):
     assert forces[0] == pytest.approx(forces[1], rel=0.02)
 
 
-def test_a_robot_with_motors_turns_as_tightly_as_with_rear_drive():
+def test_robot_with_axle_motors_turns_as_tightly_as_with_rear_drive():
     motors, _ = turned(Driveline(motor_front_share=0.5), 35.0)
     none, _ = turned(Driveline(), 35.0)
     assert motors == pytest.approx(none, rel=0.03)
@@ -146,7 +146,7 @@ def test_engine_speed_falls_in_proportion_to_the_power():
         ({"motor_front_share": 0.5, "front_wheel_drive": True}, "driveline.motor_front_share: cannot be combined"),
     ],
 )
-def test_keys_without_effect_are_rejected(keys, message):
+def test_driveline_keys_without_effect_are_rejected(keys, message):
     with pytest.raises(ScenarioError, match=message) as caught:
         load_scenario("straight_line", {f"driveline.{key}": value for key, value in keys.items()})
     assert "\n" not in str(caught.value)

@@ -46,14 +46,14 @@ def hold(plant, drive, seconds, conditions=NOMINAL):
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("tyre", GRIPPING, ids=lambda tyre: tyre.kind)
-def test_accelerating_with_locked_differential_turns_towards_the_ice(tyre, side):
+def test_locked_differential_turns_an_accelerating_tractor_to_the_ice(tyre, side):
     plant, _ = build(icy(side), tyre, differential_lock=True)
     assert side * hold(plant, AHEAD, 1.2).yaw > radians(0.5)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("tyre", GRIPPING, ids=lambda tyre: tyre.kind)
-def test_braking_with_a_locked_differential_turns_away_from_the_ice(tyre, side):
+def test_locked_differential_turns_a_braking_tractor_away_from_the_ice(tyre, side):
     plant, truth = build(icy(side, from_m=6.0), tyre, differential_lock=True)
     driver = Driver(plant, truth, 2.0)
     while driver.truth.x < 8.0:
@@ -62,7 +62,7 @@ def test_braking_with_a_locked_differential_turns_away_from_the_ice(tyre, side):
 
 
 @pytest.mark.parametrize("tyre", [MagicFormula(), Soil()], ids=lambda tyre: tyre.kind)
-def test_an_open_differential_is_limited_by_the_wheel_on_ice(tyre):
+def test_torque_of_an_open_differential_is_limited_by_the_wheel_on_ice(tyre):
     """Equal torques: it goes straight, and slowly."""
     split, _ = build(icy(1), tyre)
     dry, _ = build(Flat().ground(), tyre)
@@ -137,7 +137,7 @@ def waves(amplitude):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -2.3])
-def test_all_wheels_on_rough_ground_start_at_their_static_deflection(yaw):
+def test_wheels_start_at_their_static_deflection_on_rough_ground(yaw):
     """Within millimetres, where the gradient below the CG alone would leave a wheel far above or below the ground."""
     _, _, gaps = placed(waves(0.06), ORIGIN._replace(x=0.3, y=-0.4, yaw=yaw))
     sunk = np.array([TRACTOR.front_axle_load / 2 / TRACTOR.front_wheel.stiffness] * 2)

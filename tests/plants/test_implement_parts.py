@@ -419,7 +419,7 @@ def test_depth_wheel_too_stiff_for_its_mass_is_rejected(change, told):
         MujocoPlant(Mujoco(settle_s=0.0), Machine(implement=spec), Flat().ground())
 
 
-def test_guidance_receives_length_state_and_antenna_of_the_implement():
+def test_guidance_receives_length_and_state_and_antenna_of_the_implement():
     drawn = Drawn(lowered=True, receiver=True, axle_behind_m=1.9, tool_behind_m=2.4)
     behind = TRACTOR.hitch_behind_m
     assert drawn.towed(TRACTOR) == pytest.approx((behind + 1.9, True, behind + 2.4))

@@ -59,7 +59,7 @@ def test_steering_reversal_loses_the_backlash_angle(kind):
     assert found[0.0] - found[backlash] == pytest.approx(backlash, abs=0.1)
 
 
-def test_inside_the_backlash_pressure_and_wheel_motion_are_zero():
+def test_pressure_and_wheel_motion_are_zero_inside_the_backlash():
     plant = plant_of("mujoco", Linkage(backlash_deg=4.0, friction_n_m=20.0))
     plant.reset(ORIGIN)
     steered(plant, 2.0, 20)
@@ -135,7 +135,7 @@ def test_knuckle_sensor_measures_its_wheel_through_its_calibration(side):
     assert readings[1] - readings[0] == pytest.approx(2.0 * (wheel / 45) ** 2 - 3.0 * (wheel / 45) ** 3, abs=0.02)
 
 
-def test_pot_with_two_scales_reads_each_side_about_its_centre():
+def test_potentiometer_has_one_scale_on_each_side_of_its_centre():
     pot = SteeringPotentiometer(centre_deg=2.0, scale_left=0.8, scale_right=1.25)
     seen = np.degrees(pot.characteristic(np.radians([-20.0, 0.0, 10.0])))
     assert seen == pytest.approx([-23.0, 2.0, 10.0])

@@ -291,13 +291,13 @@ def test_steering_stops_at_its_limit_and_does_not_wind_up(side):
 
 
 @pytest.mark.parametrize("torque", [100.0, -170.0])
-def test_oil_holds_the_wheels_like_a_spring_below_relief_pressure(torque):
+def test_oil_acts_on_the_wheels_as_a_spring_below_relief_pressure(torque):
     plant, _ = linear()
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = torque
     assert rest(plant, 3.0).steer == pytest.approx(torque / COLUMN.stiffness, rel=0.05)
 
 
-def test_wheels_yield_above_relief_pressure():
+def test_wheels_turn_under_load_above_the_relief_pressure():
     plant, _ = linear()
     dof = plant.model.joint("steer").dofadr[0]
     plant.data.qfrc_applied[dof] = 1.3 * COLUMN.relief_torque

@@ -70,7 +70,7 @@ def test_bend_too_sharp_for_the_tyre_grip_is_rejected():
         ({"start_s": 5.01, "end_s": 5.06}, None),
     ],
 )
-def test_a_fault_that_never_acts_is_reported(window, said):
+def test_fault_outside_the_duration_of_the_run_is_reported(window, said):
     scenario = load_scenario("circle", {"duration_s": 10.0, "fault": [{"kind": "gnss_loss", **window}]})
     assert [line.startswith(said) for line in hints(scenario)] == ([True] if said else [])
     short = scenario.changed({"plant.kind": "bicycle"})

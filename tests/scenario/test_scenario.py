@@ -152,7 +152,7 @@ def test_override_may_be_a_whole_table():
         ("step_steer", {"plant.tyre.kind": "contact"}),
     ],
 )
-def test_new_kind_drops_keys_of_the_old_kind(name, overrides):
+def test_changing_the_kind_removes_keys_of_the_old_kind(name, overrides):
     """Also where the file itself names no kind because it is the default."""
     (key, kind), *_ = overrides.items()
     part = load_scenario(name, overrides)
@@ -161,7 +161,7 @@ def test_new_kind_drops_keys_of_the_old_kind(name, overrides):
     assert part == kind
 
 
-def test_a_new_kind_keeps_common_keys():
+def test_changing_the_kind_keeps_keys_common_to_both_kinds():
     scenario = load_scenario("straight_line", {"path.speed_m_s": 0.7}).changed({"path.kind": "circle"})
     assert scenario.path.speed_m_s == 0.7
 

@@ -44,7 +44,7 @@ def test_canopy_affects_the_antenna_position_and_the_fix_returns_later():
     assert (found[~(below | late)] == Quality.FIX).all()
 
 
-def test_fully_obstructed_sky_gives_no_solution():
+def test_receiver_under_fully_obstructed_sky_gives_no_solution():
     found = qualities(Canopy(points=STRIP, sky="none", refix_s=0.0), [5.0, 15.0, 25.0])
     assert found.tolist() == [Quality.FIX, Quality.NONE, Quality.FIX]
 

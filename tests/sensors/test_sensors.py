@@ -77,7 +77,7 @@ def test_potentiometer_samples_are_quantised_before_filtering():
 
 
 @pytest.mark.parametrize("angle_deg", [0.0, 0.25, 0.5, 12.37, -44.9])
-def test_noise_resolves_a_static_angle_far_below_the_resolution(angle_deg):
+def test_sensor_noise_reduces_the_quantisation_error_of_a_static_angle(angle_deg):
     pot, generator = Potentiometer(), stream(1, "steering_pot")
     history = np.full(25, radians(angle_deg))
     readings = np.degrees([pot.read(history, generator) for _ in range(400)])

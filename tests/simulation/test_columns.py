@@ -122,7 +122,7 @@ def test_saturated_steering_command_is_flagged_in_the_log():
     assert logged(TICK._replace(saturated=True))["steer_saturated"] == 1.0
 
 
-def test_columns_of_missing_bias_and_wheels_are_empty():
+def test_columns_of_bias_and_wheels_are_empty_without_bias_or_wheels():
     found = logged(TICK._replace(estimate=ESTIMATE._replace(steer_bias=nan), actuation=(1e-5, nan, nan)))
     assert all(isnan(found[name]) for name in ("steer_bias_hat", "steer_pressure", "drive_torque"))
 

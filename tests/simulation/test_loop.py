@@ -225,7 +225,7 @@ def test_logged_errors_are_those_of_the_true_cg_in_the_reference_frame():
     assert c("e_yaw_rate") == pytest.approx(c("yaw_rate_ref") - c("yaw_rate_hat"))
 
 
-def test_steering_command_is_that_of_the_controller_limited_by_the_stops():
+def test_steering_command_equals_controller_output_limited_by_the_stops():
     log = run(short("circle", 6.0))
     c, limit = log.column, log.scenario.tractor.steer_limit
     wanted = np.clip(c("tau_c") - c("tau_n"), -limit, limit)

@@ -17,7 +17,7 @@ EXACT = {"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0, "s
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_antenna_off_the_axle_moves_with_the_tilted_body(plant):
+def test_antenna_away_from_the_axle_moves_with_the_tilted_body(plant):
     slope = {} if plant == "bicycle" else {"terrain.kind": "slope", "terrain.grade_deg": 8.0}
     sim = Simulation("straight_line", {**OFF_AXLE, **slope, "plant.kind": plant, "physics": "fast"})
     truths = []
@@ -35,7 +35,7 @@ def test_antenna_off_the_axle_moves_with_the_tilted_body(plant):
 
 
 @pytest.mark.parametrize("late", [0.0, 0.2])
-def test_late_fix_of_a_turning_tractor_is_moved_to_the_axle(late):
+def test_delayed_fix_is_transferred_to_the_axle_of_a_turning_tractor(late):
     rate, speed, arm = 0.4, 1.5, (AHEAD, LEFT)
 
     def axle(t):

@@ -31,7 +31,7 @@ def test_each_run_prints_a_progress_line_with_the_remaining_time(clock, capsys):
     ]
 
 
-def test_existing_results_do_not_affect_the_time_estimate(clock, capsys):
+def test_reused_results_do_not_change_the_remaining_time_estimate(clock, capsys):
     with tally("8 runs", 8, done=2) as advance:
         for _ in range(4):
             advance(there=True)
@@ -40,7 +40,7 @@ def test_existing_results_do_not_affect_the_time_estimate(clock, capsys):
     assert capsys.readouterr().err == "8 runs: 7 done, 10 s left\n"
 
 
-def test_a_thousand_quick_runs_print_one_progress_line_per_second(clock, capsys):
+def test_thousand_short_runs_print_one_progress_line_per_second(clock, capsys):
     with tally("runs", 1000) as advance:
         for _ in range(1000):
             clock[0] += 0.01
@@ -71,7 +71,7 @@ def test_durations_are_printed_in_a_suitable_unit(seconds, text):
     assert span(seconds) == text
 
 
-def test_long_silence_is_broken_by_the_elapsed_time(monkeypatch, capsys):
+def test_elapsed_time_is_printed_after_a_long_time_without_output(monkeypatch, capsys):
     monkeypatch.setattr(progress, "SILENCE_S", 0.05)
     with tally("figure_eight: 4 runs", 4) as advance:
         time.sleep(0.2)
@@ -80,7 +80,7 @@ def test_long_silence_is_broken_by_the_elapsed_time(monkeypatch, capsys):
     assert first == "figure_eight: 4 runs: 0 done after 0 s"
 
 
-def test_quiet_silence_is_not_broken(monkeypatch, capsys):
+def test_no_elapsed_time_is_printed_with_the_quiet_option(monkeypatch, capsys):
     monkeypatch.setattr(progress, "SILENCE_S", 0.05)
     with tally("figure_eight: 4 runs", 4, quiet=True):
         time.sleep(0.2)

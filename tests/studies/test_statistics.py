@@ -18,7 +18,7 @@ def test_student_interval_equals_that_of_the_t_test():
     assert student_interval([2.0]) == (-inf, inf)
 
 
-def test_bootstrap_interval_covers_a_skewed_mean_in_95_percent():
+def test_bootstrap_interval_of_a_skewed_mean_has_95_percent_coverage():
     rng = np.random.default_rng(7)
     found = [bootstrap_interval(rng.exponential(size=60)) for _ in range(120)]
     assert 0.88 < np.mean([low < 1.0 < high for low, high in found]) <= 1.0

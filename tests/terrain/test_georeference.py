@@ -61,20 +61,20 @@ def check(ground, origin):
 ORIGIN = (EAST + 4.0, NORTH - 20.0)
 
 
-def test_an_esri_grid_keeps_its_place_by_corner_and_by_centre(tmp_path):
+def test_esri_grid_is_positioned_by_its_corner_or_its_centre(tmp_path):
     check(Heightmap(file=asc(tmp_path, grid()), map_origin_m=ORIGIN).ground(), ORIGIN)
     centres = f"xllcenter {EAST + 1:.1f}\nyllcenter {NORTH + 1:.1f}"
     check(Heightmap(file=asc(tmp_path, grid(), centres), map_origin_m=ORIGIN).ground(), ORIGIN)
 
 
-def test_a_geotiff_keeps_its_place_for_areas_and_for_points(tmp_path):
+def test_geotiff_is_positioned_for_area_and_for_point_pixels(tmp_path):
     check(Heightmap(file=tiff(tmp_path, grid()), map_origin_m=ORIGIN).ground(), ORIGIN)
     at_node = (0.0, 0.0, 0.0, EAST, NORTH + CELL * (ROWS - 1), 0.0)
     points = tiff(tmp_path, grid(first=0.0), raster=2, tie=at_node)
     check(Heightmap(file=points, map_origin_m=ORIGIN).ground(), ORIGIN)
 
 
-def test_without_an_origin_the_middle_of_the_grid_is_at_zero(tmp_path):
+def test_grid_without_an_origin_is_centred_at_zero(tmp_path):
     ground = Heightmap(file=tiff(tmp_path, grid())).ground()
     assert ground.extent == (-6.0, 6.0, -4.0, 4.0)
     assert ground.heights == pytest.approx(grid()[::-1], abs=1e-4)
@@ -98,7 +98,7 @@ def test_unusable_geotiffs_are_rejected_with_the_fix(tmp_path, keys, message):
     assert "\n" not in str(caught.value)
 
 
-def test_images_of_colours_and_other_files_are_rejected(tmp_path):
+def test_colour_images_and_other_files_are_rejected_as_geotiff(tmp_path):
     Image.fromarray(np.zeros((4, 4, 3), dtype=np.uint8)).save(tmp_path / "colour.tif")
     (tmp_path / "text.tif").write_text("no image")
     for name, message in (("colour.tif", "one band"), ("text.tif", "is not a TIFF")):
@@ -106,7 +106,7 @@ def test_images_of_colours_and_other_files_are_rejected(tmp_path):
             load_scenario("straight_line", {"terrain": {"kind": "heightmap", "file": str(tmp_path / name)}})
 
 
-def test_an_origin_for_a_file_without_coordinates_is_rejected(tmp_path):
+def test_map_origin_for_a_file_without_coordinates_is_rejected(tmp_path):
     np.save(tmp_path / "hill.npy", np.zeros((4, 4)))
     terrain = {"kind": "heightmap", "file": str(tmp_path / "hill.npy"), "map_origin_m": [0.0, 0.0]}
     with pytest.raises(ScenarioError, match=r"terrain.map_origin_m: hill.npy has no coordinates"):

@@ -159,7 +159,7 @@ class Pedal:
 
 
 @pytest.mark.parametrize(("tyre", "profile"), by_turns(TYRES[1:], STEEP))
-def test_steep_furrows_may_stop_the_tractor_but_not_throw_it_up(tyre, profile):
+def test_steep_furrows_may_stop_the_tractor_but_not_lift_it(tyre, profile):
     """`linear` is left out: without a limit of grip it climbs everything and jumps, as the energy below allows."""
     ground, found = STEEP[profile].ground(), []
     for x in STARTS:

@@ -29,7 +29,7 @@ def lag(fields, cells):
 
 
 @pytest.mark.parametrize("cell", [0.125, 0.25, 0.5])
-def test_variance_and_correlation_are_as_requested_over_100_seeds(cell):
+def test_soil_variance_and_correlation_equal_the_keys_over_100_seeds(cell):
     """The standard error of the variance is about 1 % on 20 correlation lengths."""
     cells = round(20 / cell)
     fields = np.array([gaussian_field(stream(seed, "test"), (cells, cells), cell) for seed in SEEDS])
@@ -39,7 +39,7 @@ def test_variance_and_correlation_are_as_requested_over_100_seeds(cell):
         assert lag(fields, round(lengths / cell)) == pytest.approx(np.exp(-lengths), abs=0.04)
 
 
-def test_strength_has_the_mean_and_spread_of_its_keys_over_100_seeds():
+def test_soil_strength_has_configured_mean_and_variation_over_100_seeds():
     kpa = np.array(
         [surface_of(cone_index_kpa=900.0, cone_index_spread=0.3, seed=seed).cone_index / 1e3 for seed in SEEDS]
     )
@@ -49,7 +49,7 @@ def test_strength_has_the_mean_and_spread_of_its_keys_over_100_seeds():
     assert lag(logs, 4) / logs.var() == pytest.approx(np.exp(-1.0), abs=0.03)
 
 
-def test_moisture_weakens_soil_and_grip_together():
+def test_moisture_reduces_soil_strength_and_friction_together():
     wet = surface_of(cone_index_kpa=900.0, moisture_sd_percent=2.0)
     logs = np.log(wet.friction), np.log(wet.cone_index / 900e3)
     assert np.corrcoef(*(log.ravel() for log in logs))[0, 1] == pytest.approx(1.0)
@@ -57,7 +57,7 @@ def test_moisture_weakens_soil_and_grip_together():
     assert logs[0].std() == pytest.approx(0.02 * 2.0, rel=0.25)
 
 
-def test_fields_depend_on_their_seed_only_and_are_independent():
+def test_soil_variations_depend_only_on_the_seed_and_are_independent():
     a, b, other = (surface_of(cone_index_kpa=900.0, cone_index_spread=0.3, seed=s) for s in (1, 1, 2))
     assert np.array_equal(a.cone_index, b.cone_index)
     assert not np.allclose(a.cone_index, other.cone_index)
@@ -66,7 +66,7 @@ def test_fields_depend_on_their_seed_only_and_are_independent():
     assert abs(np.corrcoef(both.friction.ravel(), both.cone_index.ravel())[0, 1]) < 0.3
 
 
-def test_patches_replace_the_variation_on_any_terrain():
+def test_patches_replace_the_soil_variation_on_any_terrain():
     patch = CirclePatch(radius_m=5.0, surface="sand", cell_m=0.5)
     varied = Variation(cone_index_spread=0.4, correlation_m=3.0)
     ground = Rough(half_size_m=20.0, node_m=0.5, patch=(patch,), surface="tilled", variation=varied).ground()
@@ -78,7 +78,7 @@ def test_patches_replace_the_variation_on_any_terrain():
     assert rolling_at(ground.surface, 12.0, 3.0) == 0.065
 
 
-def test_a_named_surface_counts_everywhere_and_explicit_keys_win():
+def test_named_surface_applies_everywhere_except_for_explicit_keys():
     ground = Flat(surface="sand", patch=(CirclePatch(surface="concrete", friction=0.8),)).ground()
     assert surface_at(ground.surface, 400.0, -400.0) == (0.7, 450e3)
     assert surface_at(ground.surface, 0.0, 0.0) == (0.8, 5000e3)
@@ -101,7 +101,7 @@ def test_a_named_surface_counts_everywhere_and_explicit_keys_win():
         ({"plant.kind": "bicycle", "terrain.variation.friction_spread": 0.1}, "terrain.variation: the bicycle"),
     ],
 )
-def test_impossible_ground_is_rejected_by_its_key(keys, message):
+def test_error_for_an_impossible_ground_property_names_the_key(keys, message):
     with pytest.raises(ScenarioError, match=message) as caught:
         load_scenario("straight_line", keys)
     assert "\n" not in str(caught.value)
@@ -122,11 +122,11 @@ def drag(tyre, surface):
 
 
 @pytest.mark.parametrize("surface", ["concrete", "tilled"])
-def test_rolling_resistance_is_that_of_the_surface(surface):
+def test_rolling_resistance_equals_that_of_the_named_surface(surface):
     weight = 750 * 9.81
     assert drag(MagicFormula(), surface) == pytest.approx(NAMED[surface].rolling_resistance * weight, rel=0.08)
 
 
-def test_soil_tyres_take_the_cone_index_and_keep_their_own_resistance():
+def test_soil_tyres_use_the_cone_index_but_their_own_rolling_resistance():
     by_name, by_number = drag(Soil(), "sand"), drag(Soil(cone_index_kpa=450.0), None)
     assert by_name == pytest.approx(by_number, rel=0.05)

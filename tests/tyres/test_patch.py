@@ -146,7 +146,7 @@ def test_bristle_deflection_follows_its_differential_equation(z, slide, roll, si
 
 @unhurried
 @given(z=st.floats(-0.1, 0.1), slide=st.floats(-2, 2), roll=st.floats(1e-3, 20), sigma=st.floats(0.01, 1.0))
-def test_two_half_steps_of_the_bristle_equal_one_full_step(z, slide, roll, sigma):
+def test_two_half_steps_of_the_bristle_model_equal_one_full_step(z, slide, roll, sigma):
     half = relax(relax(z, slide, roll, sigma, 0.005), slide, roll, sigma, 0.005)
     assert relax(z, slide, roll, sigma, 0.01) == pytest.approx(half, abs=1e-7)
 

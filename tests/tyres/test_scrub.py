@@ -33,7 +33,7 @@ def moment(tyre, v, turn, steps=2000):
 
 
 @pytest.mark.parametrize("kind", [MagicFormula, Soil])
-def test_moment_on_a_curve_is_that_of_a_brush(kind):
+def test_scrubbing_moment_on_a_curve_equals_the_brush_model(kind):
     tyre, curvature = kind(), 0.1
     tyres = tyre_set(tyre, TRACTOR)
     footing = Footing(1.0, tyres.cone_index)
@@ -41,16 +41,16 @@ def test_moment_on_a_curve_is_that_of_a_brush(kind):
     assert moment(tyre, 1.0, curvature) == pytest.approx(-K_x * WIDTH**2 / 12 * curvature, rel=0.01)
 
 
-def test_turning_on_the_spot_is_limited_by_width_and_grip():
+def test_moment_of_turning_on_the_spot_is_limited_by_width_and_friction():
     most = DRY_GRIP * LOAD * WIDTH / sqrt(8)
     assert moment(MagicFormula(), 0.0, 0.5) == pytest.approx(-most, rel=1e-6)
 
 
-def test_a_patch_without_length_has_no_moment():
+def test_contact_patch_without_length_has_no_aligning_moment():
     assert moment(MagicFormula(patch_half_length_m=0.0), 1.0, 0.2) == 0.0
 
 
-def test_load_acts_at_the_patch_that_the_side_force_moved():
+def test_wheel_load_acts_at_the_patch_displaced_by_the_side_force():
     """The moment about the forward axis of the load is load times side force over lateral stiffness."""
     plain, force = torques(MagicFormula(load_follows_carcass=False), 1.0, 0.0, v_y=0.05)
     moved, same = torques(MagicFormula(), 1.0, 0.0, v_y=0.05)

@@ -17,7 +17,7 @@ def checks():
     return found.checks
 
 
-def test_yaw_gain_off_tracking_draught_and_pull_match_theory(checks):
+def test_yaw_gain_offtracking_draught_and_hitch_pull_match_theory(checks):
     assert len(checks) == 14
     assert [check.line for check in checks if not check.passed] == []
 

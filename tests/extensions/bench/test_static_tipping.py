@@ -28,7 +28,7 @@ def tipping(scenario):
 
 
 @pytest.mark.parametrize("machine", sorted(machine_files()))
-def test_tip_angle_with_a_yielding_carcass_is_that_of_statics(machine):
+def test_tipping_angle_with_a_deflecting_carcass_agrees_with_statics(machine):
     """To 0.3 deg, and to 0.65 deg where the carcass yields by 0.17-0.33 of half the track, beyond small angles."""
     scenario = scenario_of(machine)
     tractor, share = scenario.tractor, scenario.plant.tyre.carcass_lateral
@@ -40,7 +40,7 @@ def test_tip_angle_with_a_yielding_carcass_is_that_of_statics(machine):
 
 
 @pytest.mark.parametrize("machine", ["compact", "row_crop"])
-def test_tip_angle_when_the_carcass_carries_the_load_in_the_wheel_plane(machine):
+def test_tipping_angle_agrees_with_statics_for_load_in_the_wheel_plane(machine):
     scenario = scenario_of(machine, plant__tyre__load_follows_carcass=False)
     assert tipping(scenario) == pytest.approx(
         tipping_deg(scenario.tractor, False, share=scenario.plant.tyre.carcass_lateral), abs=0.3
@@ -48,14 +48,14 @@ def test_tip_angle_when_the_carcass_carries_the_load_in_the_wheel_plane(machine)
 
 
 @pytest.mark.parametrize("radii", [-0.2, 0.6])
-def test_tip_angle_follows_the_height_of_the_pivot(radii):
+def test_tipping_angle_depends_on_the_height_of_the_axle_pivot(radii):
     """A high pivot steepens the line about which the tractor tips."""
     changed, usual = scenario_of("utility", tractor__axle_pivot_radii=radii), scenario_of("utility")
     assert tipping(changed) == pytest.approx(tipping_deg(changed.tractor, True), abs=0.3)
     assert abs(tipping_deg(changed.tractor, True) - tipping_deg(usual.tractor, True)) > 1.0
 
 
-def test_pivot_is_at_the_same_share_of_every_front_wheel():
+def test_axle_pivot_height_is_the_configured_fraction_of_the_wheel_radius():
     for machine in ("compact", "row_crop"):
         tractor = scenario_of(machine, tractor__axle_pivot_radii=0.3).tractor
         wheel = tractor.front_wheel
@@ -63,7 +63,7 @@ def test_pivot_is_at_the_same_share_of_every_front_wheel():
         assert above == pytest.approx(0.3 * wheel.radius, abs=1e-3)
 
 
-def test_without_a_carcass_statics_tend_to_the_rigid_angle():
+def test_tipping_angle_on_stiff_tyres_approaches_the_rigid_angle():
     stiff = scenario_of("compact").tractor.model_copy(update={"rear_tyre_stiffness_n_m": 1e9})
     b, L = parts(stiff), stiff.wheelbase_m
     rigid = atan(stiff.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))

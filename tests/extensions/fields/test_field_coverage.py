@@ -30,7 +30,7 @@ def strip(y, width=WIDTH):
 
 @given(st.lists(st.floats(-0.4, 0.4), min_size=2, max_size=6))
 @settings(max_examples=20, deadline=None)
-def test_offsets_of_passes_give_their_gaps_and_overlaps(offsets):
+def test_missed_and_overlapped_areas_follow_from_the_pass_offsets(offsets):
     middles = [(k + 0.5) * WIDTH + each for k, each in enumerate(offsets)]
     field = shapely.box(0, middles[0] - WIDTH / 2, LENGTH, middles[-1] + WIDTH / 2)
     found = areas(coverage(field, EMPTY, [strip(y) for y in middles]))["field"]
@@ -42,7 +42,7 @@ def test_offsets_of_passes_give_their_gaps_and_overlaps(offsets):
 
 @given(st.lists(st.tuples(st.floats(0, 90), st.floats(0, 40), st.floats(0.5, 9)), min_size=1, max_size=8))
 @settings(max_examples=30, deadline=None)
-def test_areas_of_a_field_add_up(places):
+def test_covered_overlapped_and_missed_areas_add_up_to_the_field(places):
     field, body = shapely.box(0, 0, 100, 50).difference(shapely.box(30, 20, 40, 30)), shapely.box(10, 10, 90, 40)
     passes = [shapely.Point(x, y).buffer(radius) for x, y, radius in places]
     for part in areas(coverage(field, body, passes)).values():
@@ -51,7 +51,7 @@ def test_areas_of_a_field_add_up(places):
         )
 
 
-def test_circle_covers_its_ring():
+def test_implement_on_a_circle_covers_the_area_of_a_ring():
     angle = np.linspace(0.0, 1.5 * pi, 400)
     radius = 12.0
     motion = ImplementMotion(angle, radius * np.cos(angle), radius * np.sin(angle), angle + pi / 2, radius * angle)
@@ -59,14 +59,14 @@ def test_circle_covers_its_ring():
     assert ring.area == pytest.approx(0.75 * pi * (15.0**2 - 9.0**2), rel=1e-3)
 
 
-def test_closed_circle_does_not_overlap_itself():
+def test_more_than_one_lap_of_a_circle_covers_the_ring_once():
     angle = np.linspace(0.0, 2.5 * pi, 800)
     motion = ImplementMotion(angle, 12 * np.cos(angle), 12 * np.sin(angle), angle + pi / 2, 12 * angle)
     ring = swept(motion.between(0.0, 2.5 * pi), 3.0, -3.0)
     assert ring.area == pytest.approx(pi * (15.0**2 - 9.0**2), rel=1e-3)
 
 
-def test_inner_end_that_moves_backwards_covers_its_ground():
+def test_implement_end_moving_backwards_in_a_turn_covers_its_area():
     angle = np.linspace(0.0, pi, 400)
     motion = ImplementMotion(angle, np.cos(angle), np.sin(angle), angle + pi / 2, angle)
     half = swept(motion.between(0.0, pi), 3.0, -3.0)
@@ -77,14 +77,14 @@ def test_inner_end_that_moves_backwards_covers_its_ground():
     ("on_delay", "off_delay", "on_ahead", "off_ahead", "length"),
     [(0, 0, 0, 0, 50.0), (0.4, 0, 0, 0, 49.2), (0, 0.4, 0, 0, 50.8), (0.4, 0.4, 0.4, 0.4, 50.0), (0, 0, 0.5, 0, 51.0)],
 )
-def test_delays_shift_the_ends_of_work(on_delay, off_delay, on_ahead, off_ahead, length):
+def test_switching_delays_shift_the_ends_of_the_worked_area(on_delay, off_delay, on_ahead, off_ahead, length):
     boom = Boom(WIDTH, 1, on_delay, off_delay, on_ahead, off_ahead)
     motion = straight(0.0)
     times = switched(motion, (20.0, 70.0), slice(0, None), boom)
     assert worked(motion, [times], boom).area == pytest.approx(length * WIDTH, rel=1e-3)
 
 
-def test_sections_work_on_their_own_spans():
+def test_each_section_works_on_its_own_part_of_the_swath():
     boom, motion = Boom(WIDTH, 3, 0.25, 0.1), straight(0.0)
     spans = [(10.0, 60.0), (20.0, 60.0), (20.0, 80.0)]
     times = [switched(motion, span, slice(0, None), boom) for span in spans]
@@ -93,30 +93,30 @@ def test_sections_work_on_their_own_spans():
     assert shapely.box(10.5, 1.0, 60.0, 3.0).within(ground.buffer(1e-6))
 
 
-def test_section_without_a_span_does_not_work():
+def test_section_with_an_empty_working_range_does_not_work():
     assert switched(straight(0.0), (30.0, 30.0), slice(0, None), Boom(WIDTH)) is None
 
 
-def test_noise_of_the_track_keeps_its_area():
+def test_track_noise_does_not_change_the_covered_area():
     rng = np.random.default_rng(1)
     motion = straight(0.0)
     noisy = motion._replace(y=motion.y + np.cumsum(rng.normal(0, 0.002, motion.x.size)))
     assert swept(noisy.between(0.0, 50.0), 3.0, -3.0).area == pytest.approx(LENGTH * WIDTH, rel=1e-3)
 
 
-def test_gaps_are_named_by_their_part_of_the_field():
+def test_missed_areas_are_reported_with_their_part_of_the_field():
     field, body = shapely.box(0, 0, 100, 50), shapely.box(10, 10, 90, 40)
     worked_ground = field.difference(shapely.box(0, 20, 5, 30)).difference(shapely.box(50, 20, 52, 22))
     found = gaps(coverage(field, body, [worked_ground]))
     assert [(gap["place"], round(gap["area_m2"])) for gap in found] == [("west headland", 50), ("body", 4)]
 
 
-def test_sides_of_a_field():
+def test_side_of_a_field_is_the_compass_direction_of_the_point():
     field = shapely.box(0, 0, 100, 20)
     assert [side_of(*at, field) for at in ((49, 1), (-45, 2), (3, 9), (-2, -8))] == ["east", "west", "north", "south"]
 
 
-def test_excursion_has_its_distance_area_and_side():
+def test_excursion_beyond_the_boundary_has_distance_area_and_side():
     field = shapely.box(0, 0, 100, 50)
     boxes = np.array([shapely.box(-1.5, 20, 1, 22), shapely.box(40, 20, 42, 22)])
     found = excursion({"tractor": boxes, "implement": boxes[1:]}, field)

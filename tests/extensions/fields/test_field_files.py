@@ -94,7 +94,7 @@ def field_of(folder, name, content, **options):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_format_gives_the_same_field(tmp_path, name):
+def test_every_field_file_format_gives_the_same_field(tmp_path, name):
     field = field_of(tmp_path, name, FILES[name])
     assert field.boundary.area == pytest.approx(AREA, rel=2e-4)
     assert len(field.boundary.interiors) == 1
@@ -103,13 +103,13 @@ def test_every_format_gives_the_same_field(tmp_path, name):
     assert field.notes == ()
 
 
-def test_obstacles_are_holes_of_the_boundary_too(tmp_path):
+def test_obstacles_are_read_from_areas_and_from_boundary_holes(tmp_path):
     for name in ("v3.xml", "obstacle.geojson"):
         (obstacle,) = field_of(tmp_path, name, FILES[name]).obstacles
         assert obstacle.area == pytest.approx(300, rel=1e-3)
 
 
-def test_projected_file_gives_the_same_field(tmp_path):
+def test_file_with_projected_coordinates_gives_the_same_field(tmp_path):
     pyproj, shapefile = pytest.importorskip("pyproj"), pytest.importorskip("shapefile")
     grid = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:3301", always_xy=True).transform
     rings = [[grid(*point) for point in degrees(ring)] for ring in (RING, HOLE)]
@@ -201,7 +201,7 @@ def test_task_data_written_by_another_library_is_read(tmp_path, version):
     assert field_of(tmp_path, "TASKDATA.XML", isoxml_to_text(data)).boundary.area == pytest.approx(45_400, rel=2e-4)
 
 
-def test_largest_or_named_field_is_taken(tmp_path):
+def test_largest_field_is_used_unless_a_name_is_specified(tmp_path):
     far = RING * 0.5 + [1000, 0]
     text = geojson(feature(degrees(far), name="South"), feature(degrees(RING), name="North"))
     field = field_of(tmp_path, "farm.geojson", text)
@@ -275,7 +275,7 @@ SCRAPS = (b"nan", b"1e999", b"-1", b"", b"null", b"\xff", b"<", b"{", b",", b"1e
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_changed_files_give_a_field_or_one_line(tmp_path, name):
+def test_mutated_field_file_gives_a_field_or_a_one_line_message(tmp_path, name):
     chance, content, said = np.random.default_rng(3), FILES[name].encode(), list[str]()
     for _ in range(30):
         start = int(chance.integers(len(content)))
@@ -321,7 +321,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_hostile_file_ends_in_one_line_that_names_it(tmp_path, name):
+def test_malicious_field_file_gives_one_message_with_its_name(tmp_path, name):
     content, text = HOSTILE[name]
     (tmp_path / "field.dat").write_bytes(content)
     with pytest.raises(ScenarioError) as error:
@@ -330,14 +330,14 @@ def test_hostile_file_ends_in_one_line_that_names_it(tmp_path, name):
     assert "\n" not in str(error.value)
 
 
-def test_boundary_over_the_antimeridian_is_one_field(tmp_path):
+def test_field_across_the_antimeridian_has_one_boundary(tmp_path):
     ring = [[179.999, -17], [-179.999, -17], [-179.999, -16.999], [179.999, -16.999]]
     field = field_of(tmp_path, "fiji.json", json.dumps({"type": "Polygon", "coordinates": [ring]}))
     assert field.boundary.area == pytest.approx(212.98 * 110.65, rel=1e-3)
     assert abs(field.plane.longitude) == pytest.approx(180)
 
 
-def test_many_points_are_simplified(tmp_path):
+def test_boundary_with_many_points_is_simplified(tmp_path):
     angle = np.linspace(0, 2 * np.pi, 200_000, endpoint=False)
     field = field_of(tmp_path, "round.csv", metres(np.column_stack([100 * np.cos(angle), 100 * np.sin(angle)])))
     assert field.boundary.area == pytest.approx(np.pi * 1e4, rel=5e-4)

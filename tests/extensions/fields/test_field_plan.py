@@ -30,14 +30,14 @@ def planned(plan, field, sections=1):
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
-def test_planned_work_covers_all_but_the_corners(field):
+def test_planned_work_covers_the_field_except_for_corners(field):
     found = planned(default_plan(field), field)
     assert found["body"]["missed_percent"] < 0.05
     assert found["field"]["missed_percent"] < 3.0
 
 
 @pytest.mark.parametrize("turn", ["omega", "bulb", "clothoid", "k"])
-def test_plan_keeps_the_limits_of_the_machine(turn):
+def test_plan_respects_the_curvature_limit_of_the_machine(turn):
     rig = machine(turn=turn)
     course = make_plan(L_SHAPE, rig, Options(turn=turn)).course
     assert course.peaks.max() <= rig.max_curvature
@@ -46,7 +46,7 @@ def test_plan_keeps_the_limits_of_the_machine(turn):
         assert bends.max() <= 1.001 * max(rig.bends.sharpness, rig.path.sharpness(0.3))
 
 
-def test_turn_shapes_differ_where_the_headland_has_room():
+def test_turn_shapes_differ_if_the_headland_is_deep_enough():
     lengths, cusps = {}, {}
     for turn in ("omega", "bulb", "clothoid", "k"):
         rig = machine(turn=turn)
@@ -62,7 +62,7 @@ def test_turn_shapes_differ_where_the_headland_has_room():
 
 
 @pytest.mark.parametrize("turn", ["omega", "bulb", "clothoid", "k"])
-def test_turn_stays_inside_a_headland_of_its_depth(turn):
+def test_turn_stays_inside_a_headland_of_the_required_depth(turn):
     rig = machine(turn=turn)
     depth = depth_of_turn(rig, turn)
     field = Field("strip", Polygon([(0, 0), (80, 0), (80, 60), (0, 60)]))
@@ -90,18 +90,18 @@ def test_passes_are_counted_in_driving_order():
     assert plan.angle_deg == 0.0
 
 
-def test_skipping_order_turns_without_bulbs():
+def test_skip_order_of_passes_needs_no_additional_reversals():
     rig = machine()
     near, far = (make_plan(RECTANGLE, rig, Options(headlands=3, order=order)) for order in ("boustrophedon", "skip"))
     assert len(near.passes) == len(far.passes)
     assert sum(p.direction < 0 for p in far.pieces) <= sum(p.direction < 0 for p in near.pieces)
 
 
-def test_given_angle_is_kept():
+def test_specified_swath_angle_is_used():
     assert make_plan(SLANTED, machine(), Options(angle=np.pi / 2)).angle_deg == 90.0
 
 
-def test_sections_leave_less_overlap_at_oblique_ends():
+def test_section_control_reduces_overlap_at_oblique_field_ends():
     rig = machine()
     one, six = (planned(make_plan(SLANTED, rig, Options(angle=0.0, sections=n)), SLANTED, n) for n in (1, 6))
     assert six["field"]["overlapped_m2"] < one["field"]["overlapped_m2"] - 5.0
@@ -119,18 +119,18 @@ def test_machine_stays_inside_on_default_headlands(field, width):
 
 
 @pytest.mark.parametrize("headlands", [0, 1, 2])
-def test_shallow_headland_is_refused_with_the_depth(headlands):
+def test_error_for_too_shallow_a_headland_gives_the_required_depth(headlands):
     with pytest.raises(ScenarioError, match=f"--headlands {headlands}: .*use at least 3 laps \\(9 m\\)"):
         make_plan(RECTANGLE, machine(), Options(headlands=headlands))
 
 
-def test_permitted_excursion_is_a_warning():
+def test_permitted_excursion_beyond_the_boundary_gives_a_warning():
     plan = make_plan(RECTANGLE, machine(), Options(headlands=1, beyond=4.0))
     assert plan.headlands == 1
     assert any("leaves the field by up to 3" in warning for warning in plan.warnings)
 
 
-def test_long_implement_keeps_a_margin_in_the_laps():
+def test_laps_with_a_long_implement_keep_a_margin_to_the_boundary():
     rig = replace(machine(4.0), behind=2.5)
     plan = make_plan(RECTANGLE, rig, Options())
     x, y, yaw = plan.course.divided().joints()
@@ -144,17 +144,17 @@ def test_plan_with_headlands_around_a_hole_stays_inside():
     assert not any("leaves the field by up to 1" in warning for warning in plan.warnings)
 
 
-def test_lap_too_narrow_for_the_machine_is_an_error():
+def test_lap_too_narrow_for_the_turn_radius_is_rejected():
     with pytest.raises(ScenarioError, match="--headlands 3: lap 3"):
         make_plan(RECTANGLE, machine(width=7.4), Options(headlands=3))
 
 
-def test_radius_below_the_machine_is_an_error():
+def test_turn_radius_below_the_minimum_of_the_machine_is_rejected():
     with pytest.raises(ScenarioError, match="--radius 1: machine compact needs at least"):
         machine(turn_radius_m=1.0)
 
 
-def test_file_gives_the_same_plan(tmp_path):
+def test_plan_is_unchanged_by_writing_and_reading_its_file(tmp_path):
     plan = default_plan(RECTANGLE)
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(plan)))
@@ -169,14 +169,14 @@ def test_file_gives_the_same_plan(tmp_path):
     ("text", "reason"),
     [("{}", "format"), ("[1", "Expecting"), ('{"format": "agrobot_mj plan 1"}', "has no 'pieces'"), ("\x00", "")],
 )
-def test_damaged_plan_file_is_named(tmp_path, text, reason):
+def test_error_for_a_damaged_plan_file_names_the_file(tmp_path, text, reason):
     file = tmp_path / "plan.json"
     file.write_text(text)
     with pytest.raises(ValueError, match=r"file: plan.json: .*" + reason):
         FieldPlan(file=str(file)).check()
 
 
-def test_planned_overlap_narrows_the_passes():
+def test_planned_overlap_reduces_the_spacing_of_the_passes():
     rig = replace(machine(), overlap=0.2)
     plan = make_plan(RECTANGLE, rig, Options(headlands=3))
     found, exact = planned(plan, RECTANGLE), planned(make_plan(RECTANGLE, machine(), Options(headlands=3)), RECTANGLE)

@@ -53,11 +53,11 @@ def driven(tmp_path_factory):
     return folder
 
 
-def test_page_has_the_three_commands():
+def test_fields_page_documents_the_three_field_commands():
     assert [" ".join(words[:2]) for words in COMMANDS] == ["field plan", "field run", "report runs/field"]
 
 
-def test_run_covers_the_field(driven):
+def test_simulated_run_covers_the_field(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     whole = found["areas"]["field"]
     assert found["outcome"] == "completed"
@@ -74,7 +74,7 @@ def test_run_covers_the_field(driven):
     assert 0.2 < found["capacity"]["field_efficiency"] < 0.9
 
 
-def test_effort_and_plan_are_reported(driven):
+def test_field_run_reports_effort_and_plan(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     effort, plan = found["effort"], found["planned"]["field"]
     assert 0.0 < effort["energy_ground_mj"] < effort["energy_wheels_mj"]
@@ -94,13 +94,13 @@ def test_metrics_of_the_run_agree_with_its_coverage(driven):
     assert metrics["field_turns_s"] == pytest.approx(found["turns"]["total_s"], abs=0.1)
 
 
-def test_scenario_next_to_a_plan_drives_it(driven):
+def test_scenario_file_written_with_a_plan_follows_the_plan(driven):
     scenario = load_scenario(str(next(driven.glob("runs/plan-*/scenario.toml"))))
     assert scenario.path.plan.width == 3.0
     assert scenario.guidance.kind == "lqr"
 
 
-def test_raster_has_the_area_of_the_coverage(driven):
+def test_covered_area_of_the_raster_equals_the_coverage(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())["areas"]["field"]
     image = Image.open(driven / "runs" / "field" / "coverage.tif")
     cells, (east, north, _) = np.asarray(image), image.tag_v2[33550]
@@ -112,7 +112,7 @@ def test_raster_has_the_area_of_the_coverage(driven):
     assert image.tag_v2[33922][3:5] == pytest.approx((5.0, to_geodetic(PLANE, 0.0, 25.0)[0]), abs=1e-8)
 
 
-def test_raster_without_a_position_is_in_metres(tmp_path):
+def test_raster_of_a_field_without_geographic_position_is_in_metres(tmp_path):
     square = Polygon([(10, 20), (18, 20), (18, 26), (10, 26)])
     found = coverage(square, square, [Polygon([(10, 20), (18, 20), (18, 23), (10, 23)])] * 2)
     write_raster(tmp_path / "map.tif", found, None)
@@ -129,7 +129,7 @@ def test_cost_is_proportional_to_areas_and_time():
     assert found == pytest.approx({"overlap": 10.0, "missed": 10.0, "time": 30.0, "total": 50.0})
 
 
-def test_drive_is_worse_than_its_plan(driven):
+def test_distance_of_a_field_run_agrees_with_its_plan(driven):
     planned = json.loads(next(driven.glob("runs/plan-*/field_plan.json")).read_text())
     log = pq.read_table(driven / "runs" / "field" / "signals.parquet")
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
@@ -138,7 +138,7 @@ def test_drive_is_worse_than_its_plan(driven):
     assert 0.005 < found["accuracy"]["pass_to_pass_p95_m"] < 0.3
 
 
-def test_files_of_a_run_are_complete(driven):
+def test_field_run_writes_all_its_files(driven):
     names = {path.name for path in (driven / "runs" / "field").iterdir()}
     assert names >= {
         "coverage.json",
@@ -155,7 +155,7 @@ def test_files_of_a_run_are_complete(driven):
     assert corner == pytest.approx([5.0, 52.0], abs=1e-6)
 
 
-def test_report_begins_with_the_coverage(driven):
+def test_report_of_a_field_run_begins_with_the_coverage(driven):
     text = (driven / "runs" / "field" / "report.html").read_text()
     assert text.index("<h2>Coverage</h2>") < text.index("ha covered") < text.index("<h2>Track</h2>")
     assert "pass-to-pass error at the implement" in text
@@ -173,7 +173,7 @@ def test_report_begins_with_the_coverage(driven):
         (["--angle", "1e300"], "'--angle'"),
     ],
 )
-def test_bad_options_are_named(call, tmp_path, options, message):
+def test_error_for_an_invalid_option_names_the_option(call, tmp_path, options, message):
     status, out, err = call("field", "plan", str(boundary(tmp_path)), "--out", str(tmp_path / "out"), *options)
     assert (status, out) == (2, "")
     assert message in err
@@ -182,13 +182,13 @@ def test_bad_options_are_named(call, tmp_path, options, message):
 
 
 @pytest.mark.parametrize(("price", "message"), [("fuel=1", "give input_ha, yield_ha, hour"), ("hour", "has no number")])
-def test_bad_price_is_named(call, tmp_path, price, message):
+def test_error_for_an_invalid_price_names_the_option(call, tmp_path, price, message):
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--price", price, "--out", str(tmp_path / "out"))
     assert (status, (tmp_path / "out").exists()) == (2, False)
     assert f"--price {price}: {message}" in err
 
 
-def test_bad_plan_file_is_named(call, tmp_path):
+def test_error_for_an_invalid_plan_file_names_the_file(call, tmp_path):
     (tmp_path / "plan.json").write_text('{"format": "agrobot_mj plan 1", "pieces": []}')
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--plan", str(tmp_path / "plan.json"))
     assert status == 2
@@ -197,7 +197,7 @@ def test_bad_plan_file_is_named(call, tmp_path):
     )
 
 
-def test_run_that_ends_at_its_start_leaves_no_files(call, tmp_path):
+def test_run_that_ends_before_the_implement_moves_writes_no_files(call, tmp_path):
     short = ("--set", "duration_s=0.05", "--set", "plant.kind=bicycle", "--no-rrd", "--out", str(tmp_path / "out"))
     status, _, err = call("field", "run", str(boundary(tmp_path)), *short)
     assert status == 2
@@ -205,7 +205,7 @@ def test_run_that_ends_at_its_start_leaves_no_files(call, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_recording_has_the_boundary_and_the_gaps(call, tmp_path):
+def test_recording_shows_field_boundary_and_missed_areas(call, tmp_path):
     short = ("--set", "duration_s=30", "--set", "plant.kind=bicycle", "--out", str(tmp_path / "out"))
     call("field", "run", str(boundary(tmp_path)), "--quiet", *short)
     chunks = RrdReader(str(tmp_path / "out" / "run.rrd")).stream().to_chunks()
@@ -230,7 +230,7 @@ def test_interrupted_drive_resumes_to_the_same_signals(tmp_path, monkeypatch):
     assert not again.file.exists()
 
 
-def test_resume_without_an_interrupted_drive_is_an_error(call, tmp_path, monkeypatch):
+def test_resume_without_an_interrupted_drive_is_rejected(call, tmp_path, monkeypatch):
     monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path / "cache")
     status, _, err = call(
         "field", "run", str(boundary(tmp_path)), "--resume", "--quiet", "--out", str(tmp_path / "out")
@@ -240,7 +240,7 @@ def test_resume_without_an_interrupted_drive_is_an_error(call, tmp_path, monkeyp
 
 
 @lengths
-def test_notebook_leads_from_a_boundary_to_a_report(tmp_path, full):
+def test_field_notebook_plans_simulates_and_reports_a_field(tmp_path, full):
     _, missed = executed(tmp_path, "boundary_to_report", full, "found['areas']['field']['missed_percent']")
     assert 0.0 < missed < 10.0
     assert "Field work on home" in (tmp_path / "work" / "report.html").read_text(encoding="utf-8")

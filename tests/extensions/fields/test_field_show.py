@@ -28,7 +28,7 @@ def test_show_prints_area_corners_and_repairs(call, file, tmp_path):
     assert (tmp_path / "found" / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_show_gives_a_document_on_success_and_failure(call, file):
+def test_field_show_prints_a_json_document_on_success_and_failure(call, file):
     status, out, _ = call("field", "show", file, "--json")
     document = json.loads(out)
     assert (status, document["command"], document["area_m2"]) == (0, "field show", pytest.approx(6000))
@@ -39,7 +39,7 @@ def test_show_gives_a_document_on_success_and_failure(call, file):
     assert err == "nowhere.csv: no such file\n"
 
 
-def test_first_word_alone_lists_the_commands(call):
+def test_field_command_without_a_subcommand_lists_the_subcommands(call):
     status, _, err = call("field")
     assert status == 2
     assert "field: specify one of its commands: field show" in err
@@ -53,7 +53,7 @@ def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
 
 
 @pytest.mark.parametrize("arguments", [("show", ""), ("plan", "  "), ("run", "home.csv", "--plan", "")])
-def test_blank_file_name_is_an_error(call, file, arguments):
+def test_blank_field_file_name_is_rejected(call, file, arguments):
     status, out, err = call("field", *arguments)
     assert (status, out) == (2, "")
     assert "an argument is blank" in " ".join(err.split())

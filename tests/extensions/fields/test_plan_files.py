@@ -38,7 +38,7 @@ def states(legs):
     return [(leg.working, leg.reverse, leg.speed_m_s) for leg in legs]
 
 
-def test_geojson_lines_are_legs_with_their_properties(tmp_path):
+def test_geojson_lines_are_read_as_legs_with_their_properties(tmp_path):
     lines = [
         line(degrees(OUT), speed=2.5, type="swath"),
         line(degrees([OUT[1], BACK[0]]), speed_kmh=3.6, type="turn"),
@@ -49,7 +49,7 @@ def test_geojson_lines_are_legs_with_their_properties(tmp_path):
     np.testing.assert_allclose(legs[2].points, BACK, atol=1e-3)
 
 
-def test_table_is_divided_where_its_state_changes(tmp_path):
+def test_plan_table_is_divided_into_legs_at_changes_of_state(tmp_path):
     rows = [
         (10, 10, 2, "on", 1),
         (100, 10, 2, "on", 1),
@@ -64,7 +64,7 @@ def test_table_is_divided_where_its_state_changes(tmp_path):
     assert [leg.points[-1].tolist() for leg in legs] == [[190, 10], [195, 12], [190, 14]]
 
 
-def test_fields2cover_path_has_turns_and_reverse_legs(tmp_path):
+def test_fields2cover_path_is_read_with_turns_and_reverse_legs(tmp_path):
     rows = ["10 10 0 0 2 100 1 1", "110 10 0 0 2 80 1 1", "190 10 0 1.57079632679 1 6 1 2", "190 16 0 0 0.5 10 -1 2"]
     legs = plan_of(tmp_path, "path.txt", "\n".join(rows))
     assert states(legs) == [(True, False, 2.0), (False, False, 1.0), (False, True, 0.5)]
@@ -96,7 +96,7 @@ def test_guidance_patterns_are_cut_at_the_boundary(tmp_path):
     np.testing.assert_allclose(older[0].points, OUT, atol=0.01)
 
 
-def test_agopengps_tracks_move_to_the_plane_of_the_field(tmp_path):
+def test_agopengps_tracks_are_converted_to_the_plane_of_the_field(tmp_path):
     other = Origin(*to_geodetic(ORIGIN, 40.0, 20.0))
     folder = tmp_path / "Home"
     folder.mkdir()
@@ -114,7 +114,7 @@ def test_agopengps_tracks_move_to_the_plane_of_the_field(tmp_path):
     np.testing.assert_allclose(recorded.points[0], (40, 20), atol=0.01)
 
 
-def test_plan_in_the_grid_of_the_field_needs_no_system(tmp_path):
+def test_plan_uses_the_coordinate_system_of_the_field_by_default(tmp_path):
     pyproj = pytest.importorskip("pyproj")
     grid = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:25832", always_xy=True).transform
     text = "x,y\n" + "\n".join("{:.3f},{:.3f}".format(*grid(*point)) for point in degrees(OUT))
@@ -139,14 +139,14 @@ REJECTED = {
 
 
 @pytest.mark.parametrize("name", REJECTED)
-def test_unusable_plan_is_reported_by_name(tmp_path, name):
+def test_error_for_an_unusable_plan_names_the_reason(tmp_path, name):
     content, text = REJECTED[name]
     with pytest.raises(ScenarioError) as error:
         plan_of(tmp_path, name, content)
     assert text in str(error.value)
 
 
-def test_degrees_need_the_position_of_the_field(tmp_path):
+def test_plan_in_degrees_requires_the_geographic_position_of_the_field(tmp_path):
     with pytest.raises(ScenarioError, match="has geographic coordinates, but the field does not"):
         plan_of(tmp_path, "p.json", json.dumps(line(degrees(OUT))), Field("Home", FIELD.boundary))
 

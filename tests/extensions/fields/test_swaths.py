@@ -27,25 +27,25 @@ def test_swaths_of_a_rectangle_run_along_its_longer_side():
     assert (layout.number, layout.angle, layout.length) == (10, 0.0, pytest.approx(600.0))
 
 
-def test_angle_follows_a_turned_rectangle():
+def test_swath_angle_of_a_rotated_rectangle_is_its_rotation():
     turned = shapely.affinity.rotate(RECTANGLE.boundary, 33.0)
     assert best_pattern(turned, 4.0, 1).angle == pytest.approx(radians(33.0), abs=1e-5)
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
 @pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
-def test_swaths_cover_the_whole_area(field, angle):
+def test_swaths_cover_the_whole_field(field, angle):
     layout = pattern(field.boundary, angle, 3.7, 1)
     assert field.boundary.difference(ground(layout, 3.7)).area < 0.05
 
 
-def test_cells_split_at_a_hole_and_at_a_corner():
+def test_field_is_divided_into_cells_at_holes_and_inner_corners():
     assert len(pattern(RECTANGLE.boundary, 0.0, 4.0, 1).cells) == 1
     assert len(pattern(L_SHAPE.boundary, pi / 2, 4.0, 1).cells) == 1
     assert len(pattern(HOLE.boundary, 0.0, 4.0, 1).cells) == 4
 
 
-def test_sections_end_where_their_own_part_of_the_field_ends():
+def test_each_section_is_switched_at_its_own_part_of_the_boundary():
     layout = pattern(SLANTED.boundary, 0.0, 5.0, 5)
     swath = layout.cells[0][0]
     starts, ends = np.array(swath.sections).T
@@ -62,7 +62,7 @@ def test_each_swath_is_driven_once(count, across):
         assert min(abs(np.diff(order))) >= across
 
 
-def test_laps_run_along_the_boundary_and_round_holes():
+def test_headland_laps_follow_the_boundary_and_surround_holes():
     found = rings(HOLE.boundary, 2, 3.0)
     assert [(ring.number, ring.hole) for ring in found] == [(0, -1), (1, -1), (0, 0), (1, 0)]
     assert [ring.line.is_ccw for ring in found] == [True, True, False, False]
@@ -71,7 +71,7 @@ def test_laps_run_along_the_boundary_and_round_holes():
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
-def test_a_lap_stays_within_the_curvature_of_the_machine(field):
+def test_headland_lap_stays_within_the_maximum_machine_curvature(field):
     rig = machine()
     for ring in rings(field.boundary, 2, rig.width):
         course = lap(smoothed(ring, rig), 10.0, rig)
@@ -80,7 +80,7 @@ def test_a_lap_stays_within_the_curvature_of_the_machine(field):
         assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 1e-6
 
 
-def test_a_round_field_has_drivable_laps():
+def test_laps_of_a_round_field_are_drivable():
     rig = machine()
     circle = shapely.Point(0, 0).buffer(30.0, quad_segs=40)
     ring = rings(circle, 1, 3.0)[0]

@@ -256,7 +256,7 @@ def test_settings_at_power_up_are_taken_from_the_scenario():
     assert rig.tick(on(radians(30))).voltage == pytest.approx(NEUTRAL_V * (1 + 128 / 255))
 
 
-def test_wrong_sensor_settings_turn_the_wheels_wrong():
+def test_wrong_sensor_settings_cause_a_wrong_wheel_angle():
     """A scale of half the truth makes the board see twice the angle, so the wheels turn by half."""
     rig = engaged()
     rig.send(settings(counts=15))

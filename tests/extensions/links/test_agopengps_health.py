@@ -57,7 +57,7 @@ def driven(channel, duration, start="heard", **keys):
     return done, said
 
 
-def test_host_that_stops_responding_is_not_reported_as_disengaged():
+def test_unresponsive_host_is_not_reported_as_disengaged():
     done, said = driven(Gap(guide(), 4.0, 99.0), 12.0)
     assert any("the host is silent; the board has disengaged" in line for line in said)
     assert not any("the host has disengaged" in line for line in said)

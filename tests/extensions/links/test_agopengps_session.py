@@ -59,7 +59,7 @@ def toy_session(keys, *arguments, duration=30.0, channel=None):
 
 @pytest.mark.parametrize("host", ["agopengps", "agopenweb"])
 @pytest.mark.parametrize("law", ["pure_pursuit", "stanley"])
-def test_host_converges_to_the_line_within_a_millimetre(law, host):
+def test_offset_of_the_host_from_its_line_converges_below_a_millimetre(law, host):
     vehicle, session = toy_session({"position": "paogi", "host": host}, "--law", law, "--dialect", host)
     off = np.array([y for t, _, y in vehicle.track if t > 20])
     assert np.abs(off).max() < 0.005
@@ -268,7 +268,7 @@ def test_run_without_a_host_does_not_start():
         run_link(scenario(), Direct(guide("--engage-after", "100")), LinkOptions(start="engaged", wait_s=1.0))
 
 
-def test_run_can_start_at_engagement_or_immediately():
+def test_run_can_start_when_the_host_engages_or_immediately():
     log = run_link(scenario(duration_s=2.0), Direct(guide()), LinkOptions(start="engaged")).log
     assert (log.column("link_engaged")[:-1] == 1).all()
     assert log.metrics["link"]["waited_s"] == pytest.approx(1.0, abs=0.11)

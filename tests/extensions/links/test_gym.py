@@ -353,7 +353,7 @@ def steered(v):
 
 
 @pytest.mark.parametrize("scenario", ["figure_eight", "slalom", "uphill"])
-def test_standing_and_creeping_earn_little_reward(scenario):
+def test_standstill_and_creep_speed_give_little_reward(scenario):
     driving, info = returned(lambda v: (steered(v), 0.5 * v["along_track"]), scenario, speed=True)
     assert info["outcome"] == ""
     assert info["lag"] < 1.0

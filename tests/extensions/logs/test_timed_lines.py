@@ -38,7 +38,7 @@ def columns():
     return field_log(path(swing_deg=12.0), every=1, counts=lambda wheel: CENTRE + np.degrees(wheel) / DEG_PER_COUNT)
 
 
-def test_lines_are_read_at_the_time_of_the_logger(tmp_path, columns):
+def test_lines_have_the_time_stamps_of_the_logger(tmp_path, columns):
     (tmp_path / "log").write_text("\n".join(lines_of(columns)))
     log = open_log(tmp_path / "log")
     table = {name: log.source[name].to_numpy(zero_copy_only=False) for name in log.source.column_names}

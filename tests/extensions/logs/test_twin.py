@@ -70,7 +70,7 @@ def straight(sigma):
     return read_recording(table, LogMap.model_validate(tables), 2.0)
 
 
-def test_twin_track_is_that_of_the_cg_sampled_every_half_metre():
+def test_twin_track_is_the_cg_track_sampled_every_half_metre():
     found = way([straight(0.0)], TO_CG)
     along = np.hypot(*np.diff(found[:, :2], axis=0).T)
     assert found[0] == pytest.approx([TO_CG * cos(TURNED), TO_CG * sin(TURNED), 5.0], abs=1e-3)

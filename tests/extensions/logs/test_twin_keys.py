@@ -42,7 +42,7 @@ def test_machine_has_the_errors_of_the_sensor_settings(calibrated):
     UTILITY.changed({key: each.value for key, each in keys.items()})
 
 
-def test_latencies_beyond_the_receiver_are_faults(calibrated):
+def test_latency_above_that_of_the_receiver_is_written_as_a_fault(calibrated):
     (fault,) = twin_faults(calibrated)
     assert fault["kind"] == "heading_delay"
     assert fault["delay_s"] == pytest.approx(LATE_ROWS * TICK_S, abs=TICK_S)

@@ -26,7 +26,7 @@ def two_sided(left, right, positive=1.0):
 
 
 @pytest.mark.parametrize(("left", "right", "positive"), [(0.085, 0.115, 1.0), (0.12, 0.09, -1.0), (0.1, 0.1, 1.0)])
-def test_centre_and_both_scales_are_found(left, right, positive):
+def test_steering_centre_and_both_scales_are_identified(left, right, positive):
     side = "left" if positive > 0 else "right"
     steer = {"offset": CENTRE + 13, "scale": 0.1, "positive": side}
     columns = field_log(path(duration=90.0, swing_deg=14.0), counts=two_sided(left, right, positive))
@@ -41,7 +41,7 @@ def test_centre_and_both_scales_are_found(left, right, positive):
         assert any("has two scales" in line for line in sentences(found, UTILITY.tractor))
 
 
-def test_map_with_two_scales_gives_the_wheel_angle():
+def test_map_with_two_scales_converts_counts_to_the_wheel_angle():
     driven = path(swing_deg=14.0)
     columns = field_log(driven, counts=two_sided(0.085, 0.115))
     steer = {"offset": CENTRE, "scale": 0.085, "scale_right": 0.115}

@@ -18,7 +18,7 @@ UTILITY = load_scenario("straight_line", {"machine": "utility", "tractor.wheelba
 
 
 @pytest.mark.parametrize("share", [0.3, 0.45])
-def test_heading_that_repeats_values_at_random_is_calibrated(share):
+def test_log_with_randomly_repeated_headings_is_calibrated(share):
     columns = field_log(path(duration=40.0), every=1)
     repeated = np.random.default_rng(4).random(len(columns["t"])) < share
     source = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(repeated))))
@@ -32,7 +32,7 @@ def test_heading_that_repeats_values_at_random_is_calibrated(share):
 
 
 @pytest.mark.parametrize(("speed", "noise_m", "swing_deg"), [(5.0, 0.26, 4.0), (0.4, 0.15, 15.0), (2.0, 0.26, 8.0)])
-def test_noisy_positions_do_not_turn_the_direction(speed, noise_m, swing_deg):
+def test_noisy_positions_do_not_reverse_the_direction_of_travel(speed, noise_m, swing_deg):
     driven = path(speed=speed, swing_deg=swing_deg)
     recording = recorded(field_log(driven, every=10, noise_m=noise_m, heading=False))
     assert scatter(recording.position.value) == pytest.approx(noise_m, rel=0.2)
@@ -42,7 +42,7 @@ def test_noisy_positions_do_not_turn_the_direction(speed, noise_m, swing_deg):
 
 
 @pytest.mark.parametrize("noise_m", [0.01, 0.1])
-def test_a_long_leg_in_reverse_is_found_in_noisy_positions(noise_m):
+def test_long_reverse_section_is_detected_from_noisy_positions(noise_m):
     driven = path(reverse=[(20.0, 32.0)])
     found = directed(recorded(field_log(driven, every=10, noise_m=noise_m, heading=False)))
     t, value = found.recording.speed
@@ -51,7 +51,7 @@ def test_a_long_leg_in_reverse_is_found_in_noisy_positions(noise_m):
     assert "steering" in found.how
 
 
-def test_steering_corrects_a_direction_from_false_turns():
+def test_steering_corrects_travel_direction_after_position_jumps():
     """Positions that jump back and forth, as from a receiver between two solutions, look like reversals."""
     columns = field_log(path(duration=90.0), every=10, noise_m=0.02, heading=False)
     t, yaw = columns["t"], path(duration=90.0)[5][::10]
@@ -63,14 +63,14 @@ def test_steering_corrects_a_direction_from_false_turns():
     assert found.reverse_m == 0.0
 
 
-def test_speed_said_to_be_signed_is_believed():
+def test_speed_mapped_as_signed_keeps_its_sign():
     columns = field_log(path(reverse=[(20.0, 32.0)]), heading=False)
     assert directed(recorded(columns)).reverse_m > 10
     assert directed(recorded(columns, speed={"signed": True})).reverse_m == 0.0
     assert pieces([recorded(columns, speed={"signed": True})]).signed
 
 
-def test_an_antenna_far_ahead_is_named_as_the_reason():
+def test_message_names_a_wrong_antenna_position_as_the_reason():
     """Of a machine that turns about its rear axle nearly on the spot, as in 40 m of positions and 23 m of speed."""
     driven = path(speed=0.5, swing_deg=65.0)
     columns = field_log(driven, ahead=5.0)
@@ -81,7 +81,7 @@ def test_an_antenna_far_ahead_is_named_as_the_reason():
         check_columns([recorded(columns, position={"ahead_m": 5.0}, speed={"scale": 3.0})])
 
 
-def test_bursts_are_told_with_their_length_and_period():
+def test_bursts_are_reported_with_length_and_period():
     columns = field_log(path(duration=120.0))
     kept = columns["t"] % 8.0 < 2.0
     recording = recorded({name: values[kept] for name, values in columns.items()})
@@ -92,7 +92,7 @@ def test_bursts_are_told_with_their_length_and_period():
     assert bursts(recorded(columns)) is None
 
 
-def test_describe_accepts_words_as_a_quality(tmp_path, call):
+def test_describe_accepts_words_as_fix_quality(tmp_path, call):
     columns = field_log(path()) | {"fix": ["RTK Fixed"] * 1200}
     pacsv.write_csv(pa.table(columns), tmp_path / "log.csv")
     lines = ['time.column = "t"', 'steer.column = "steer"', 'speed.column = "speed"', 'heading.column = "heading"']

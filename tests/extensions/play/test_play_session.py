@@ -34,7 +34,7 @@ def repeated(session, folder):
     return log.signals.equals(again.signals)
 
 
-def test_a_driven_session_is_repeated_bit_for_bit(session, tmp_path):
+def test_replay_of_a_manual_session_is_bit_identical(session, tmp_path):
     drive(session, 40, 0.1)
     session.adjust("friction", 0.5)
     session.adjust("tyres", 0.4)
@@ -58,7 +58,7 @@ def test_replay_with_a_single_law_is_bit_identical(session, tmp_path):
     assert repeated(session, tmp_path / "drive")
 
 
-def test_a_driver_far_from_the_reference_drives_on():
+def test_manual_drive_far_from_the_reference_does_not_end_the_run():
     session = PlaySession(load_scenario("straight_line", {"path.speed_m_s": 3.0, "path.length_m": 200.0}))
     drive(session, 420, speed=0.0)
     reference = session.sim.reference
@@ -68,14 +68,14 @@ def test_a_driver_far_from_the_reference_drives_on():
     assert session.sim.truth.x > 1.0
 
 
-def test_a_standing_driver_stays_where_he_is():
+def test_tractor_at_zero_manual_speed_does_not_move_on_a_slope():
     session = PlaySession(load_scenario("side_slope_10"))
     drive(session, 60, speed=0.0)
     assert abs(session.sim.truth.x) < 0.02
     assert not session.driven
 
 
-def test_a_fast_turn_on_25_degrees_tips_the_tractor(tmp_path):
+def test_fast_turn_on_a_slope_of_25_degrees_rolls_the_tractor_over(tmp_path):
     session = PlaySession(restarted(load_scenario("side_slope_10"), NextStart(25.0)))
     drive(session, 20, speed=0.0)
     assert not session.sim.done
@@ -89,14 +89,14 @@ def test_a_fast_turn_on_25_degrees_tips_the_tractor(tmp_path):
     assert repeated(session, tmp_path / "drive")
 
 
-def test_a_tractor_falls_over_on_35_degrees_before_it_is_driven():
+def test_tractor_at_rest_on_a_slope_of_35_degrees_rolls_over():
     session = PlaySession(restarted(load_scenario("side_slope_10"), NextStart(35.0)))
     drive(session, 2, speed=0.0)
     assert session.sim.outcome == "rolled_over"
     assert session.ticks == 1
 
 
-def test_tractor_leans_less_on_a_slope_with_higher_tyre_pressure():
+def test_roll_angle_on_a_slope_decreases_with_tyre_pressure():
     scenario = load_scenario("side_slope_10", {"machine": "utility"})
     rolls = []
     for bar in (0.8, 1.6):
@@ -106,7 +106,7 @@ def test_tractor_leans_less_on_a_slope_with_higher_tyre_pressure():
     assert radians(0.1) < rolls[0] - rolls[1] < radians(3.0)
 
 
-def test_a_law_returns_to_the_path_after_a_driver_has_left_it(session):
+def test_guidance_law_returns_to_the_path_after_manual_driving(session):
     drive(session, 120, 0.06)
     assert abs(session.cross_track()) > 0.3
     session.hand_over(session.law_names.index("stanley") + 1)
@@ -115,7 +115,7 @@ def test_a_law_returns_to_the_path_after_a_driver_has_left_it(session):
     assert abs(session.cross_track()) < 0.1
 
 
-def test_less_friction_lets_the_tractor_slide_further():
+def test_lower_friction_increases_the_lateral_slide_on_a_slope():
     sideways = []
     for friction in (1.0, 0.1):
         session = PlaySession(load_scenario("side_slope_15"))
@@ -126,7 +126,7 @@ def test_less_friction_lets_the_tractor_slide_further():
 
 
 @pytest.mark.parametrize("name", ADJUSTMENTS)
-def test_an_adjustment_is_a_fault_that_ends_with_the_neutral_value(session, name):
+def test_slider_adds_a_fault_that_ends_at_the_neutral_position(session, name):
     each = ADJUSTMENTS[name]
     drive(session, 2)
     session.adjust(name, each.high if each.high != each.neutral else each.low)
@@ -139,7 +139,7 @@ def test_an_adjustment_is_a_fault_that_ends_with_the_neutral_value(session, name
     assert session.values[name] == each.neutral
 
 
-def test_a_slider_moved_twice_in_a_tick_leaves_one_fault(session):
+def test_slider_moved_twice_in_one_tick_gives_one_fault(session):
     session.adjust("friction", 0.5)
     session.adjust("latency", 0.2)
     session.adjust("friction", 0.4)
@@ -150,13 +150,13 @@ def test_a_slider_moved_twice_in_a_tick_leaves_one_fault(session):
     assert [fault.scale for fault in session.sim.scenario.fault if fault.kind == "friction"] == [0.4, 0.3]
 
 
-def test_latency_applies_in_whole_ticks(session):
+def test_latency_of_a_slider_is_rounded_to_whole_ticks(session):
     session.adjust("latency", 0.33)
     assert session.message == ""
     assert session.sim.scenario.fault[0].latency_s == pytest.approx(0.35)
 
 
-def test_a_fault_that_clashes_is_refused_with_its_reason(session):
+def test_overlapping_fault_is_rejected_with_the_reason(session):
     session.inject("gnss_loss", 5.0)
     drive(session, 3)
     session.inject("gnss_loss", 5.0)
@@ -164,7 +164,7 @@ def test_a_fault_that_clashes_is_refused_with_its_reason(session):
     assert len(session.sim.scenario.fault) == 1
 
 
-def test_every_fault_kind_can_be_injected_or_says_why_not(session):
+def test_each_fault_kind_is_injected_or_rejected_with_a_message(session):
     drive(session, 1)
     injected = 0
     for kind in fault_kinds():
@@ -176,7 +176,7 @@ def test_every_fault_kind_can_be_injected_or_says_why_not(session):
     assert injected > 10
 
 
-def test_a_restored_state_forgets_what_came_after_it(session, tmp_path):
+def test_restored_state_discards_later_inputs(session, tmp_path):
     drive(session, 30, 0.1)
     session.adjust("dead_band", 0.5)
     session.mark()
@@ -192,7 +192,7 @@ def test_a_restored_state_forgets_what_came_after_it(session, tmp_path):
     assert repeated(session, tmp_path / "drive")
 
 
-def test_a_restored_end_can_be_left_again():
+def test_run_continues_after_restoring_a_state_before_its_end():
     session = PlaySession(load_scenario("off_the_field"))
     session.mark()
     session.sim.abort()
@@ -201,12 +201,12 @@ def test_a_restored_end_can_be_left_again():
     assert session.ticks == 1
 
 
-def test_nothing_to_restore_is_said(session):
+def test_restoring_without_a_saved_state_gives_a_message(session):
     session.recall()
     assert session.message == "no state has been kept"
 
 
-def test_a_law_that_fails_returns_the_wheel_to_the_driver(session, monkeypatch):
+def test_error_in_a_guidance_law_switches_to_manual_steering(session, monkeypatch):
     drive(session, 5)
     law = session.sim.loop.guidance.members[1]
 
@@ -223,7 +223,7 @@ def test_a_law_that_fails_returns_the_wheel_to_the_driver(session, monkeypatch):
     assert session.ticks == ticks + 1
 
 
-def test_a_law_that_is_not_there_is_refused(session):
+def test_number_of_an_unlisted_law_is_rejected(session):
     with pytest.raises(CommandError, match="law: must be from 1"):
         session.hand_over(99)
 
@@ -235,12 +235,12 @@ def test_a_law_that_is_not_there_is_refused(session):
         ({"guidance.kind": "cmd_vel"}, "needs `agrobot-mj ros2`"),
     ],
 )
-def test_a_scenario_that_nobody_can_drive_is_refused(keys, message):
+def test_scenario_unsuitable_for_manual_driving_is_rejected(keys, message):
     with pytest.raises(ScenarioError, match=message):
         PlaySession(load_scenario("straight_line", keys))
 
 
-def test_keys_steer_and_the_wheels_return_without_them(session):
+def test_steering_key_turns_the_wheels_until_its_release(session):
     driver = PlayDriver(session)
     for _ in range(20):
         driver.tick(Keys(left=True, faster=True))
@@ -252,7 +252,7 @@ def test_keys_steer_and_the_wheels_return_without_them(session):
     assert driver.speed == pytest.approx(1.0)
 
 
-def test_a_key_takes_the_wheel_from_a_law(session):
+def test_key_press_switches_from_the_guidance_law_to_manual_steering(session):
     driver = PlayDriver(session)
     driver.hand_over(1)
     driver.tick(Keys())
@@ -261,13 +261,13 @@ def test_a_key_takes_the_wheel_from_a_law(session):
     assert session.given.law == 0
 
 
-def test_keys_of_a_lost_browser_count_as_released():
+def test_keys_are_released_when_the_browser_connection_is_lost():
     keys = Keys(left=True, seen=100.0)
     assert keys.at(100.2).left
     assert not keys.at(101.0).left
 
 
-def test_a_slider_holds_its_angle_until_a_key_steers(session):
+def test_angle_of_the_steering_slider_is_held_until_a_key_press(session):
     driver = PlayDriver(session)
     driver.set_angle(0.2)
     driver.tick(Keys())

@@ -118,7 +118,7 @@ needs_proc = pytest.mark.skipif(not Path("/proc/self/net/tcp").exists(), reason=
 
 @needs_proc
 @alone
-def test_nothing_listens_beyond_loopback():
+def test_page_server_listens_only_on_loopback_by_default():
     with served() as (port, addresses):
         assert len(addresses) == 2  # the page, and Studio's own connection to its panel
         assert set(addresses) == {"0100007F"}
@@ -126,13 +126,13 @@ def test_nothing_listens_beyond_loopback():
 
 @needs_proc
 @alone
-def test_network_is_served_only_if_asked_for():
+def test_network_option_makes_the_server_listen_on_the_network():
     with served(network=True) as (_, addresses):
         assert not set(addresses) <= {"0100007F"}
 
 
 @alone
-def test_pages_of_other_sites_are_refused():
+def test_requests_from_pages_of_other_sites_are_rejected():
     with served() as (port, _):
         for path in ("ui", "state", "drop"):
             address = f"ws://127.0.0.1:{port}/{path}"
@@ -143,7 +143,7 @@ def test_pages_of_other_sites_are_refused():
 
 
 @alone
-def test_a_port_in_use_is_said():
+def test_error_for_a_port_in_use_names_the_port():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -153,13 +153,13 @@ def test_a_port_in_use_is_said():
 
 
 @alone
-def test_without_a_page_the_clock_stands_still(tmp_path):
+def test_simulation_time_does_not_advance_without_an_open_page(tmp_path):
     assert not play(load_scenario("straight_line"), tmp_path / "out", PlayOptions(seconds=1.0), lambda: False)
     assert not (tmp_path / "out").exists()
 
 
 @alone
-def test_a_drive_in_real_time_is_repeated_by_run(tmp_path):
+def test_run_of_a_saved_real_time_drive_gives_equal_signals(tmp_path):
     options, pages = PlayOptions(seconds=3.0), ExitStack()
     with pages:
         ((folder, log),) = play(
@@ -175,7 +175,7 @@ def test_a_drive_in_real_time_is_repeated_by_run(tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
-def test_ctrl_c_saves_the_drive_and_ends_the_command(tmp_path):
+def test_interrupt_saves_the_drive_and_ends_the_command(tmp_path):
     words = ["play", "straight_line", "--no-browser", "--no-rrd", "--json", "--out", str(tmp_path / "out")]
     command = subprocess.Popen(
         [sys.executable, "-m", "agrobot_mj", *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -205,7 +205,7 @@ def test_ctrl_c_saves_the_drive_and_ends_the_command(tmp_path):
         (["straight_line", "--set", "terrain.grade_deg=80"], "terrain"),
     ],
 )
-def test_bad_input_gives_one_message_and_no_folder(call, words, message, tmp_path):
+def test_invalid_play_argument_gives_one_message_and_no_folder(call, words, message, tmp_path):
     status, _, err = call("play", *words, "--no-browser", "--seconds", "0", "--out", str(tmp_path / "out"))
     assert status == 2
     assert message in err

@@ -13,7 +13,7 @@ def checks():
     return Trial("outside references").drive(references.run).checks
 
 
-def test_all_references_are_inside_their_bands():
+def test_results_agree_with_all_published_references():
     found = checks()
     assert [check.line for check in found if not check.passed] == []
     assert sum(check.band != "reported" for check in found) == 11
@@ -21,14 +21,14 @@ def test_all_references_are_inside_their_bands():
 
 
 @pytest.mark.parametrize("factor", [0.7, 2.5])
-def test_tyres_too_soft_or_too_stiff_leave_the_bands(factor, monkeypatch):
+def test_too_soft_or_too_stiff_tyres_disagree_with_the_references(factor, monkeypatch):
     stiffness = TyreSize.stiffness
     monkeypatch.setattr(TyreSize, "stiffness", lambda size, bar: factor * stiffness(size, bar))
     failed = [check.quantity for check in checks() if not check.passed]
     assert sum(quantity.startswith("loaded radius") for quantity in failed) >= 4
 
 
-def test_tyres_by_size_pull_better_on_soft_soil_than_stiff_tyres():
+def test_default_tyres_have_more_traction_on_soil_than_stiff_tyres():
     tractor = load_scenario("straight_line", {"machine": "utility"}).tractor
     ends = {"front": tractor.front_wheel, "rear": tractor.rear_wheel}
     stiff = tractor.model_copy(

@@ -42,7 +42,7 @@ def test_files_are_compared_with_the_expected_positions(folder, capsys):
     assert public_logs.main([str(folder)]) == 0
 
 
-def test_displaced_positions_and_exceptions_are_wrong(folder, monkeypatch):
+def test_displaced_positions_and_reader_errors_fail_the_comparison(folder, monkeypatch):
     read = public_logs.read
     monkeypatch.setattr(public_logs, "read", lambda file: read(file) + 1e-4)
     assert public_logs.verdict(folder / "good.log", "").group == "wrong"

@@ -81,7 +81,7 @@ def test_smallest_failing_combination_of_three_keys_is_found(error, place):
     assert found.mildest.fails
 
 
-def test_legend_of_the_figure_does_not_cover_the_combinations():
+def test_legend_does_not_overlap_the_plotted_combinations():
     found, varied = search(planted), tuple(Varied.ranged(key, *RANGES[key]) for key in (A, B))
     figure = command.figure(FalsifyQuestion(varied, UNTIL), found, [])
     assert all(axes.get_legend() is None for axes in figure.axes)
@@ -202,7 +202,7 @@ def test_falsify_command_resumes_and_records_the_failure(call, tmp_path, monkeyp
     assert f"{found['statement']}\nf/falsify.json\n" in said
 
 
-def test_no_failure_is_found_if_no_run_fails(call, tmp_path, monkeypatch):
+def test_search_reports_no_failure_if_no_run_fails(call, tmp_path, monkeypatch):
     monkeypatch.setattr(search_module, "CONFIRMED", 1)
     words = [*WORDS, "--vary", "path.speed_m_s=0.5:1", "--until", "xte_rms > 9", "--budget", "20", "--seeds", "1"]
     status, said, _ = call(*words, "--out", "f")

@@ -113,7 +113,7 @@ def test_splitting_estimate_is_unbiased_for_few_paths(process, n, worst):
     assert mean == pytest.approx(process.exact, abs=3 * error)
 
 
-def test_error_without_splitting_is_binomial():
+def test_standard_error_without_splitting_is_binomial():
     found = estimate([Split(failed / 50, 1.0, failed, (), 50) for failed in (20, 25, 15, 20)], 50)
     assert found.probability == pytest.approx(0.4)
     assert found.error == pytest.approx(sqrt(0.4 * 0.6 / 200))
