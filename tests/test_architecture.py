@@ -81,7 +81,7 @@ def files_of(part):
     return [module] if module.is_file() else sorted((PACKAGE / part).rglob("*.py"))
 
 
-def test_package_folders_are_exactly_the_documented_ones():
+def test_package_contains_exactly_the_documented_folders():
     parts = {part_of(file) for file in PACKAGE.rglob("*.py")} - {"__init__", "__main__"}
     assert parts == set(LAYERS)
     assert len([entry for entry in PACKAGE.iterdir() if entry.name != "__pycache__"]) <= 22

@@ -84,7 +84,7 @@ def test_help_lists_basic_commands_in_panels(call, monkeypatch):
 
 
 @pytest.mark.parametrize("name", [name for name, each in LISTED.items() if each.now])
-def test_error_for_a_former_command_names_the_new_one(call, name):
+def test_error_for_a_former_command_names_the_new_command(call, name):
     _, out, err = call(name, "nowhere")
     assert out == ""
     assert err.startswith(f"{name}: use `agrobot-mj {LISTED[name].now}`")

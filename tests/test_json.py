@@ -39,7 +39,7 @@ def test_json_list_has_the_names_and_titles_of_the_text_output(asked, call, what
     assert what in documented("list")
 
 
-def test_json_list_of_kinds_equals_that_of_the_text_output(asked, call):
+def test_json_and_text_output_list_the_same_kinds(asked, call):
     rows = asked("list", "--kinds")[0]["kinds"]
     texts = [" ".join(row.values()).split() for row in rows]
     assert texts == [line.split() for line in call("list", "--kinds")[1].splitlines()]

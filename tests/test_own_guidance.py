@@ -60,7 +60,7 @@ def test_law_steers_to_the_first_waypoint_outside_its_radius():
 
 @pytest.mark.parametrize(("straight", "heading"), [(432.0, 0.0), (432.0, 1.0), (470.0, 0.0), (400.0, -1.0)])
 @pytest.mark.parametrize("lookahead", [2.0, 3.0])
-def test_steady_state_offset_equals_that_of_a_tractor_without_slip(straight, heading, lookahead):
+def test_steady_state_offset_equals_the_offset_without_slip(straight, heading, lookahead):
     """Against a bicycle that is driven until it has settled; waypoints up to one step beyond the reach blur it."""
     pursuit, board, dt = Pursuit(line(120.0, 0.1, lookahead)), Board(), 0.05
     x = y = yaw = 0.0

@@ -74,5 +74,5 @@ def test_other_missing_modules_are_not_explained_by_an_extra():
     assert missing_extra(ModuleNotFoundError("No module named 'mine'", name="mine")) == ""
 
 
-def test_names_of_figures_are_those_of_the_functions_that_draw_them():
+def test_figures_have_the_names_of_the_functions_that_draw_them():
     assert list(compare.FIGURES) == [draw.__name__ for draw in report.FIGURES]

@@ -32,7 +32,7 @@ def test_speed_correction_stays_within_its_bound() -> None:
     assert max(commands) == pytest.approx(1.2 + SpeedNetwork().bound_m_s)
 
 
-def test_speed_network_appends_its_columns_to_those_of_the_law() -> None:
+def test_speed_network_appends_its_columns_to_the_columns_of_the_law() -> None:
     assert Kinematic().speed_network is None
     plain, second = (law.using(Pd()).columns for law in (Kinematic(), Kinematic(speed_network=SpeedNetwork())))
     assert second == (*plain, *SPEED_COLUMNS)

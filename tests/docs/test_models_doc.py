@@ -39,7 +39,7 @@ def assumed(model: type[Spec]) -> set[str]:
 
 
 @needs_all
-def test_numbers_in_tables_equal_those_in_the_code():
+def test_tables_contain_the_numbers_in_the_code():
     assert with_numbers(TEXT) == TEXT, "run `make reference`"
 
 

@@ -82,7 +82,7 @@ def test_pose_filters_equal_filterpy(ticks, ours):
     assert [arguments[4] is None for arguments in ticks] == [k % 3 == 1 for k in range(200)]
 
 
-def test_compiled_filter_equations_equal_uncompiled_ones():
+def test_compiled_and_uncompiled_filter_equations_agree():
     """Bit-identical to the same Python code without compilation, and close to the numpy results."""
     rng = np.random.default_rng(3)
     P, F, H, R = covariance(rng, 5), rng.standard_normal((5, 5)), rng.standard_normal((2, 5)), covariance(rng, 2)

@@ -142,7 +142,7 @@ def test_fixes_of_float_quality_have_less_weight():
     assert rms(Quality.FLOAT) < 0.6 * rms(Quality.FIX)
 
 
-def test_estimated_position_is_that_of_the_centre_of_gravity():
+def test_estimated_position_is_the_centre_of_gravity():
     for step in drive(Ekf(), 5, steer=turning)[::10]:
         e = step.estimate
         l_r = TRACTOR.cg_to_rear_axle

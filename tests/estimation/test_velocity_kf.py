@@ -89,7 +89,7 @@ def test_filter_reduces_velocity_noise():
     assert np.mean(speeds[100:]) == pytest.approx(1.2, abs=0.005)
 
 
-def test_process_noise_of_two_steps_equals_that_of_one_long_step():
+def test_process_noise_of_two_steps_equals_the_noise_of_one_long_step():
     """The velocity variance grows linearly with time; two steps give the noise of one step of the total length."""
     walk, a, b = 0.3, 0.05, 0.12
     F = np.kron(np.eye(2), [[1.0, b], [0.0, 1.0]])

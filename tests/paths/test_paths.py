@@ -150,7 +150,7 @@ def test_path_is_unchanged_by_serialisation(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", VARIANTS, ids=repr)
-def test_path_evaluation_costs_less_than_three_times_that_of_a_circle(path: Any) -> None:
+def test_path_evaluation_takes_less_than_three_times_as_long_as_a_circle(path: Any) -> None:
     def cost(of: Any) -> int:
         """Return the number of lines that 50 evaluations execute; a search along the path would increase it."""
         grid, executed = np.linspace(0, of.duration_s, 50).tolist(), 0

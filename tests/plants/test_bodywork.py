@@ -152,7 +152,7 @@ def test_viewer_model_files_are_up_to_date():
         assert path.read_text(encoding="utf-8") == text, "run `make reference`"
 
 
-def test_recorded_geometry_equals_that_of_the_mujoco_viewer():
+def test_recording_and_mujoco_viewer_show_equal_geometry():
     shipped = scene_of(mujoco.MjSpec.from_file(str(MODELS / "tractor.xml")).compile())
     written = scene_of(tractor_spec(Machine(COMPACT)).compile())
     ours = {geom.name: geom for geom in written.geoms}

@@ -110,7 +110,7 @@ def test_impossible_tractor_is_rejected(change, message):
         written(TractorParameters(**change))
 
 
-def test_error_for_impossible_inertias_suggests_possible_ones():
+def test_error_for_impossible_inertias_suggests_possible_inertias():
     """They are those of a tractor in proportion: 16 times the inertias of the default on twice its length."""
     with pytest.raises(ValueError, match=r"set them to") as refused:
         written(TractorParameters(mass_kg=3000, wheelbase_m=2.8, yaw_inertia_kg_m2=100.0))

@@ -96,7 +96,7 @@ def test_recording_contains_name_seed_identity_and_version_of_the_run(eight):
     assert scenario.to_toml() in eight.static("/scenario", "TextDocument:text")[0]
 
 
-def test_metrics_in_the_recording_equal_those_of_the_run(eight):
+def test_recording_contains_the_metrics_of_the_run(eight):
     metrics = json.loads(json.dumps(eight.log.metrics))  # as in metrics.json
     info = eight.static("/info", "TextDocument:text")[0]
     for name, value in metrics.items():

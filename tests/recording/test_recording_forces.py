@@ -22,7 +22,7 @@ def report(log, quantity):
     return np.stack([log.column(f"{quantity}_{wheel}") for wheel in WHEELS], axis=1)
 
 
-def test_contact_patches_and_frames_equal_those_of_the_tyres():
+def test_drawn_contact_patches_and_frames_equal_the_tyre_contacts():
     rng = np.random.default_rng(4)
     ground = plane(0.1, -0.2, 50.0)
     quaternions = rng.normal(size=(6, 4, 4)) * 0.15 + [1.0, 0, 0, 0]

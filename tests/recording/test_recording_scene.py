@@ -111,7 +111,7 @@ def test_drawn_reference_covers_the_whole_path(eight):
     np.testing.assert_allclose(np.array(line)[[0, -1], :2], ends, atol=1e-5)
 
 
-def test_drawn_ground_heights_equal_those_of_wheel_contact():
+def test_drawn_ground_heights_equal_the_heights_in_wheel_contact():
     rng = np.random.default_rng(3)
     ground = Ground(-2.0, -3.0, 0.5, rng.normal(size=(13, 9)))
     x, y = rng.uniform(-4, 4, size=(2, 500))

@@ -199,7 +199,7 @@ def test_plots_of_missing_components_are_not_drawn(tmp_path):
     assert all(np.isfinite(scalars(recorded, name)[1]).all() for name in plots)
 
 
-def test_plot_units_are_those_of_the_columns(eight):
+def test_plots_use_the_units_of_the_columns(eight):
     units = {column.name: column.unit for column in eight.log.rows.table}
     for plot in (*PLOTS, *network_plots(eight.log.rows.columns), *COMPARED):
         for series in plot.series:

@@ -140,7 +140,7 @@ def test_keys_without_a_kind_apply_to_the_kind_of_the_machine(mine):
     assert load_scenario("straight_line", {"implement.mass_kg": 200.0, "machine": mine}).implement.kind == "mounted"
 
 
-def test_changing_the_machine_removes_all_keys_of_the_previous_one(mine):
+def test_changing_the_machine_removes_all_keys_of_the_previous_machine(mine):
     own = {"tractor.track_m": 1.3}
     swapped = load_scenario("straight_line", {"machine": mine, **own}).changed({"machine": "compact"})
     assert swapped == load_scenario("straight_line", own)
@@ -206,7 +206,7 @@ def test_every_command_on_a_scenario_accepts_a_machine():
     assert {name for name in options if "--machine" in options[name]} == driving
 
 
-def test_command_line_lists_machines_and_rejects_an_unknown_one():
+def test_command_line_lists_machines_and_rejects_an_unknown_machine():
     listed = CliRunner().invoke(app, ["list", "--machines"])
     assert [line.split()[0] for line in listed.output.splitlines()] == sorted(machine_files())
     with pytest.raises(ScenarioError, match="known: compact"):

@@ -92,7 +92,7 @@ def test_key_of_another_terrain_is_suggested_with_its_kind():
         (("list", "sweeps"), "use --sweeps"),
     ],
 )
-def test_error_for_unknown_option_suggests_the_closest_one(call, arguments, hint):
+def test_error_for_an_unknown_option_suggests_the_closest_option(call, arguments, hint):
     status, _, err = call(*arguments)
     assert status == 2
     assert err.splitlines()[-1] == hint

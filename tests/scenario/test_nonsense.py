@@ -155,7 +155,7 @@ def test_polygon_patches_with_many_corners_are_filled():
     load_scenario("straight_line", {"terrain.half_size_m": 40.0, "terrain.patch": patches})
 
 
-def test_polygon_test_on_a_grid_equals_that_of_single_points():
+def test_polygon_tests_of_a_grid_and_of_single_points_agree():
     polygon = PolygonPatch(points=tuple(map(tuple, corners(37))))
     x, y = np.linspace(-31, 31, 83), np.linspace(-31, 31, 71)
     grid, points = polygon.covers(x[None, :], y[:, None]), [[in_polygon(polygon.points, a, b) for a in x] for b in y]

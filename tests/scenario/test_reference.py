@@ -203,7 +203,7 @@ def test_tables_kinds_lists_and_the_whole_scenario_can_be_explained():
         ("[3].1", "`agrobot-mj explain` lists the tables"),
     ],
 )
-def test_error_for_an_unknown_key_suggests_similar_ones(key, near):
+def test_error_for_an_unknown_key_suggests_similar_keys(key, near):
     with pytest.raises(ScenarioError, match=f"^{re.escape(key)}: unknown key") as error:
         explain_key(key)
     assert near in str(error.value)

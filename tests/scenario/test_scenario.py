@@ -261,7 +261,7 @@ def test_sloped_terrain_is_rejected_with_the_bicycle_in_any_key_order():
 
 
 @pytest.mark.parametrize("step", [0.003, 0.0035, 0.0049, 0.0011, 0.000123])
-def test_error_for_a_time_step_not_dividing_the_tick_suggests_one(step):
+def test_error_for_a_time_step_not_dividing_the_tick_suggests_a_step(step):
     message = refused("straight_line", {"physics_dt_s": step})
     assert message.startswith(f"straight_line.toml: physics_dt_s: {step:g} does not divide the 0.05 s tick; try ")
     better = float(re.search(r"try ([0-9.e-]+)$", message).group(1))
@@ -368,7 +368,7 @@ def test_scenarios_are_immutable():
         load_scenario("circle").seed = 3
 
 
-def test_duration_defaults_to_that_of_the_path():
+def test_duration_defaults_to_the_duration_of_the_path():
     assert load_scenario("circle").ticks == round(load_scenario("circle").path.duration_s / TICK_S)
     assert load_scenario("circle", {"duration_s": 2}).ticks == 40
     assert load_scenario("circle", {"duration_s": 1e-3}).ticks == 1
@@ -422,7 +422,7 @@ def test_excessive_nesting_in_a_scenario_is_rejected(tmp_path):
     assert refused(write(tmp_path, "title = " + "[" * 5000 + "]" * 5000))
 
 
-def test_data_files_in_the_folder_take_precedence_over_shipped_ones(tmp_path):
+def test_data_files_in_the_folder_take_precedence_over_shipped_files(tmp_path):
     (tmp_path / "waypoints.csv").write_text("x_m,y_m\n0,0\n6,0\n")
     for folder, name, expected in (
         (tmp_path, "waypoints.csv", str(tmp_path / "waypoints.csv")),

@@ -62,7 +62,7 @@ def test_filter_weights_change_with_the_filter_settings():
 @pytest.mark.parametrize(
     ("samples", "window", "order"), [(100, 21, 3), (21, 21, 3), (10, 5, 2), (3, 3, 1), (60, 1, 0), (90, 41, 4)]
 )
-def test_filter_equals_that_of_scipy_also_at_the_ends(samples: int, window: int, order: int) -> None:
+def test_filter_agrees_with_scipy_including_both_ends(samples: int, window: int, order: int) -> None:
     theirs = savgol_filter(np.eye(samples), window, order, axis=0)
     assert savgol_matrix(samples, window, order) == pytest.approx(theirs, abs=1e-12)
 
@@ -167,7 +167,7 @@ def test_position_error_starts_in_its_stationary_distribution():
     assert np.std(first) == pytest.approx(gnss.sigma_m, rel=5 / sqrt(2 * n))
 
 
-def test_measured_positions_are_those_of_the_antenna():
+def test_measured_position_is_the_antenna_position():
     fix = record(Sensors(gnss=PERFECT), 1)[0].fix
     assert fix[:6] == (10.0, -5.0, 1.1, 0.4, 0.0, 2.0)
 

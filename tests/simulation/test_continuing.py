@@ -68,12 +68,12 @@ def test_the_run_can_become_shorter(sim):
         ({"fault": []}, r"fault\[0\]: it changes the past"),
     ],
 )
-def test_a_change_of_the_past_is_refused(sim, keys, message):
+def test_change_of_the_past_is_rejected(sim, keys, message):
     with pytest.raises(CommandError, match=message):
         continued(sim.save(), sim.scenario.changed(keys))
 
 
-def test_a_fault_before_the_next_tick_is_refused(sim):
+def test_fault_before_the_next_tick_is_rejected(sim):
     with pytest.raises(CommandError, match=r"fault\[1\]: it changes the past"):
         continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
     with pytest.raises(CommandError, match=r"fault\[0\]: it changes the past"):

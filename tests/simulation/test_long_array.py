@@ -55,7 +55,7 @@ def test_long_run_in_blocks_gives_the_same_log_and_files(small, tmp_path, monkey
     assert file.read().equals(plain.signals, check_metadata=True)
 
 
-def test_file_of_a_single_block_run_equals_that_of_the_whole_table(tmp_path):
+def test_single_block_run_writes_the_same_file_as_the_whole_table(tmp_path):
     """The bytes of ordinary files do not depend on the way they are written."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)

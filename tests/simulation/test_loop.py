@@ -214,7 +214,7 @@ def test_every_path_can_be_simulated(path):
     assert np.hypot(log.column("e_lateral"), log.column("e_longitudinal"))[-1] < 1.0
 
 
-def test_logged_errors_are_those_of_the_true_cg_in_the_reference_frame():
+def test_logged_errors_refer_to_the_true_cg_in_the_reference_frame():
     log = run(short("circle", 8.0))
     c = log.column
     for k in (20, 159):

@@ -99,7 +99,7 @@ def test_guidance_laws_are_compared_with_controllers(circle):
     ]
 
 
-def test_controllers_are_combined_only_with_laws_that_use_one(circle):
+def test_controllers_are_combined_only_with_laws_that_use_a_controller(circle):
     found = planned(circle, controllers=["pd", "pi"], guidance=["feedforward", "lqr"])
     assert laws(found) == ["feedforward-pd", "feedforward-pi", "lqr"]
     assert [case.scenario.controller.kind for case in found.cases][:2] == ["pd", "pi"]
@@ -157,7 +157,7 @@ def test_impossible_runs_are_reported_before_any_run(circle, texts, options, mes
     assert not texts or "--variant" in str(caught.value)
 
 
-def test_the_limit_of_runs_can_be_raised(circle):
+def test_maximum_number_of_runs_can_be_increased(circle):
     (option,) = (each for each in get_command(app).commands["compare"].params if each.name == "max_runs")
     assert option.default == MOST_RUNS
     assert len(planned(circle, seeds=3, most=6).cases) == 6

@@ -88,7 +88,7 @@ def test_heights_at_grid_nodes_equal_the_node_values():
 
 
 @pytest.mark.parametrize(("x", "y"), [(-1e4, 3.1), (1e4, 3.1), (-1.2, -1e4), (-1.2, 1e4), (1e4, -1e4)])
-def test_heights_outside_the_grid_equal_those_at_its_border(x, y):
+def test_heights_outside_the_grid_equal_the_heights_at_its_border(x, y):
     x_min, x_max, y_min, y_max = ROUGH.extent
     border = height_and_gradient(ROUGH, min(max(x, x_min), x_max), min(max(y, y_min), y_max))[0]
     assert height_and_gradient(ROUGH, x, y)[0] == pytest.approx(border, abs=1e-12)

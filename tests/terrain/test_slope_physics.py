@@ -58,7 +58,7 @@ def settled(make, tyre, uphill_deg, driveline):
 
 @pytest.mark.parametrize("tyre", force_tyres(), ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 180.0, 35.0])
-def test_wheel_loads_on_a_slope_equal_those_under_tilted_gravity(tyre, uphill_deg):
+def test_wheel_loads_on_a_slope_and_under_tilted_gravity_are_equal(tyre, uphill_deg):
     loads = [settled(m, tyre, uphill_deg, Driveline()).wheels()[:4] for m in (on_slope, under_tilted_gravity)]
     assert loads[0] == pytest.approx(loads[1], rel=0.01)
     assert np.ptp(loads[0]) > 250.0

@@ -155,7 +155,7 @@ def test_terrain_may_be_rectangular(kind, size):
 
 
 @pytest.mark.parametrize("kind", [kind for kind in SIZED if kind is not Rough])
-def test_rectangular_terrain_equals_the_same_part_of_the_square_one(kind):
+def test_rectangular_terrain_equals_that_part_of_a_square_terrain(kind):
     """Where both have ground it is the same ground (a rough field draws other phases for another size)."""
     keys = {"grade_deg": 5.0} if kind in TILTED else {}
     keys |= {"x_m": 1.0, "count": 3} if kind is Bumps else {}

@@ -60,7 +60,7 @@ def test_four_linear_tyres_equal_the_two_axles_of_the_bicycle_model():
     assert 2 * rear.C_alpha == pytest.approx(bicycle.rear_cornering_stiffness_n_rad)
 
 
-def test_tyre_dimensions_are_those_of_the_tractor():
+def test_tyre_dimensions_are_taken_from_the_tractor():
     tyres = tyre_set(Linear(relaxation_radii=2.0), TRACTOR)
     assert tyres.radius.tolist() == [0.28, 0.28, 0.42, 0.42]
     assert tyres.relaxation == pytest.approx(2.0 * np.array([[0.28] * 2, [0.28] * 2, [0.42] * 2, [0.42] * 2]))

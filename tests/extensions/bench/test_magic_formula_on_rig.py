@@ -69,7 +69,7 @@ def test_published_lateral_force_curve_is_reproduced(published, angle_deg, newto
     assert rig.steady(Setting(2.0, -radians(angle_deg), 0.0, 4000.0)).fy == pytest.approx(-newtons, abs=0.5)
 
 
-def test_tyre_coefficients_from_a_file_equal_those_in_code(published):
+def test_published_tyre_coefficients_are_read_from_a_file(published):
     lateral = Curve(
         mu=1.0489, mu_load=0, stiffness_per_load=21.92, stiffness_load=0, shape=1.3507, curvature=-0.0074722
     )

@@ -157,7 +157,7 @@ def test_contact_patch_without_length_has_no_scrubbing_moment():
         assert not Turning(tyre).moments([1.0] * 10).any()
 
 
-def test_parked_wheel_is_harder_to_steer_than_a_rolling_one():
+def test_parked_wheel_is_harder_to_steer_than_a_rolling_wheel():
     slow = [0.2] * 400
     still = abs(Turning(MagicFormula()).moments(slow)[-1])
     rolling = abs(Turning(MagicFormula()).moments(slow, 1.0)[-1])

@@ -193,7 +193,7 @@ def test_error_for_an_invalid_tyre_file_names_the_key(tmp_path, text, told):
     assert not (tmp_path / "out").exists()
 
 
-def test_error_for_an_unknown_tyre_lists_the_available_ones(tmp_path):
+def test_error_for_an_unknown_tyre_lists_the_available_tyres(tmp_path):
     with pytest.raises(ScenarioError, match=r"unknown tyre 'liner'; did you mean 'linear'\? \(known: contact, "):
         rig_command("liner", tmp_path)
     with pytest.raises(ScenarioError, match="No such file"):

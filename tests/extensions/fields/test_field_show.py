@@ -59,7 +59,7 @@ def test_blank_field_file_name_is_rejected(call, file, arguments):
     assert "an argument is blank" in " ".join(err.split())
 
 
-def test_price_is_checked_before_the_plan(call, file):
+def test_incomplete_price_is_rejected_before_planning(call, file):
     assert call("field", "run", file, "--price", "seed=3")[::2] == (
         2,
         "--price seed=3: give input_ha, yield_ha, hour, each 0 or more\n",

@@ -26,7 +26,7 @@ def lines_of(columns, offset=432, **more):
     return health_lines([pa.table(columns)], field_map(columns, steer={"offset": offset, "scale": SCALE}, **more))
 
 
-def test_healthy_log_has_scatter_and_centres_alone():
+def test_healthy_log_reports_only_scatter_and_centres():
     scatter, centres = lines_of(field_log(DRIVEN, counts=counts_about(432)))
     assert float(scatter.split("scatter by ")[1].split()[0]) == pytest.approx(1.0, abs=0.1)
     assert centres.startswith("log: the steering explains 100 % of the yaw rate; steering centre: ")
@@ -37,7 +37,7 @@ def test_healthy_log_has_scatter_and_centres_alone():
 
 @pytest.mark.parametrize("heading", [True, False])
 @pytest.mark.parametrize("scale", [0.1, 0.15])
-def test_a_centre_of_another_day_is_told(heading, scale):
+def test_steering_centre_different_from_another_day_is_reported(heading, scale):
     columns = field_log(DRIVEN, counts=counts_about(370), heading=heading)
     steer = {"offset": 432, "scale": scale}
     told = health_lines([pa.table(columns)], field_map(columns, steer=steer))[-1]
@@ -45,7 +45,7 @@ def test_a_centre_of_another_day_is_told(heading, scale):
     assert float(told.split("in this log is ")[1].split(",")[0]) == pytest.approx(370, abs=1.0)
 
 
-def test_a_sensor_that_slips_within_the_log_is_told():
+def test_sensor_that_slips_within_a_log_is_reported():
     columns = field_log(DRIVEN, counts=counts_about(432))
     columns["steer"] += np.where(columns["t"] > 50, 20, 0)
     told = lines_of(columns)[-1]
@@ -53,7 +53,7 @@ def test_a_sensor_that_slips_within_the_log_is_told():
     assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
 
 
-def test_a_sensor_that_slips_between_two_logs_is_told():
+def test_sensor_that_slips_between_two_logs_is_reported():
     logs = [pa.table(field_log(DRIVEN, counts=counts_about(centre), seed=centre)) for centre in (432, 452)]
     log_map = field_map(field_log(DRIVEN), steer={"scale": SCALE})
     told = health_lines(logs, log_map)[-1]
@@ -88,7 +88,7 @@ def test_bursts_too_short_for_a_fit_tell_the_centre():
     assert "the steering centre in this log is 370" in lines[-1]
 
 
-def test_an_antenna_ahead_of_the_axle_is_told():
+def test_antenna_ahead_of_the_axle_is_reported():
     columns = field_log(DRIVEN, counts=counts_about(432), ahead=1.8)
     assert "the antenna is about 1.8 m ahead of the rear axle, but the map has 0" in lines_of(columns)[-1]
     position = {"ahead_m": 1.8}

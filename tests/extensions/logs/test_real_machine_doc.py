@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[3]
 
 
-def test_numbers_in_the_paper_equal_those_of_the_real_machine_page():
+def test_paper_and_real_machine_page_state_equal_numbers():
     text, page = ((ROOT / name).read_text("utf-8") for name in ("paper.md", "docs/extensions/logs/real_machine.md"))
     rows = re.findall(r"^\| (2\w+) \| (\d+%) \| ([\d.]+) \| (\d+%) \| ([\d.]+) \|$", text, re.M)
     row = re.compile(r"^\| (\w+) \| ([^|]+) \| (\d+%) \|[^|]+\|[^|]+\| ([\d.]+) / ", re.M)

@@ -287,7 +287,7 @@ def test_invalid_columns_give_exit_status_2(driven, tmp_path, call):
         assert (status, told in err) == (2, True), err
 
 
-def test_log_without_a_known_map_gives_a_message_requesting_one(tmp_path, call):
+def test_log_without_a_known_map_gives_a_message_requesting_a_map(tmp_path, call):
     pq.write_table(pa.table({"a": [1.0, 2.0]}), tmp_path / "log.parquet")
     status, _, err = call("twin", "--only", "replay", "log.parquet")
     assert (status, "--map map.toml" in err) == (2, True)

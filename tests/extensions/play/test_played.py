@@ -30,7 +30,7 @@ def test_inputs_survive_their_table_to_the_last_bit(tmp_path):
     assert isnan(table.given[2].speed)
 
 
-def test_an_input_applies_until_the_next_one():
+def test_input_applies_until_the_next_input():
     table = PlayTable([3, 5], [PlayInput(speed=1.0), PlayInput(speed=2.0)])
     assert [table.at(tick).speed for tick in range(7)] == [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0]
 
@@ -49,7 +49,7 @@ def test_an_input_applies_until_the_next_one():
         ("", "is empty"),
     ],
 )
-def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
+def test_invalid_table_is_rejected_with_its_line(tmp_path, text, message):
     (tmp_path / "inputs.csv").write_text(text)
     with pytest.raises(ScenarioError, match=message) as found:
         load_scenario("circle", played(tmp_path / "inputs.csv", [{"kind": "lqr"}]))
@@ -65,7 +65,7 @@ def test_a_bad_table_is_refused_with_its_line(tmp_path, text, message):
         ({"kind": "played"}, "cannot take over"),
     ],
 )
-def test_a_law_that_cannot_take_over_is_refused(law, message):
+def test_law_that_cannot_take_over_is_rejected(law, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario("circle", {"guidance": {"kind": "played", "laws": [law]}})
 
@@ -95,7 +95,7 @@ def test_a_law_takes_over_from_where_the_tractor_is(tmp_path):
     assert log.column("x")[-1] > log.column("x")[160] + 15.0
 
 
-def test_a_given_speed_replaces_that_of_the_law(tmp_path):
+def test_specified_speed_replaces_the_speed_of_the_law(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,1,0,0.8\n")
     keys = played(tmp_path / "inputs.csv", [{"kind": "kinematic"}], duration_s=15.0)
     log = run(load_scenario("straight_line", keys))
@@ -103,7 +103,7 @@ def test_a_given_speed_replaces_that_of_the_law(tmp_path):
     assert abs(log.column("y")[-1]) < 0.1
 
 
-def test_the_nearest_time_is_that_of_the_nearest_point():
+def test_nearest_time_belongs_to_the_nearest_path_point():
     route = SampledRoute(load_scenario("figure_eight").path)
     for t in (3.0, 31.4, 77.7):
         r = route.at(t)

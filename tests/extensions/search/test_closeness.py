@@ -17,7 +17,7 @@ def log():
 
 
 @pytest.mark.parametrize("name", ["xte_abs_max", "xte_rms", "lateral_mse", "longitudinal_rms"])
-def test_margin_at_the_end_of_the_run_equals_that_of_the_metric(log, name):
+def test_final_margin_equals_the_margin_of_the_metric(log, name):
     close = Closeness(f"{name} > 0.02")(log)
     assert close.shape == (80,)
     assert close.max() == pytest.approx(log.metrics[name] / 0.02 - 1)

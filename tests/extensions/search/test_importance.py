@@ -219,7 +219,7 @@ def test_shipped_designs_rank_known_functions_correctly(name, function):
         assert f" of {d * (d - 1) // 2} pairs are distinguished" in importance_text([found], "xte_rms")
 
 
-def test_linear_effects_are_not_ranked_above_stronger_nonlinear_ones():
+def test_linear_effects_are_not_ranked_above_larger_nonlinear_effects():
     """x1 has a slope and x2 of Ishigami has none, but x2 carries two fifths of the variance by a bend."""
     for seed in range(20):
         x = np.random.default_rng(seed).uniform(-pi, pi, (200, 3))

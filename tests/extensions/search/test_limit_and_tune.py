@@ -64,7 +64,7 @@ def test_json_output_of_a_limit_equals_its_file_and_text(asked, call):
     assert written["laws"][0]["statement"] in call(*words)[1]
 
 
-def test_error_for_the_former_use_of_an_option_names_the_new_one(call):
+def test_error_for_the_former_use_of_an_option_names_the_new_option(call):
     status, _, err = call("limit", *WHERE, "--seeds", 3)
     assert status == 2
     assert "use --max-seeds" in err

@@ -88,7 +88,7 @@ def test_errors_in_a_tuning_file_are_reported(tmp_path, text, told):
         read_tuning(tuning(tmp_path, text))
 
 
-def test_error_for_an_unknown_tuning_lists_the_available_ones():
+def test_error_for_an_unknown_tuning_lists_the_available_tunings():
     with pytest.raises(ScenarioError, match=r"unknown tuning 'gain'.*gains.*surfaces"):
         read_tuning("gain")
 

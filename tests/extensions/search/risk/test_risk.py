@@ -244,7 +244,7 @@ def splittings(duration, at, particles, repeats, least=1e-6):
     return scenario, populations(scenario, question, condition, do, lambda p: None)
 
 
-def test_branched_runs_share_the_past_up_to_the_branch_and_then_differ():
+def test_branched_runs_are_equal_until_the_branch_and_then_differ():
     scenario, (found,) = splittings(2.0, 0.5, 6, 1, least=0.1)
     rises, copies = Rises(Closeness("xte_abs_max > 0.5"), AHEAD_S), [each for each in found.runs if each.branches]
     assert len(copies) > 5
