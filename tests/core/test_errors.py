@@ -140,6 +140,6 @@ def test_only_similar_names_are_suggested():
     assert suggestion("x", []) == ""
 
 
-def test_text_of_a_scenario_error_is_its_message():
+def test_scenario_error_converts_to_its_message():
     assert str(ScenarioError("a: b")) == "a: b"
     assert issubclass(ScenarioError, ValueError)

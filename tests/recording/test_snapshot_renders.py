@@ -89,7 +89,7 @@ def test_rendered_curves_have_the_colours_of_their_legends(pictures):
 
 @pytest.mark.slow
 @needs_vulkan
-def test_tab_can_be_selected_and_an_unknown_one_is_reported(eight, tmp_path):
+def test_tab_can_be_selected_and_an_unknown_tab_is_reported(eight, tmp_path):
     (path,) = snapshots(eight.path, [3.5], tmp_path, ["Info"])
     assert path == tmp_path / "info_3.5.png"
     (alone,) = snapshots(eight.path, [3.5], tmp_path, ["tractor"], size=(640, 400))

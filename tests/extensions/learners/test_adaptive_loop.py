@@ -78,7 +78,7 @@ def test_learned_valve_parameters_stay_bounded_with_a_stuck_sensor() -> None:
         assert 0.0 <= side.dead_band <= WIDEST_V
 
 
-def test_valve_model_worse_than_the_initial_one_is_discarded() -> None:
+def test_valve_model_worse_than_the_initial_model_is_discarded() -> None:
     loop = AdaptiveLoop(gain_deg_s_v=6.5, dead_band_v=0.4)
     sound = loop.init()
     wrong = sound._replace(

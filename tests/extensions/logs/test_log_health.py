@@ -80,7 +80,7 @@ def test_sensor_with_two_scales_has_the_right_centre():
     assert any("the steering centre in this log is 204" in line for line in lines_of(columns, 2060))
 
 
-def test_bursts_too_short_for_a_fit_tell_the_centre():
+def test_steering_centre_is_reported_from_bursts_too_short_for_a_fit():
     columns = field_log(DRIVEN, counts=counts_about(370))
     kept = columns["t"] % 8.0 < 2.0
     lines = lines_of({name: values[kept] for name, values in columns.items()})
@@ -95,14 +95,14 @@ def test_antenna_ahead_of_the_axle_is_reported():
     assert not any("antenna" in line for line in lines_of(columns, position=position))
 
 
-def test_steering_without_a_part_in_the_turning_has_no_centre():
+def test_steering_unrelated_to_the_turning_has_no_centre():
     columns = field_log(DRIVEN, counts=counts_about(432))
     columns["steer"] = 432 + 30 * np.sin(columns["t"] * 1.7)
     assert "too little to evaluate the steering centre" in lines_of(columns)[-1]
 
 
 @pytest.mark.parametrize("options", [["--describe"], ["--only", "replay", "--set", "plant.kind=bicycle"]])
-def test_every_command_begins_with_or_tells_the_health(tmp_path, call, options):
+def test_every_command_reports_a_moved_steering_sensor(tmp_path, call, options):
     pacsv.write_csv(pa.table(field_log(path(duration=30.0), counts=counts_about(370))), tmp_path / "log.csv")
     lines = ['time.column = "t"', 'speed.column = "speed"', "[steer]", 'column = "steer"', "offset = 432"]
     lines += [f"scale = {SCALE}", "[heading]", 'column = "heading"', 'convention = "enu"']

@@ -13,7 +13,7 @@ def logs(tmp_path):
     return tmp_path / "logs.toml"
 
 
-def test_log_that_cannot_be_used_has_a_row_with_the_reason(logs, capsys):
+def test_unusable_log_has_a_table_row_with_the_reason(logs, capsys):
     assert log_table.main([str(logs)]) == 0
     (row,) = log_table.rows_of(logs.with_suffix(".md").read_text())
     assert row[1] == "mine"
@@ -23,7 +23,7 @@ def test_log_that_cannot_be_used_has_a_row_with_the_reason(logs, capsys):
     assert capsys.readouterr().out == logs.with_suffix(".md").read_text()
 
 
-def test_row_of_a_release_is_kept_and_the_next_release_adds_one(logs, monkeypatch):
+def test_next_release_adds_a_row_and_keeps_earlier_rows(logs, monkeypatch):
     monkeypatch.setattr(log_table, "cells", lambda log, folder: ("60", "1.0 / 2.0", "0.1 / 0.2", "90%", "-", "-"))
     log_table.main([str(logs)])
     before = log_table.rows_of(logs.with_suffix(".md").read_text())

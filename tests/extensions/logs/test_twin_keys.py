@@ -29,7 +29,7 @@ def calibrated():
     return calibrate([pa.table(columns)], field_map(columns, steer=steer, position={"ahead_m": 0.0}), UTILITY)
 
 
-def test_machine_has_the_errors_of_the_sensor_settings(calibrated):
+def test_twin_keys_contain_the_identified_sensor_errors(calibrated):
     keys = twin_keys(calibrated, vehicle_quantities(calibrated.fit, calibrated.data.chassis), UTILITY)
     values = {key.removeprefix("sensors."): each.value for key, each in keys.items()}
     assert values["steering_pot.centre_deg"] == pytest.approx(-20 * 0.1, abs=0.1)

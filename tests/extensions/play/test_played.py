@@ -20,7 +20,7 @@ def played(file, laws=(), **keys):
     return {"guidance": {"kind": "played", "inputs": {"file": str(file)}, "laws": list(laws)}, **BICYCLE, **keys}
 
 
-def test_inputs_survive_their_table_to_the_last_bit(tmp_path):
+def test_inputs_are_bit_identical_after_writing_and_reading(tmp_path):
     changes = [(0, PlayInput()), (7, PlayInput(0, 0.1 + 0.2, 1 / 3)), (9, PlayInput(2, 0.0, nan))]
     write_inputs(tmp_path / "inputs.csv", changes)
     table = read_inputs(str(tmp_path / "inputs.csv"))
@@ -70,12 +70,12 @@ def test_law_that_cannot_take_over_is_rejected(law, message):
         load_scenario("circle", {"guidance": {"kind": "played", "laws": [law]}})
 
 
-def test_without_inputs_the_command_that_drives_is_named():
+def test_error_without_inputs_names_the_play_command():
     with pytest.raises(ScenarioError, match="agrobot-mj play"):
         run(load_scenario("circle", {"guidance.kind": "played", **BICYCLE}))
 
 
-def test_a_driver_steers_by_the_table(tmp_path):
+def test_tractor_follows_steering_and_speed_in_the_table(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,0,0.2,1.5\n100,0,-0.2,1.5\n")
     log = run(load_scenario("circle", played(tmp_path / "inputs.csv")))
     steer, speed = log.column("steer"), log.column("speed")
@@ -85,7 +85,7 @@ def test_a_driver_steers_by_the_table(tmp_path):
     assert set(log.column("play_steer")) == {0.2, -0.2}
 
 
-def test_a_law_takes_over_from_where_the_tractor_is(tmp_path):
+def test_law_takes_over_at_the_position_of_the_tractor(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,0,0.05,1.5\n160,1,0,\n")
     keys = played(tmp_path / "inputs.csv", [{"kind": "stanley"}], duration_s=25.0)
     log = run(load_scenario("straight_line", keys))
