@@ -64,7 +64,7 @@ class Sprung(NamedTuple):
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
-    """Raise ValueError with key and limit if the tyres of the tractor are unstable at the model's time step."""
+    """Raise a ValueError that names the key and the limit if the tyres are unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, _tyres(model, data, tyres, tractor, tyre), "this tractor and tyre")

@@ -92,7 +92,7 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]  # Position attributes that each record contains
     fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
-    """Known process values by number: source, and the signal that converts their counts."""
+    """Known process values by number: their source, and the signal whose scale converts the raw counts."""
     values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:

@@ -32,7 +32,7 @@ class Risk(NamedTuple):
 
     estimate: RiskEstimate
     paths: int  # Number of simulated runs, including runs that share their initial part with another run
-    worth: float  # Computing time of all simulated parts, expressed as a number of complete runs [-]
+    worth: float  # Simulated time of all complete and partial runs, divided by the time of one complete run [-]
     statement: str
     splits: tuple[Split, ...]
     ordinary: Run  # Ordinary run for the figure: of the runs simulated from the start, the one with the median margin
@@ -90,7 +90,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Return the computing time of all simulated parts, expressed as a number of complete runs [-]."""
+    """Return the simulated time of all complete and partial runs, divided by the time of one complete run [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
