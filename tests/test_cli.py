@@ -358,7 +358,7 @@ def test_recording_for_an_older_viewer_states_the_viewer_version(call, elsewhere
     (elsewhere / "old.rrd").write_bytes(b"RRF2" + bytes([0, 22, 1, 0]) + bytes(100))
     status, out, err = call(*command, "old.rrd")
     assert (status, out) == (2, "")
-    assert "old.rrd: the recording was written by Rerun 0.22, but the viewer needs 0.23 or later; run it again" in err
+    assert "old.rrd: the recording was written by Rerun 0.22, but the viewer needs 0.23 or later; repeat the run" in err
     assert names(elsewhere) == {"old.rrd"}
 
 

@@ -80,6 +80,6 @@ def _check_recording(file: Path) -> None:
     if magic == MAGIC[0] and len(version) == len(OLDEST) and version < OLDEST:
         written, oldest = (".".join(map(str, each)) for each in (version, OLDEST))
         raise ScenarioError(
-            f"{file}: the recording was written by Rerun {written}, but the viewer needs {oldest} or later; run it "
-            "again"
+            f"{file}: the recording was written by Rerun {written}, but the viewer needs {oldest} or later; "
+            "repeat the run"
         )

@@ -37,7 +37,7 @@ def share(recording: Path) -> list[Path]:
     folder = recording.parent
     poster = _poster(recording, folder / POSTER)
     page = write_shared(recording, folder / PAGE, *_about(folder), poster)
-    print(f"{page}: {page.stat().st_size / 1e6:.0f} MB, opens in a browser without a network", file=sys.stderr)
+    print(f"{page}: {page.stat().st_size / 1e6:.0f} MB; opens in a browser without a network", file=sys.stderr)
     return [page, *([poster] if poster else [])]
 
 

@@ -84,5 +84,5 @@ def _in_memory_instead(shape: tuple[int, ...], error: OSError) -> Array:
         raise OSError(error.errno, text, folder) from error
     if folder not in _TOLD:
         _TOLD.add(folder)
-        print(f"{folder}: there is no space for the log of a long run; it is kept in memory", file=sys.stderr)
+        print(f"{folder}: there is no space for the log of a long run; the log is kept in memory", file=sys.stderr)
     return np.zeros(shape)

@@ -117,7 +117,7 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
     if size == 0:
         refuse(path, "the file is empty; create it again")
     if size > most_bytes:
-        refuse(path, f"the file has {size / 1e6:.3g} MB, more than {most_bytes / 1e6:.0f} MB; crop or thin it")
+        refuse(path, f"the file has {size / 1e6:.3g} MB, more than {most_bytes / 1e6:.0f} MB; crop or thin the file")
     return path
 
 

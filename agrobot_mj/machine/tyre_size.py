@@ -119,4 +119,4 @@ def _check(code: str, size: TyreSize) -> None:
     for (what, (low, high, unit)), value in zip(RANGES.items(), values, strict=True):
         if not low <= value <= high:
             limits = f"{low:g} to {high:g} {unit}".rstrip()
-            raise ValueError(f"{shortened(repr(code))} has a {what} of {value:.3g}, must be {limits}; check the code")
+            raise ValueError(f"{shortened(repr(code))} has a {what} of {value:.3g}, not {limits}; check the code")

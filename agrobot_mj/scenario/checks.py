@@ -56,7 +56,7 @@ def path_errors(s: Tables) -> list[str]:
     if (aside := min(curvature * s.path.speed_m_s**2, allowed)) > MOST_ASIDE_M_S2:
         found.append(
             f"path.speed_m_s: {s.path.speed_m_s:g} m/s in the sharpest bend ({curvature:.3g} 1/m) needs "
-            f"{aside:.2g} m/s2 to the side, more than tyres provide ({MOST_ASIDE_M_S2:g}); reduce the speed or widen it"
+            f"{aside:.2g} m/s2 to the side, more than tyres provide ({MOST_ASIDE_M_S2:g}); reduce speed or curvature"
         )
     needed = s.tractor.steering_for(curvature)
     if needed >= s.tractor.steer_limit:

@@ -39,7 +39,7 @@ def machine_tables(path: Path) -> dict[str, Any]:
     data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):
-        raise ScenarioError(f"{path.name}: {other[0]}: no table of a machine file (known: title, {', '.join(TABLES)})")
+        raise ScenarioError(f"{path.name}: {other[0]}: unknown table (known: title, {', '.join(TABLES)})")
     return data
 
 

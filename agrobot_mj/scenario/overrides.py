@@ -41,7 +41,7 @@ def json_text(data: Mapping[str, Any], source: str) -> bytes:
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
-        raise ScenarioError(f"{source}: it has a number with thousands of digits, or text that is not UTF-8") from None
+        raise ScenarioError(f"{source}: has a number with thousands of digits, or text that is not UTF-8") from None
 
 
 def _as_plain(value: Any) -> Any:
@@ -198,7 +198,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):
         if (known := found.setdefault(other.name, other)) != other:
-            raise ScenarioError(f"{other}: it has the same name as {known}, and other files refer to both; rename one")
+            raise ScenarioError(f"{other}: has the same name as {known}, and other files refer to both; rename one")
     for table, key in named:
         path = Path(table[key])
         numbered = (path.name if n == 1 else f"{path.stem}-{n}{path.suffix}" for n in count(1))

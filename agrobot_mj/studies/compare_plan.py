@@ -235,7 +235,7 @@ def _check_names(laws: Sequence[CompetingLaw]) -> None:
     names = [law.name for law in laws]
     for law in laws:
         if law.variant is not None and names.count(law.name) > 1:
-            raise ScenarioError(f"--variant {law.variant!r}: the name is also a compared law; choose another name")
+            raise ScenarioError(f"--variant {law.variant!r}: is also the name of a compared law; choose another")
 
 
 def _check_number(laws: int, plants: int, seeds: int, most: int) -> None:

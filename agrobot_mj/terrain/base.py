@@ -31,7 +31,7 @@ class Sized(Spec):
             # the rectangle replaces the default permanently: the resolved scenario must not contain both
             object.__setattr__(self, "half_size_m", None)
         if self.half_size_m is not None and self.size_m is not None:
-            raise ValueError("size_m: excludes half_size_m; omit one of them")
+            raise ValueError("size_m: cannot be combined with half_size_m; omit one key")
         if self.half_size_m is None and self.size_m is None:
             raise ValueError("half_size_m: the value is missing; set it, or set size_m = [east, north]")
         if self.size_m is not None and max(self.size_m) > MOST_STEPS * min(self.size_m):

@@ -71,7 +71,7 @@ def _fits(path: Path, shape: tuple[int, ...]) -> None:
     if min(shape) < 2:
         refuse(path, f"the grid has {rows} x {columns} nodes; at least 2 x 2 are required")
     if rows * columns > MOST_NODES:
-        refuse(path, f"the grid has {rows} x {columns} nodes, more than {MOST_NODES}; crop or thin it")
+        refuse(path, f"the grid has {rows} x {columns} nodes, more than {MOST_NODES}; crop or thin the grid")
 
 
 def _try(path: Path, fix: str, read: Callable[[], Any]) -> Any:

@@ -74,7 +74,7 @@ def points_of(folder, name, content, crs=""):
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_format_gives_the_same_track(tmp_path, name):
+def test_every_path_file_format_gives_the_same_track(tmp_path, name):
     points, _ = points_of(tmp_path, name, FORMATS[name])
     np.testing.assert_allclose(points[:, :2], BEND - [0, 10], atol=0.02)
 
@@ -87,7 +87,7 @@ def test_recorded_speed_is_converted_to_metres_per_second(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["theta", "yaw_rad", "heading", "z"])
-def test_other_columns_are_never_a_speed(tmp_path, name):
+def test_column_of_another_quantity_is_not_read_as_speed(tmp_path, name):
     points, notes = points_of(tmp_path, "poses.csv", f"x,y,{name}\n" + "".join(f"{x},{y},0.4\n" for x, y in BEND))
     assert points.shape[1] == 2
     assert notes == (f"column {name} ignored",)
@@ -145,7 +145,7 @@ def test_table_in_a_windows_encoding_is_read(tmp_path):
 
 
 @pytest.mark.parametrize("crs", ["EPSG:25832", "EPSG:32631", "EPSG:28992"])
-def test_a_grid_gives_the_same_track_as_degrees(tmp_path, crs):
+def test_projected_and_geographic_coordinates_give_the_same_track(tmp_path, crs):
     pyproj = pytest.importorskip("pyproj")
     grid = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(*DEGREES.T)
     text = "easting,northing\n" + "".join(f"{x:.4f},{y:.4f}\n" for x, y in np.transpose(grid))
@@ -156,7 +156,7 @@ def test_a_grid_gives_the_same_track_as_degrees(tmp_path, crs):
     assert notes == ()
 
 
-def test_shapefile_with_its_grid_gives_the_same_track(tmp_path):
+def test_shapefile_with_projected_coordinates_gives_the_same_track(tmp_path):
     pyproj, shapefile = pytest.importorskip("pyproj"), pytest.importorskip("shapefile")
     grid = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:25832", always_xy=True).transform(*DEGREES.T)
     with shapefile.Writer(str(tmp_path / "rows.shp"), encoding="latin-1") as writer:
@@ -171,7 +171,7 @@ def test_shapefile_with_its_grid_gives_the_same_track(tmp_path):
         read_shapes(str(tmp_path / "rows.shp"))
 
 
-def test_metres_far_from_the_origin_are_shifted(tmp_path):
+def test_coordinates_far_from_the_origin_are_shifted_to_it(tmp_path):
     text = "x,y\n" + "".join(f"{x + 432100.25},{y + 5791000.5}\n" for x, y in BEND)
     points, notes = points_of(tmp_path, "far.csv", text)
     np.testing.assert_allclose(points, BEND + [0.25, -9.5])
@@ -180,14 +180,14 @@ def test_metres_far_from_the_origin_are_shifted(tmp_path):
     np.testing.assert_allclose(near.points, BEND + [1500, 0])
 
 
-def test_track_over_the_antimeridian_is_continuous(tmp_path):
+def test_track_across_the_antimeridian_is_continuous(tmp_path):
     text = "lat,lon\n-17.0,179.9998\n-17.0,-179.9999\n-16.9999,-179.9995\n"
     points, _ = points_of(tmp_path, "fiji.csv", text)
     assert np.hypot(*np.diff(points, axis=0).T) == pytest.approx([31.9, 44.0], abs=0.2)
     assert -180 <= local_shapes(read_shapes(str(tmp_path / "fiji.csv"))).origin.longitude <= 180
 
 
-def test_longest_line_is_the_track(tmp_path):
+def test_longest_line_of_a_file_is_used_as_the_track(tmp_path):
     marks = placemark(line_of("LineString", PAIRS[:2]), "short") + placemark(line_of("LineString", PAIRS), "long")
     points, notes = points_of(tmp_path, "two.kml", kml(marks))
     assert len(points) == 4
@@ -202,7 +202,7 @@ def recorded(noise=0.015, stop=40):
     return way
 
 
-def test_recorded_track_with_a_stop_becomes_steerable(tmp_path):
+def test_recorded_track_with_a_stop_is_converted_to_a_drivable_path(tmp_path):
     way = recorded()
     (tmp_path / "way.csv").write_text("x,y\n" + "".join(f"{x:.3f},{y:.3f}\n" for x, y in way))
     path = Waypoints(file=str(tmp_path / "way.csv"))
@@ -215,18 +215,18 @@ def test_recorded_track_with_a_stop_becomes_steerable(tmp_path):
     assert said[0] == "path.file: 1 repeated point omitted"
 
 
-def test_clean_track_is_not_changed():
+def test_recorded_track_without_noise_is_not_changed():
     kept, notes = cleaned(BEND)
     assert kept.tolist() == [0, 1, 2, 3]
     assert notes == []
 
 
-def test_long_leg_back_is_kept_as_a_reversal():
+def test_long_reverse_section_of_a_track_is_kept():
     out_and_back = np.array([(0, 0), (20, 0), (40, 0), (10, 0.5), (0, 1)], dtype=float)
     assert cleaned(out_and_back) == (pytest.approx(np.arange(5)), [])
 
 
-def test_legs_too_short_for_a_corner_are_reported_without_solver_text(tmp_path):
+def test_error_for_legs_too_short_for_a_corner_contains_no_solver_text(tmp_path):
     tight = [(0, 0), (10, 0), (10, 0.002), (0, 0.3)]
     (tmp_path / "tight.csv").write_text("".join(f"{x},{y}\n" for x, y in tight))
     with pytest.raises(ValueError, match="too short for its corner of 90 deg") as error:
@@ -251,7 +251,7 @@ DAMAGED = {
     "g.json": ('{"type": "LineString", "coordinates": 7}', "a geometry without coordinates"),
     "h.json": ("[" * 100_000, "is not valid JSON"),
     "i.json": ('{"type": "Curve", "coordinates": []}', "has a geometry of type 'Curve'; use Polygon"),
-    "j.txt": ("$RecPath\n9\n1,2,3,4\n", "announces 9 points, more than the file has"),
+    "j.txt": ("$RecPath\n9\n1,2,3,4\n", "9 points are announced, but the file has fewer"),
     "k.txt": ("$Boundary\nTrue\nmany\n", "line 3: 'many' is not a number of points"),
     "l.xml": ("<gml/>", "is XML of an unknown type; convert it to one of KML, GPX, GeoJSON"),
     "m.csv": ("lat,lon\n0,0\n1,1\n2,2\n", "extend over 222.6 km, more than 100 km; remove distant points"),
@@ -260,7 +260,7 @@ DAMAGED = {
 
 
 @pytest.mark.parametrize("name", DAMAGED)
-def test_damaged_file_is_reported_by_name(tmp_path, name):
+def test_error_for_a_damaged_path_file_names_the_file(tmp_path, name):
     content, text = DAMAGED[name]
     with pytest.raises(ValueError, match=name) as error:
         points_of(tmp_path, name, content)
@@ -275,7 +275,7 @@ def test_unknown_coordinate_system_is_reported(tmp_path):
         points_of(tmp_path, "a.csv", "x,y\n0,0\n1,1\n2,2\n", "EPSG:1")
 
 
-def test_decimal_commas_are_told_from_separators():
+def test_decimal_commas_are_distinguished_from_separators():
     assert comma_numbers("40,71280000,-74,00600000", 2) == [40.7128, -74.006]
     assert comma_numbers("40.7128,-74.006", 2) == [40.7128, -74.006]
     assert comma_numbers("12,34,1", 2) == [12, 34]

@@ -94,7 +94,7 @@ def test_change_of_an_indirectly_included_body_file_changes_the_hash(tmp_path):
 def test_bodies_with_different_files_of_the_same_name_are_rejected(tmp_path):
     bodies = [write(tmp_path / side, mesh("crate"), crate__obj=WEDGE) for side in ("left", "right")]
     data = [{"mjcf": str(body)} for body in bodies]
-    with pytest.raises(ScenarioError, match=r"right.crate\.obj: it has the same name as .*left.crate\.obj.*rename one"):
+    with pytest.raises(ScenarioError, match=r"right.crate\.obj: has the same name as .*left.crate\.obj.*rename one"):
         relocate_files(data)
 
 

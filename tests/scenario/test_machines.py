@@ -123,7 +123,7 @@ def test_other_shipped_machines_follow_the_nearest_path_point():
 
 
 @pytest.mark.parametrize("name", ["row_crop", "utility"])
-def test_estimator_of_a_machine_yields_to_the_scenario(name):
+def test_estimator_of_the_scenario_replaces_that_of_the_machine(name):
     own = load_scenario("rain", {"machine": name})
     assert (own.estimator.kind, own.estimator.terrain_compensation) == ("ekf_full", True)
     papers = load_scenario("rain", {"machine": name, "estimator.kind": "ekf"}).estimator
@@ -136,7 +136,7 @@ def test_table_of_another_kind_inherits_no_keys_from_the_machine(mine):
     assert load_scenario("straight_line", {"machine": mine, "implement.kind": "none"}).implement.kind == "none"
 
 
-def test_keys_without_a_kind_apply_to_the_kind_of_the_machine(mine):
+def test_overrides_without_a_kind_apply_to_the_kind_of_the_machine(mine):
     assert load_scenario("straight_line", {"implement.mass_kg": 200.0, "machine": mine}).implement.kind == "mounted"
 
 
@@ -186,7 +186,7 @@ def test_an_unknown_machine_is_rejected(machine, message):
     [
         (
             '[path]\nkind = "line"',
-            f"mine.toml: path: no table of a machine file \\(known: title, {', '.join(TABLES)}\\)",
+            f"mine.toml: path: unknown table \\(known: title, {', '.join(TABLES)}\\)",
         ),
         ("[tractor]\nmass_kg = -1", "mine.toml: tractor.mass_kg: must be at least 50, got -1"),
         ("[tractor]\nmas_kg = 1000", "mine.toml: tractor.mas_kg: unknown key; did you mean 'mass_kg'"),

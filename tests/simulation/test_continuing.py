@@ -39,19 +39,19 @@ def test_added_faults_act_as_in_a_run_from_the_start(sim):
     assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
 
 
-def test_a_fault_that_acts_can_end_earlier_or_later(sim):
+def test_active_fault_may_end_earlier_or_later(sim):
     for end in (2.05, 3.0, 5.0):
         scenario = with_faults(sim, end_s=end)
         assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
 
 
-def test_a_planned_fault_can_be_dropped_or_replaced(sim):
+def test_future_fault_may_be_removed_or_replaced(sim):
     planned = continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 5.0}))
     scenario = with_faults(sim, FLOAT)
     assert to_the_end(continued(planned.save(), scenario)).equals(run(scenario).signals)
 
 
-def test_the_run_can_become_shorter(sim):
+def test_duration_of_a_continued_run_may_be_reduced(sim):
     scenario = sim.scenario.changed({"duration_s": 3.0})
     signals = to_the_end(continued(sim.save(), scenario))
     assert signals.num_rows == 60
@@ -65,16 +65,16 @@ def test_the_run_can_become_shorter(sim):
         ({"path.radius_m": 12.0}, "path must not change"),
         ({"guidance.kind": "lqr"}, "guidance.kind must not change"),
         ({"duration_s": 1.0}, "must not be before the present time, 2 s"),
-        ({"fault": []}, r"fault\[0\]: it changes the past"),
+        ({"fault": []}, r"fault\[0\]: must not change the time before"),
     ],
 )
-def test_change_of_the_past_is_rejected(sim, keys, message):
+def test_change_of_faults_before_the_present_tick_is_rejected(sim, keys, message):
     with pytest.raises(CommandError, match=message):
         continued(sim.save(), sim.scenario.changed(keys))
 
 
-def test_fault_before_the_next_tick_is_rejected(sim):
-    with pytest.raises(CommandError, match=r"fault\[1\]: it changes the past"):
+def test_new_fault_before_the_next_tick_is_rejected(sim):
+    with pytest.raises(CommandError, match=r"fault\[1\]: must not change the time before"):
         continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
-    with pytest.raises(CommandError, match=r"fault\[0\]: it changes the past"):
+    with pytest.raises(CommandError, match=r"fault\[0\]: must not change the time before"):
         continued(sim.save(), with_faults(sim, end_s=1.5))

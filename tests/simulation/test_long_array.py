@@ -97,13 +97,13 @@ def full_disk(monkeypatch, tmp_path):
 def test_log_is_kept_in_memory_without_loss_when_the_disk_is_full(small, full_disk, tmp_path, monkeypatch, capsys):
     log = run(load_scenario(*SCENARIO))
     assert not is_in_file(log.rows)
-    said = f"{tmp_path}: there is no space for the log of a long run; it is kept in memory\n"
+    said = f"{tmp_path}: there is no space for the log of a long run; the log is kept in memory\n"
     assert capsys.readouterr().err == said
     monkeypatch.undo()
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_log_is_kept_in_memory_without_loss_at_a_file_size_limit(small, tmp_path, monkeypatch, capsys):
+def test_log_is_kept_in_memory_without_loss_above_a_file_size_limit(small, tmp_path, monkeypatch, capsys):
     def refused():
         raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
 

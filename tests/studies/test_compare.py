@@ -120,7 +120,7 @@ def test_each_law_drives_each_machine_variant(circle):
     assert laws(planned(circle, "worn: steering.valve.dead_band_v=0.8")) == ["worn"]
 
 
-def test_a_law_variant_is_compared_with_the_others(circle):
+def test_variant_of_a_law_is_compared_with_the_other_laws(circle):
     found = planned(circle, "calm: guidance.kind=stanley, guidance.gain_per_s=0.2", controllers=["pd"])
     assert laws(found) == ["pd", "calm"]
     assert found.cases[1].scenario.guidance.gain_per_s == 0.2
@@ -141,7 +141,7 @@ def test_special_characters_in_names_give_safe_distinct_folders(circle):
         (["a: plant.kind=mujoco"], {}, "plant.kind: set this key with --plants"),
         (["a: seed=3"], {}, "seed: set this key with --seeds"),
         (["a:", "a:"], {}, "'a': the name is given twice"),
-        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "the name is also a compared law"),
+        (["pd: guidance.kind=lqr"], {"controllers": ["pd"]}, "is also the name of a compared law"),
         (["a: steering.valve.dead_band=1"], {}, "did you mean 'dead_band_v'"),
         (["a: guidance.kind=lqg"], {}, "unknown kind 'lqg'"),
         (["a: terrain.kind=slope"], {}, "supports only flat ground"),

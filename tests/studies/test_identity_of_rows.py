@@ -195,7 +195,8 @@ def test_results_of_other_library_versions_are_repeated_not_merged(call, driven,
     status, _, err = call("sweep", "--merge", "a", "b", "--out", "whole")
     assert (status, err.splitlines()[0]) == (
         2,
-        "b: the folder belongs to another sweep: different libraries; run it again there, or omit it",
+        "b: the folder belongs to another sweep: different libraries; "
+        "repeat this sweep in the folder, or omit the folder",
     )
     assert not (tmp_path / "whole" / "sweep.parquet").exists()
     rows = pq.read_table(tmp_path / "b" / "sweep.parquet").to_pylist()

@@ -185,7 +185,7 @@ def test_terrain_side_is_rounded_up_to_a_whole_number_of_cells():
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("half_size_m = 20\nsize_m = [30, 20]", "size_m: excludes half_size_m; omit one of them"),
+        ("half_size_m = 20\nsize_m = [30, 20]", "size_m: cannot be combined with half_size_m; omit one key"),
         ("size_m = [30, -2]", r"terrain.size_m\[1\]: must be above 0"),
         ("size_m = [3000, 2]", "size_m: one side is more than 1000 times the other; lengthen the shorter side"),
         ("size_m = [30]", "terrain.size_m"),

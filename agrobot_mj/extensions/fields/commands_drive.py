@@ -177,7 +177,7 @@ def _direction(field: "Field", base: "Scenario", angle: float | None, along: str
     if along is None:
         return None if angle is None else radians(angle)
     if angle is not None:
-        raise ScenarioError(f"--along {along}: --angle is also given; leave one of them out")
+        raise ScenarioError(f"--along {along}: --angle is also given; omit one of them")
     return contour_direction(field.boundary, base.terrain.ground())
 
 
@@ -207,7 +207,7 @@ def _prices(given: list[str] | None) -> "Prices":
         try:
             found[name.strip()] = float(value)
         except ValueError:
-            raise ScenarioError(f"--price {text}: has no number; write --price input_ha=180") from None
+            raise ScenarioError(f"--price {text}: the number is missing; write --price input_ha=180") from None
         if name.strip() not in Prices._fields or not 0 <= found[name.strip()] < inf:
             raise ScenarioError(f"--price {text}: give {', '.join(Prices._fields)}, each 0 or more")
     return Prices(**found)

@@ -50,7 +50,7 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
 def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
     """Raise `ScenarioError` for a plan with another working width, or with a bend too tight for the machine."""
     if abs(plan.width - rig.width) > SAME_M:
-        raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for {plan.width:g} m; leave out --width")
+        raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for a width of {plan.width:g} m; omit --width")
     place = plan.course.sharpest()
     if (peak := float(plan.course.peaks.max())) * rig.tightest > 1.0:
         raise ScenarioError(

@@ -37,7 +37,7 @@ class Interrupted:
             state = pickle.loads(self.file.read_bytes())
         except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
             raise ScenarioError(
-                "--resume: there is no interrupted drive with these options; leave out --resume to start"
+                "--resume: there is no interrupted drive with these options; omit --resume to start a new drive"
             ) from None
         self.state = state._replace(scenario=self.scenario)
 

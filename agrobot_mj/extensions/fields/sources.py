@@ -115,7 +115,7 @@ def _tracks(folder: Path) -> ShapeFile:
 def _task_data(path: Path) -> ShapeFile:
     files = {each.name.upper(): each for each in path.parent.iterdir() if each.is_file()}
     if path.stat().st_size > MAX_BYTES:
-        refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split it")
+        refuse(path, f"the file is larger than {MAX_BYTES / 1e6:.0f} MB; split the file")
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     try:
         root = parsed_xml(text)

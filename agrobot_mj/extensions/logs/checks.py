@@ -17,7 +17,8 @@ LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
 """Maximum distance between antenna and rear axle [m], and maximum relative RMS error of distances that an antenna
 position may explain [-]. Assumed values."""
 AGREED = 0.5
-"""Minimum correlation of two yaw rates measured on one machine [-]. Assumed value: consistent sensors have 0.9."""
+"""Minimum correlation between the yaw rates from the positions and from a sensor at which a ratio other than 1 is
+attributed to a wrong unit [-]. Assumed value: consistent sensors have 0.9."""
 OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57
 LEAST_HZ = 2.5  # Minimum rate at which positions and headings resolve yaw dynamics [Hz]
 COARSE_M_S = 0.12
@@ -37,7 +38,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
         if values and recordings[0].yaw_rate_source != "course" and not np.ptp(np.concatenate(values)):
-            raise FieldLogError(f"{name}: [{part}] is constant; specify another column, or omit [{part}] in the map")
+            raise FieldLogError(f"{name}: [{part}] is constant; specify another column, or remove it from the map")
     readings = np.unique(np.concatenate([each.speed.value for each in recordings]))
     step = float(np.diff(readings).min()) if len(readings) > 1 else 0.0
     if step > COARSE_M_S and np.allclose(readings / step, np.round(readings / step), atol=0.02):
@@ -46,8 +47,8 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
         steps = [np.diff(series.t) for each in recordings if (series := getattr(each, part)) is not None]
         if steps and (rate := 1.0 / float(np.median(np.concatenate(steps)))) < LEAST_HZ:
             raise FieldLogError(
-                f"{name}: the rate of [{part}] is {rate:.2g} Hz, and a fit needs {LEAST_HZ:g} Hz; log every "
-                f"value of the receiver, or omit [{part}] in the map if there is a gyro"
+                f"{name}: the rate of [{part}] is {rate:.2g} Hz, but a fit needs {LEAST_HZ:g} Hz; log every "
+                f"value of the receiver, or remove [{part}] from the map if there is a gyro"
             )
 
 
@@ -60,7 +61,7 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
     if not said.any() or 1 / SLIPPED < way.sum() / said.sum() < SLIPPED:
         return
     if arm := _arm(way, said, across):
-        where = f"an antenna {arm:.1f} m ahead of the rear axle or behind it would explain this"
+        where = f"an antenna {arm:.1f} m ahead of or behind the rear axle would explain the difference"
         raise FieldLogError(
             f"{recordings[0].name}: the positions cover {way.sum():.0f} m, but the speed gives {said.sum():.0f} m; "
             f"{where}: set position.ahead_m to the distance of the antenna"

@@ -140,7 +140,7 @@ def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
         digits = _digits(per_reading)
         yield (
             f"the steering centre is {before:.{digits}f} in {one.name} and {after:.{digits}f} in {other.name}: the "
-            "sensor has moved; take each log by itself"
+            "sensor has moved; evaluate each log separately"
         )
 
 

@@ -267,7 +267,7 @@ class _Reader(NamedTuple):
         """Return the values at their times of validity. Raises `FieldLogError` if a value exceeds `bound` [`unit`]."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
-            raise FieldLogError(f"{self.name}: {c.column!r} has only {good.sum()} values; omit [{part}] in the map")
+            raise FieldLogError(f"{self.name}: {c.column!r} has only {good.sum()} values; remove [{part}] from the map")
         if (worst := float(np.abs(values[good]).max())) > bound:
             raise FieldLogError(f"{self.name}: {c.column!r} reaches {worst:.3g} {unit}; check {part}.unit of the map")
         return TimeSeries(self.t[good] - c.delay_s, values[good])

@@ -90,7 +90,9 @@ class Played(GuidanceLaw):
             except ValueError as error:
                 raise ValueError(f"inputs.file: {error}") from None
             if highest > len(self.laws):
-                raise ValueError(f"laws: the inputs use law {highest}, but {len(self.laws)} are listed; add it")
+                raise ValueError(
+                    f"laws: inputs use law {highest}, but only {len(self.laws)} are listed; add the others"
+                )
 
     def using(self, controller: YawController) -> "Played":
         """Return this guidance with the yaw controller `controller` for all laws."""
@@ -162,7 +164,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
         first = error.errors()[0]
         raise ValueError(f"{'.'.join((key, *map(str, first['loc'])))}: {first['msg']}") from None
     if not isinstance(law, GuidanceLaw) or law.outside or isinstance(law, Played):
-        raise ValueError(f"{key}.kind: {kind!r} has an external program and cannot take over; use another kind")
+        raise ValueError(f"{key}.kind: {kind!r} cannot be selected during play; use another kind")
     return law
 
 

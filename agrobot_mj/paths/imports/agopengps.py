@@ -75,7 +75,7 @@ class _Lines:
         """Read a line with the number of rows, then rows of `width` numbers; return the rows, shape (n, width)."""
         count = self.count()
         if count > len(self.lines) - self.at:
-            raise ValueError(f"line {self.at}: it announces {count} points, more than the file has; export it again")
+            raise ValueError(f"line {self.at}: {count} points are announced, but the file has fewer; export it again")
         return np.array([self.numbers(width) for _ in range(count)]).reshape(count, width)
 
 

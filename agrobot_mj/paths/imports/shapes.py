@@ -41,7 +41,7 @@ class ShapeFile:
         for shape in self.shapes:
             if len(wrong := np.flatnonzero(~(np.abs(shape.points) <= LARGEST).all(axis=1))):
                 east, north = shape.points[wrong[0]].tolist()
-                raise ValueError(f"position {wrong[0] + 1} is ({east:g}, {north:g}); correct or remove it")
+                raise ValueError(f"position {wrong[0] + 1}, ({east:g}, {north:g}), is out of range; correct it")
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,18 +135,9 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
     for number, line in enumerate(lines[first:], start=first + 1):
         if not line.strip(",;\t ") or line.lstrip().startswith(COMMENTS):
             continue
-        split = split or _separator(line)
-        if split in ", " and any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: it has semicolons or tabs; separate all columns in the same way")
-        yield number, _cells(line if split == "," else line.replace(",", "."), split)
-
-
-def _key(cell: str) -> tuple[str, float]:
-    """Return the quantity of a column with this name, or an empty text, and the factor to the unit of the quantity."""
-    unit = UNIT.search(cell)
-    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", (cell[: unit.start()] if unit else cell).strip())
-    key = KNOWN.get(PREFIX.sub("", re.sub(r"[\s./-]+", "_", name).lower().strip("_")), "")
-    return key, UNITS.get((unit[1] or unit[2] or "").strip().lower(), 1.0) if unit and key == "speed" else 1.0
+        if split == "," and any(mark in line for mark in ";\t"):
+            raise ValueError(f"row {number}: another separator (semicolon or tab); use one separator in the file")
+        yield number, cells
 
 
 def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
@@ -170,7 +161,7 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
 def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
         raise ValueError(
-            f"row {number}: it has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
+            f"row {number}: has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
         )
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
@@ -183,12 +174,9 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
-    """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
-    if len(cells) < width or any(cells[width:]):
-        raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; use the same number")
-    if not any(cells[place] for _, place, _ in columns[:2]):
-        return []
+def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int, split: str) -> list[float]:
+    if len(cells) != width:
+        raise ValueError(f"row {number}: has {len(cells)} columns, but other rows have {width}; use the same number")
     values = []
     for name, place, factor in columns:
         cell = cells[place]

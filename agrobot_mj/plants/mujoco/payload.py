@@ -29,7 +29,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
     """Return the body with its payload. Raise ValueError if the result is physically impossible."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
-        raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis are left; remove less mass")
+        raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")
     found = _joined(bare, payload, mass)
     if not is_physical_inertia(found.inertia):
         principal = np.round(np.linalg.eigvalsh(found.inertia), 1).tolist()

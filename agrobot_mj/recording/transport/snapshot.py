@@ -218,7 +218,7 @@ def _tabs(file: Path, layout: dict[str, Any]) -> tuple[str, dict[str, str]]:
         if container.get("container_kind") == "Tabs":
             return place, {_name(layout[child]): child for child in container["contents"]}
     raise SnapshotError(
-        f"{file}: the recording has no tabs; use one by agrobot-mj, of a run that was not stopped immediately"
+        f"{file}: the recording has no tabs; use a recording by agrobot-mj of a run that was not stopped immediately"
     )
 
 

@@ -214,7 +214,7 @@ def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
-        raise ScenarioError(f"{sources[0] / lost[0]}: is missing from the results; run the sweep there again")
+        raise ScenarioError(f"{sources[0] / lost[0]}: is missing; run the sweep again in this folder")
     _plan_in(sources[0] if target is None else folder)
     claim(folder, (*named, TABLE, *FOLDERS, f"{RUNS}/"))
     for name in named if target is None else ():
@@ -247,7 +247,7 @@ def _common(sources: Sequence[Path], target: dict[str, Any] | None) -> dict[str,
         if different:
             raise ScenarioError(
                 f"{source}: the folder belongs to another sweep: different {', '.join(different)}; "
-                "run it again there, or omit it"
+                "repeat this sweep in the folder, or omit the folder"
             )
     return common
 

@@ -18,7 +18,7 @@ ROUND = Leg(np.array([[10.0, 13.0], [3.0, 13.0], [3.0, 22.0]]), 1.0, working=Fal
 BACK = Leg(np.array([[3.0, 22.0], [3.0, 12.0]]), working=False, reverse=True)
 
 
-def test_separate_legs_are_connected_within_the_curvature_limits():
+def test_separate_legs_are_joined_within_the_curvature_limit():
     rig = machine()
     plan = plan_of_legs("field", (EAST, WEST), rig, 2)
     assert [one.end - one.start for one in plan.passes] == pytest.approx([30.0, 30.0])
@@ -28,13 +28,13 @@ def test_separate_legs_are_connected_within_the_curvature_limits():
     assert (x[-1], y[-1]) == pytest.approx((10.0 - rig.behind, 13.0), abs=1e-4)
 
 
-def test_legs_that_meet_need_no_connection():
+def test_adjoining_legs_are_driven_without_a_connection():
     plan = plan_of_legs("field", (WEST, ROUND), machine(), 1)
     assert plan.length < 30.0 + 16.0
     assert min(piece.speed for piece in plan.pieces) == 1.0
 
 
-def test_reverse_leg_ends_at_its_last_point():
+def test_points_of_a_reverse_leg_are_unchanged():
     plan = plan_of_legs("field", (ROUND, BACK), machine(), 1)
     x, y, yaw = plan.course.joints()
     assert plan.course.directions[-1] == -1.0
@@ -43,7 +43,7 @@ def test_reverse_leg_ends_at_its_last_point():
     assert plan.passes == ()
 
 
-def test_error_names_a_bend_too_tight_for_the_machine():
+def test_error_for_a_bend_too_tight_for_the_machine_names_its_leg():
     sharp = Leg(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
     with pytest.raises(
         ValueError,
@@ -53,7 +53,7 @@ def test_error_names_a_bend_too_tight_for_the_machine():
         plan_of_legs("field", (EAST, sharp), machine(), 1)
 
 
-def test_stored_plan_with_too_tight_bends_is_rejected(tmp_path):
+def test_plan_of_a_machine_with_a_smaller_turn_radius_is_rejected(tmp_path):
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(default_plan(RECTANGLE))))
     slow = replace(machine(), tightest=9.0)
@@ -63,10 +63,10 @@ def test_stored_plan_with_too_tight_bends_is_rejected(tmp_path):
         given_plan(file, stored_plan(file), RECTANGLE, slow, 1)
 
 
-def test_stored_plan_with_another_working_width_is_rejected(tmp_path):
+def test_plan_of_another_working_width_is_rejected(tmp_path):
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(to_json(default_plan(RECTANGLE))))
-    with pytest.raises(ScenarioError, match=r"--width 4: the plan plan.json is for 3 m; leave out --width"):
+    with pytest.raises(ScenarioError, match=r"--width 4: the plan plan.json is for a width of 3 m; omit --width"):
         given_plan(file, stored_plan(file), RECTANGLE, machine(4.0), 1)
 
 

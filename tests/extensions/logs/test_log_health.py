@@ -26,7 +26,7 @@ def lines_of(columns, offset=432, **more):
     return health_lines([pa.table(columns)], field_map(columns, steer={"offset": offset, "scale": SCALE}, **more))
 
 
-def test_healthy_log_reports_only_scatter_and_centres():
+def test_log_without_faults_reports_only_scatter_and_steering_centres():
     scatter, centres = lines_of(field_log(DRIVEN, counts=counts_about(432)))
     assert float(scatter.split("scatter by ")[1].split()[0]) == pytest.approx(1.0, abs=0.1)
     assert centres.startswith("log: the steering explains 100 % of the yaw rate; steering centre: ")
@@ -37,7 +37,7 @@ def test_healthy_log_reports_only_scatter_and_centres():
 
 @pytest.mark.parametrize("heading", [True, False])
 @pytest.mark.parametrize("scale", [0.1, 0.15])
-def test_steering_centre_different_from_another_day_is_reported(heading, scale):
+def test_steering_centre_that_differs_from_the_map_is_reported(heading, scale):
     columns = field_log(DRIVEN, counts=counts_about(370), heading=heading)
     steer = {"offset": 432, "scale": scale}
     told = health_lines([pa.table(columns)], field_map(columns, steer=steer))[-1]
@@ -45,7 +45,7 @@ def test_steering_centre_different_from_another_day_is_reported(heading, scale):
     assert float(told.split("in this log is ")[1].split(",")[0]) == pytest.approx(370, abs=1.0)
 
 
-def test_sensor_that_slips_within_a_log_is_reported():
+def test_steering_centre_that_moves_within_a_log_is_reported():
     columns = field_log(DRIVEN, counts=counts_about(432))
     columns["steer"] += np.where(columns["t"] > 50, 20, 0)
     told = lines_of(columns)[-1]
@@ -53,11 +53,11 @@ def test_sensor_that_slips_within_a_log_is_reported():
     assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
 
 
-def test_sensor_that_slips_between_two_logs_is_reported():
+def test_steering_centre_that_moves_between_two_logs_is_reported():
     logs = [pa.table(field_log(DRIVEN, counts=counts_about(centre), seed=centre)) for centre in (432, 452)]
     log_map = field_map(field_log(DRIVEN), steer={"scale": SCALE})
     told = health_lines(logs, log_map)[-1]
-    assert told.endswith("the sensor has moved; take each log by itself")
+    assert told.endswith("the sensor has moved; evaluate each log separately")
     before, after = (float(told.split(word)[1].split()[0]) for word in ("centre is ", " and "))
     assert (before, after) == (pytest.approx(432, abs=1), pytest.approx(452, abs=1))
     assert not any("has moved" in line for line in health_lines([logs[0], logs[0]], log_map))
@@ -74,13 +74,13 @@ def test_replay_reports_the_offset_of_the_steering_centre():
     assert not any("whether the steering sensor has moved" in line for line in doubts(right, BICYCLE.tractor))
 
 
-def test_sensor_with_two_scales_has_the_right_centre():
+def test_steering_centre_of_a_sensor_with_two_scales_is_correct():
     columns = field_log(DRIVEN, counts=lambda wheel: 2040 + np.degrees(wheel) / np.where(wheel > 0, 0.085, 0.115))
     assert not any("but the map has" in line for line in lines_of(columns, 2040))
     assert any("the steering centre in this log is 204" in line for line in lines_of(columns, 2060))
 
 
-def test_steering_centre_is_reported_from_bursts_too_short_for_a_fit():
+def test_steering_centre_is_reported_for_bursts_too_short_for_a_fit():
     columns = field_log(DRIVEN, counts=counts_about(370))
     kept = columns["t"] % 8.0 < 2.0
     lines = lines_of({name: values[kept] for name, values in columns.items()})
@@ -88,21 +88,21 @@ def test_steering_centre_is_reported_from_bursts_too_short_for_a_fit():
     assert "the steering centre in this log is 370" in lines[-1]
 
 
-def test_antenna_ahead_of_the_axle_is_reported():
+def test_antenna_distance_ahead_of_the_axle_is_reported():
     columns = field_log(DRIVEN, counts=counts_about(432), ahead=1.8)
     assert "the antenna is about 1.8 m ahead of the rear axle, but the map has 0" in lines_of(columns)[-1]
     position = {"ahead_m": 1.8}
     assert not any("antenna" in line for line in lines_of(columns, position=position))
 
 
-def test_steering_unrelated_to_the_turning_has_no_centre():
+def test_no_centre_is_reported_if_steering_does_not_explain_yaw_rate():
     columns = field_log(DRIVEN, counts=counts_about(432))
     columns["steer"] = 432 + 30 * np.sin(columns["t"] * 1.7)
     assert "too little to evaluate the steering centre" in lines_of(columns)[-1]
 
 
 @pytest.mark.parametrize("options", [["--describe"], ["--only", "replay", "--set", "plant.kind=bicycle"]])
-def test_every_command_reports_a_moved_steering_sensor(tmp_path, call, options):
+def test_describe_and_replay_report_the_health_of_the_log(tmp_path, call, options):
     pacsv.write_csv(pa.table(field_log(path(duration=30.0), counts=counts_about(370))), tmp_path / "log.csv")
     lines = ['time.column = "t"', 'speed.column = "speed"', "[steer]", 'column = "steer"', "offset = 432"]
     lines += [f"scale = {SCALE}", "[heading]", 'column = "heading"', 'convention = "enu"']

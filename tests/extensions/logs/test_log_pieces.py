@@ -102,7 +102,7 @@ def test_log_at_standstill_is_reported():
         pieces([read(columns, log_map)], 0.0, 3.0)
 
 
-def test_words_and_booleans_are_accepted_as_fix_quality():
+def test_fix_quality_may_be_a_word_or_a_boolean():
     _, columns, log_map = shunt()
     n = len(columns["t"])
     columns |= {"fix": ["fixed"] * 300 + ["float"] * (n - 300), "ok": [False] * 100 + [True] * (n - 100)}
@@ -232,7 +232,7 @@ def test_fit_rejects_positions_at_one_per_second():
     found = pieces([read(columns | {name: columns[name][slow] for name in "xy"}, log_map)])
     with pytest.raises(
         FieldLogError,
-        match=r"the rate of \[position\] is 1 Hz, and a fit needs 2.5 Hz; log every "
+        match=r"the rate of \[position\] is 1 Hz, but a fit needs 2.5 Hz; log every "
         r"value",
     ):
         check_columns(found.kept)
@@ -241,7 +241,7 @@ def test_fit_rejects_positions_at_one_per_second():
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] is constant; specify another column, or omit"),
+        ({"heading": lambda values: 0 * values + 30.0}, r"\[heading\] is constant; specify another column, or remove"),
         (
             {"speed": lambda values: np.round(values * 3.6) / 3.6},
             r"the resolution of \[speed\] is 0.28 m/s, too low",

@@ -20,7 +20,7 @@ def played(file, laws=(), **keys):
     return {"guidance": {"kind": "played", "inputs": {"file": str(file)}, "laws": list(laws)}, **BICYCLE, **keys}
 
 
-def test_inputs_are_bit_identical_after_writing_and_reading(tmp_path):
+def test_inputs_are_unchanged_by_writing_and_reading_the_table(tmp_path):
     changes = [(0, PlayInput()), (7, PlayInput(0, 0.1 + 0.2, 1 / 3)), (9, PlayInput(2, 0.0, nan))]
     write_inputs(tmp_path / "inputs.csv", changes)
     table = read_inputs(str(tmp_path / "inputs.csv"))
@@ -30,7 +30,7 @@ def test_inputs_are_bit_identical_after_writing_and_reading(tmp_path):
     assert isnan(table.given[2].speed)
 
 
-def test_input_applies_until_the_next_input():
+def test_each_input_applies_until_the_next_input():
     table = PlayTable([3, 5], [PlayInput(speed=1.0), PlayInput(speed=2.0)])
     assert [table.at(tick).speed for tick in range(7)] == [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0]
 
@@ -45,11 +45,11 @@ def test_input_applies_until_the_next_input():
         (LINE + "0,0,inf,1\n", "numbers must be finite"),
         (LINE + "-1,0,0,1\n", "must not be negative"),
         (LINE + "0,0,0.1,\n", "speed_m_s is missing for the driver"),
-        (LINE + "0,2,0,\n", "laws: the inputs use law 2, but 1 are listed"),
+        (LINE + "0,2,0,\n", "laws: inputs use law 2, but only 1 are listed"),
         ("", "is empty"),
     ],
 )
-def test_invalid_table_is_rejected_with_its_line(tmp_path, text, message):
+def test_error_for_an_invalid_input_table_names_the_line(tmp_path, text, message):
     (tmp_path / "inputs.csv").write_text(text)
     with pytest.raises(ScenarioError, match=message) as found:
         load_scenario("circle", played(tmp_path / "inputs.csv", [{"kind": "lqr"}]))
@@ -62,20 +62,20 @@ def test_invalid_table_is_rejected_with_its_line(tmp_path, text, message):
         ({"kind": "lqrr"}, r"laws.*\[0\]\.kind: unknown kind 'lqrr'; did you mean 'lqr'"),
         ({}, r"laws.*\[0\]\.kind: unknown kind None"),
         ({"kind": "lqr", "gain": 1}, r"laws.*\[0\]\.gain"),
-        ({"kind": "played"}, "cannot take over"),
+        ({"kind": "played"}, "cannot be selected during play"),
     ],
 )
-def test_law_that_cannot_take_over_is_rejected(law, message):
+def test_law_that_cannot_be_selected_during_play_is_rejected(law, message):
     with pytest.raises(ScenarioError, match=message):
         load_scenario("circle", {"guidance": {"kind": "played", "laws": [law]}})
 
 
-def test_error_without_inputs_names_the_play_command():
+def test_error_for_missing_inputs_names_the_play_command():
     with pytest.raises(ScenarioError, match="agrobot-mj play"):
         run(load_scenario("circle", {"guidance.kind": "played", **BICYCLE}))
 
 
-def test_tractor_follows_steering_and_speed_in_the_table(tmp_path):
+def test_steering_and_speed_follow_the_input_table(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,0,0.2,1.5\n100,0,-0.2,1.5\n")
     log = run(load_scenario("circle", played(tmp_path / "inputs.csv")))
     steer, speed = log.column("steer"), log.column("speed")
@@ -85,7 +85,7 @@ def test_tractor_follows_steering_and_speed_in_the_table(tmp_path):
     assert set(log.column("play_steer")) == {0.2, -0.2}
 
 
-def test_law_takes_over_at_the_position_of_the_tractor(tmp_path):
+def test_law_selected_off_the_line_returns_to_the_line(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,0,0.05,1.5\n160,1,0,\n")
     keys = played(tmp_path / "inputs.csv", [{"kind": "stanley"}], duration_s=25.0)
     log = run(load_scenario("straight_line", keys))
@@ -95,7 +95,7 @@ def test_law_takes_over_at_the_position_of_the_tractor(tmp_path):
     assert log.column("x")[-1] > log.column("x")[160] + 15.0
 
 
-def test_specified_speed_replaces_the_speed_of_the_law(tmp_path):
+def test_speed_of_the_input_table_replaces_the_speed_of_the_law(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,1,0,0.8\n")
     keys = played(tmp_path / "inputs.csv", [{"kind": "kinematic"}], duration_s=15.0)
     log = run(load_scenario("straight_line", keys))
@@ -103,7 +103,7 @@ def test_specified_speed_replaces_the_speed_of_the_law(tmp_path):
     assert abs(log.column("y")[-1]) < 0.1
 
 
-def test_nearest_time_belongs_to_the_nearest_path_point():
+def test_nearest_time_is_the_path_time_of_the_nearest_point():
     route = SampledRoute(load_scenario("figure_eight").path)
     for t in (3.0, 31.4, 77.7):
         r = route.at(t)

@@ -339,7 +339,8 @@ def test_merging_unrelated_folders_is_rejected(serial, file, tmp_path, call):
     status, _, err = call("--merge", serial, "other", "--out", "all")
     assert (status, err) == (
         2,
-        "other: the folder belongs to another sweep: different sweep; run it again there, or omit it\n",
+        "other: the folder belongs to another sweep: different sweep; "
+        "repeat this sweep in the folder, or omit the folder\n",
     )
     (tmp_path / "empty").mkdir()
     assert "has no results of a sweep" in call("--merge", serial, "empty", "--out", "all")[2]
@@ -471,7 +472,7 @@ def test_sweep_folder_contains_no_absolute_paths_and_can_be_moved(tmp_path):
     assert run_sweep(moved / "sweep.toml", moved, options)[2:4] == (1, 1)
 
 
-def test_sweep_of_fields_cut_short_still_writes_a_table(tmp_path):
+def test_sweep_of_incomplete_field_runs_writes_its_table(tmp_path):
     """Their passes have no value in any run, in records within a list."""
     file = tmp_path / "short.toml"
     file.write_text('base = "clothoid_swaths"\nseeds = 2\n[set]\nduration_s = 0.5\n"plant.kind" = "bicycle"\n')

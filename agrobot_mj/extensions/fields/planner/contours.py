@@ -26,5 +26,5 @@ def contour_direction(area: BaseGeometry, ground: Ground) -> float:
     x, y = x[inside], y[inside]
     plane, *_ = np.linalg.lstsq(np.column_stack([x, y, np.ones_like(x)]), heights(ground, x, y), rcond=None)
     if hypot(plane[0], plane[1]) < LEVEL:
-        raise ScenarioError("--along contours: the field is level; set a slope or height map by --set terrain.kind")
+        raise ScenarioError("--along contours: the field is level; set a slope or height map with --set terrain.kind")
     return float(np.arctan2(plane[1], plane[0]) + pi / 2) % pi

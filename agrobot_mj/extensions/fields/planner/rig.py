@@ -70,7 +70,7 @@ def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachi
     """Return the machine of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
     tractor, path = scenario.tractor, scenario.path
     if not isinstance(path, Swaths):
-        raise ScenarioError(f'path.kind: "{path.kind}": the field determines the path; leave the key out')
+        raise ScenarioError(f'path.kind: "{path.kind}": the field determines the path; omit the key')
     if path.turn_radius_m * MIN_SHARE < tractor.tightest_radius:
         raise ScenarioError(
             f"--radius {path.turn_radius_m:g}: machine {scenario.machine} needs at least "

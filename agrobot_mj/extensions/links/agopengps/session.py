@@ -226,7 +226,7 @@ class Session:
         if tally.steer_data:
             return f": {program} answers, but has not engaged"
         if tally.hellos:
-            return f": {carrier} answers ({tally.hellos} hellos), {program} does not: open it, with its simulator off"
+            return f": {carrier} answers ({tally.hellos} hellos), but {program} does not; open it, simulator off"
         return ""
 
     def _host_is_gone(self) -> bool:

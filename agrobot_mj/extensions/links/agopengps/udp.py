@@ -115,7 +115,7 @@ def _bound(address: str, port: int) -> socket.socket:
 
 def _why(address: str, port: int, error: OSError) -> str:
     if error.errno == errno.EADDRINUSE:
-        return f"{address}:{port} is in use by another link or a module; stop it, or choose another port with --port"
+        return f"{address}:{port} is in use by another link or module; stop it, or choose another port with --port"
     if error.errno == errno.EACCES:
         return f"{address}:{port} cannot be opened without privileges; choose a port above 1023 with --port"
     return f"{address}:{port} cannot be opened: {error.strerror}"

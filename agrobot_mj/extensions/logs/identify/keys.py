@@ -86,7 +86,8 @@ def fit_keys(
     first = now = problem.residuals(x)
     if (number := len({key[1:] for key in first})) < LEAST_WINDOWS:
         raise TooLittleError(
-            f"{cut.kept[0].name}: {number} windows of {WINDOW_S:g} s, and a fit needs {LEAST_WINDOWS}; use a longer log"
+            f"{cut.kept[0].name}: the log has {number} windows of {WINDOW_S:g} s, but a fit needs "
+            f"{LEAST_WINDOWS}; use a longer log"
         )
     for _ in range(2):  # the second round has the weights of the first optimum
         problem.weights = _rms(now)
@@ -100,7 +101,9 @@ def fit_keys(
         value, half = float(factor) * start[name], half_width(covariance, unit, number - len(x))
         found[name] = Quantity(value, value - half, value + half, half < SEPARABLE * abs(value))
         if not 1.02 / RANGE < factor < RANGE / 1.02:
-            notes.append(f"{name}: the fit ends at a limit, {factor:.2g} times the start; --set {name} to start there")
+            notes.append(
+                f"{name}: the fit ends at {factor:.2g} times the start, a limit; set a start with --set {name}"
+            )
     rms = {name: (before, _rms(now)[name]) for name, before in _rms(first).items()}
     return FittedKeys(found, dict(zip(start, halves.tolist(), strict=True)), number, rms, tuple(notes))
 
@@ -110,14 +113,14 @@ def _number(scenario: Scenario, key: str) -> float:
     known = {name: each for name, each in flat(scenario.model_dump()) if isinstance(each, int | float)}
     if not known.get(key):
         near = suggestion(key, list(known)) if key not in known else ""
-        raise ScenarioError(f"--fit {key}: not a scenario key with a nonzero number to start from{near}")
+        raise ScenarioError(f"--fit {key}: must be a scenario key with a nonzero number as start value{near}")
     return float(known[key])
 
 
 def _residuals(number: int, piece: FieldRecording, driven: Driven) -> Residuals:
     """Return the residuals of one segment. Raises `FieldLogError` if the plant stopped early."""
     if driven.outcome != "completed":
-        raise FieldLogError(f"{piece.name}: the plant stops during the fit ({driven.outcome}); use --from and --to")
+        raise FieldLogError(f"{piece.name}: the plant stops ({driven.outcome}); omit this part with --from and --to")
     found = Residuals()
     fixes, model = beside(piece, driven)
     for k, inside, laid in windows(fixes, model, driven.t[0]):

@@ -101,8 +101,8 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
     if data.windows < windows:
         raise TooLittleError(
             f"{recordings[0].name}: the log has {data.windows} complete windows of 5 s in motion with all columns, "
-            "and the fit "
-            f"needs {windows}; use a longer log, several logs or --share 0.9, or omit a column with gaps in the map"
+            f"and the fit needs {windows}; use a longer log, several logs or --share 0.9, or remove columns with gaps "
+            "from the map"
         )
     return data
 
@@ -246,7 +246,7 @@ DYNAMICS = {
 }
 """Parameters that affect the motion of the model."""
 PARAMETERS = SENSORS | DYNAMICS
-"""All parameters [SI, rad]. Compliances are for a tractor of `MASS_KG` and scale with the mass."""
+"""All identifiable parameters [SI, rad]. Compliances are for a tractor of `MASS_KG` and scale with the mass."""
 
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:

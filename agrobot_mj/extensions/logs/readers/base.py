@@ -127,7 +127,7 @@ class Samples:
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
                 f"{self.name}: {self._damaged} of {self._lines + self._damaged} lines cannot be read, the first is "
-                f"{self._first_damage}; the file is damaged, save it again"
+                f"{self._first_damage}; export the file again"
             )
         if not self._kept:
             raise FieldLogError("; ".join([f"{self.name}: the log contains no {what}", *notes[:3]]))

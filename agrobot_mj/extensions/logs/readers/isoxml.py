@@ -72,7 +72,7 @@ class TaskData(LogReader):
                 for source, signal in record.signals.items():
                     samples.add(record.t, source, **signal)
             if end < len(data):
-                notes.append(f"{name} is damaged after {end} of {len(data)} bytes; only the part before is used")
+                notes.append(f"{name} is damaged after {end} of {len(data)} bytes; only the undamaged part is used")
         return samples.log("time log with positions", *notes)
 
 
@@ -92,7 +92,7 @@ class Layout(NamedTuple):
     keys: tuple[str, ...]  # Position attributes that each record contains
     fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
-    """Known process values by number: their source, and the signal whose scale converts the raw counts."""
+    """Source and signal of the known process values by number. The signal converts the counts to a value."""
     values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:
@@ -203,7 +203,7 @@ def _entries(path: Path) -> list[zipfile.ZipInfo]:
     except (zipfile.BadZipFile, ValueError, NotImplementedError, OSError) as problem:
         raise FieldLogError(f"{path.name}: the file is not a valid zip archive: {problem}") from None
     if len(entries) > MOST_FILES:
-        raise FieldLogError(f"{path.name}: the archive has {len(entries)} files, and the limit is {MOST_FILES}")
+        raise FieldLogError(f"{path.name}: the archive has {len(entries)} files, more than {MOST_FILES}; remove some")
     return entries
 
 
@@ -216,7 +216,7 @@ def _in_zip(path: Path) -> dict[str, Open]:
     entries = _entries(path)
     sets = _task_folders(entries)
     if len(sets) > 1:
-        raise FieldLogError(f"{path.name}: the archive has {len(sets)} TASKDATA.XML files; unpack it, use one folder")
+        raise FieldLogError(f"{path.name}: the archive has {len(sets)} TASKDATA.XML files; unpack and use only one")
     return {
         each.filename.removeprefix(folder).upper(): partial(_unpack, path, each)
         for folder in sets
@@ -228,7 +228,7 @@ def _in_zip(path: Path) -> dict[str, Open]:
 def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
     where = f"{path.name}: {entry.filename}"
     if entry.file_size > most:
-        raise FieldLogError(f"{where}: {entry.file_size / 1e6:.3g} MB when unpacked are more than {most / 1e6:g} MB")
+        raise FieldLogError(f"{where}: {entry.file_size / 1e6:.3g} MB unpacked, more than {most / 1e6:g} MB; split it")
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(entry)

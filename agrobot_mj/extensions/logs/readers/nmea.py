@@ -69,9 +69,7 @@ class _Sentences:
             raise FieldLogError(f"{self.name}: none of the {self.early} sentences has a fix; record a log with a fix")
         notes = []
         if self.early:
-            notes.append(
-                f"{self.early} sentences before the first fix or before the receiver set its clock are omitted"
-            )
+            notes.append(f"{self.early} sentences without a valid fix or time at the start are omitted")
         if self.unclear:
             notes.append(f"{self.unclear} sentences with invalid fields are omitted, first {self.first_unclear}")
         for kind, (count, line, text) in self.invalid.items():

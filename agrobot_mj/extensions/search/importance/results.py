@@ -59,21 +59,23 @@ def importance_text(found: Sequence[Influence], metric: str) -> str:
 def influence_text(each: Influence, metric: str, group: str) -> str:
     """Return sentences about one group. The first sentence begins with the text `group`."""
     noise = (
-        "one seed does not identify the noise"
+        "one seed does not identify the variation between seeds"
         if each.noise is None
-        else f"the noise of the seeds is {each.noise:.0%} of this variance"
+        else f"variation between seeds causes {each.noise:.0%} of the variance"
     )
     lines = [f"{group}{metric} {each.mean:.4g}, standard deviation {each.deviation:.2g} over the points; {noise}."]
     if each.unexplained is not None:
         lines.append(
-            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise; it is not attributed, and "
-            "is in the upper end of each interval."
+            f"Up to {each.unexplained:.0%} of the variance is neither linear nor noise. The upper end of each "
+            "interval includes this part."
         )
     if each.flaws:
         return "\n".join([*lines, *(f"{flaw}." for flaw in each.flaws), "Therefore there is no ranking."])
     if not each.ordered_pairs:
-        return "\n".join([*lines, "These samples distinguish no two numbers, so there is no ranking."])
-    lines.append(f"{each.ordered_pairs} of {each.pairs} pairs are distinguished; overlapping ranks are tied.")
+        return "\n".join([*lines, "The samples are too few to distinguish any two numbers, so there is no ranking."])
+    lines.append(
+        f"{each.ordered_pairs} of {each.pairs} pairs differ significantly; numbers with overlapping ranks are tied."
+    )
     if small := [share.key for share in each.shares if share.high < NEGLIGIBLE]:
         lines.append(f"Contributions below {NEGLIGIBLE:.0%}: {', '.join(small)}.")
     return "\n".join(lines)
@@ -177,7 +179,7 @@ def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict
     _check_metric(metric, rows)
     values = [row[metric] for row in rows]
     if lacking := sum(not isinstance(value, int | float) or not np.isfinite(value) for value in values):
-        raise ScenarioError(f"--metric {metric}: it has no value in {lacking:,} of {total:,} runs; narrow the draws")
+        raise ScenarioError(f"--metric {metric}: {lacking:,} of {total:,} runs have no value; narrow the draws")
     table = np.array(values, dtype=float).reshape(-1, points, seeds)
     firsts = [rows[k * points * seeds : (k + 1) * points * seeds : seeds] for k in range(len(table))]
     numeric = file["method"] == "screening"  # a screening has numeric draws only

@@ -80,7 +80,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
         crude = found.probability * (1 - found.probability) / found.error**2 if found.error else 0.0
         text += f"; plain Monte Carlo would need {crude:,.0f} runs for this interval" if crude else ""
         flaws = Counter(run.flaw for run in runs if run.flaw)
-        text += f"; of these {', '.join(f'{n} {flaw}' for flaw, n in flaws.items())}" if flaws else ""
+        text += f"; these include {', '.join(f'{n} {flaw}' for flaw, n in flaws.items())}" if flaws else ""
     else:
         text = f"no failure in {driven}; the probability of failure is below about {found.high:.1g}"
     plain = sorted((run for run in runs if not run.branches), key=lambda run: run.level)
@@ -90,7 +90,7 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Return the simulated time of all complete and partial runs, divided by the time of one complete run [-]."""
+    """Return the total number of simulated ticks, divided by the mean number of ticks of a run without branches [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)

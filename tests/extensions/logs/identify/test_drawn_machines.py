@@ -34,7 +34,7 @@ def test_two_drives_of_one_machine_agree_within_their_intervals():
 
 def test_receiver_with_one_fix_per_second_is_rejected_with_its_rate():
     log = owned(0, 40.0, drawn(0)._replace(position_hz=1))
-    with pytest.raises(FieldLogError, match=r"the rate of \[position\] is 1 Hz, and a fit needs 2\.5 Hz"):
+    with pytest.raises(FieldLogError, match=r"the rate of \[position\] is 1 Hz, but a fit needs 2\.5 Hz"):
         calibrate([log.table], log.log_map, log.scenario)
 
 

@@ -44,7 +44,7 @@ def test_short_log_is_rejected_with_the_number_of_windows():
     ("key", "message"),
     [
         ("plant.front_cornering_stifness_n_rad", "did you mean 'plant.front_cornering_stiffness_n_rad'"),
-        ("plant.kind", "nonzero number to start from"),
+        ("plant.kind", "nonzero number as start value"),
         ("front", "not a scenario key"),
     ],
 )

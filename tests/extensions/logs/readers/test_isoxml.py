@@ -106,8 +106,8 @@ def test_time_logs_are_joined_in_order_and_cut_at_damage(folder):
     assert len(t) == 100
     assert t[[0, 20, 80, 99]] == pytest.approx([0, 86400, 2 * 86400, 2 * 86400 + 19])
     assert log.notes[:3] == (
-        f"TLG00002 is damaged after {20 * 22} of {20 * 22 + 9} bytes; only the part before is used",
-        f"TLG00003 is damaged after {20 * 22} of {20 * 22 + 9} bytes; only the part before is used",
+        f"TLG00002 is damaged after {20 * 22} of {20 * 22 + 9} bytes; only the undamaged part is used",
+        f"TLG00003 is damaged after {20 * 22} of {20 * 22 + 9} bytes; only the undamaged part is used",
         "TLG00004.BIN is missing",
     )
 
@@ -163,10 +163,10 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
                 archive.writestr(name.replace("_", "."), content)
         return tmp_path / "z"
 
-    with pytest.raises(FieldLogError, match=r"TLG00001.BIN: 11 MB when unpacked are more than 10"):
+    with pytest.raises(FieldLogError, match=r"TLG00001.BIN: 11 MB unpacked, more than 10"):
         open_log(zipped(TASKDATA_XML=TASK, TLG00001_XML=HEADER, TLG00001_BIN=bytes(11_000_000)))
     two = {f"TLG0000{k}_{end}": HEADER if end == "XML" else bytes(6_000_000) for k in (1, 2) for end in ("XML", "BIN")}
-    with pytest.raises(FieldLogError, match=r"TLG00002.BIN: 6 MB when unpacked are more than 4"):
+    with pytest.raises(FieldLogError, match=r"TLG00002.BIN: 6 MB unpacked, more than 4"):
         open_log(zipped(TASKDATA_XML=TASK, **two))
     with pytest.raises(FieldLogError, match="the file is binary, of an unknown format"):
         open_log(zipped(readme_txt="hello"))

@@ -146,7 +146,7 @@ def test_sentences_between_binary_messages_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("late", [0, 0.3, 3000])
-def test_sentences_of_a_receiver_cold_start_are_omitted(tmp_path, late):
+def test_sentences_before_the_first_valid_time_and_fix_are_omitted(tmp_path, late):
     """Before the fix the clock is any, and just after it the receiver corrects it."""
     lines = [f"$GPGGA,0{k}0000.00,,,,,0,00,99.9,,M,,M,," for k in range(9)] + [
         "$GPRMC,,V,,,,,,,,,,N",
@@ -158,7 +158,7 @@ def test_sentences_of_a_receiver_cold_start_are_omitted(tmp_path, late):
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     log = open_log(tmp_path / "log")
     assert len(log.source) == 100
-    assert log.notes[0].startswith(f"{12 if late else 11} sentences before the first fix")
+    assert log.notes[0].startswith(f"{12 if late else 11} sentences without a valid fix or time")
 
 
 def test_positions_without_a_quality_are_read(tmp_path):
@@ -198,7 +198,7 @@ def test_unknown_receiver_log_is_rejected_with_its_reason(tmp_path, name):
 
 
 @pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
-def test_gns_quality_is_the_best_mode_of_its_systems(tmp_path, mode, quality):
+def test_fix_quality_of_a_gns_sentence_is_its_best_mode(tmp_path, mode, quality):
     lines = [f"$GNGNS,{timed(k)},{place_of(k)},{mode},31,0.5,35.0,0.0,1.0,0,V" for k in range(9)]
     lines += [f"$GNGNS,{timed(9)},,,,,NNNN,0,99.9,,,,,V"]
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
@@ -235,7 +235,7 @@ HEADINGS = [
 
 
 @pytest.mark.parametrize(("good", "doubtful"), HEADINGS)
-def test_headings_of_two_antennas_are_read_if_fixed(tmp_path, good, doubtful):
+def test_dual_antenna_headings_are_read_only_with_fixed_ambiguities(tmp_path, good, doubtful):
     lines = []
     for k in range(20):
         lines.append(f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0")
@@ -247,7 +247,7 @@ def test_headings_of_two_antennas_are_read_if_fixed(tmp_path, good, doubtful):
     assert np.isnan(heading[15:]).all()
 
 
-def test_ksxt_sentence_alone_gives_position_and_speed(tmp_path):
+def test_log_with_only_ksxt_sentences_gives_position_and_speed(tmp_path):
     lines = [HEADINGS[-1][0].replace("TIME", timed(k)) for k in range(20)]
     (tmp_path / "log").write_text("\n".join(map(checked, lines)))
     row = open_log(tmp_path / "log").source.to_pylist()[4]
