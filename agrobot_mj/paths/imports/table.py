@@ -24,8 +24,8 @@ from agrobot_mj.paths.arc import FASTEST_M_S, SLOWEST_M_S
 from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAMES = {
-    "x": ("x", "east", "easting", "e", "pos_x", "x_axis", "tx"),
-    "y": ("y", "north", "northing", "n", "pos_y", "y_axis", "ty"),
+    "x": ("x", "east", "easting", "e", "x_axis", "tx"),
+    "y": ("y", "north", "northing", "n", "y_axis", "ty"),
     "lat": ("lat", "latitude"),
     "lon": ("lon", "lng", "long", "longitude"),
     "speed": ("speed", "velocity", "v", "target_speed", "speed_limit"),
@@ -118,7 +118,7 @@ def _is_speed(values: Array) -> bool:
     if 2 * speeds >= len(third) and not (heading and min(turned) < NEAR_RAD):
         return True
     if len(points) and np.ptp(points, axis=0).min() == 0 < np.ptp(third):
-        raise ValueError("one of the first two columns is constant; name the columns in the first row, such as x,z,y")
+        raise ValueError("the third column has no speeds, and another is constant; name the columns in the first row")
     return False
 
 
@@ -135,9 +135,18 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
     for number, line in enumerate(lines[first:], start=first + 1):
         if not line.strip(",;\t ") or line.lstrip().startswith(COMMENTS):
             continue
-        if split == "," and any(mark in line for mark in ";\t"):
-            raise ValueError(f"row {number}: another separator (semicolon or tab); use one separator in the file")
-        yield number, cells
+        split = split or _separator(line)
+        if split in ", " and any(mark in line for mark in ";\t"):
+            raise ValueError(f"row {number}: it has semicolons or tabs; separate all columns in the same way")
+        yield number, _cells(line if split == "," else line.replace(",", "."), split)
+
+
+def _key(cell: str) -> tuple[str, float]:
+    """Return the quantity of a column with this name, or an empty text, and the factor to the unit of the quantity."""
+    unit = UNIT.search(cell)
+    name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", (cell[: unit.start()] if unit else cell).strip())
+    key = KNOWN.get(PREFIX.sub("", re.sub(r"[\s./-]+", "_", name).lower().strip("_")), "")
+    return key, UNITS.get((unit[1] or unit[2] or "").strip().lower(), 1.0) if unit and key == "speed" else 1.0
 
 
 def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str, ...]]:
@@ -161,7 +170,7 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
 def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
         raise ValueError(
-            f"row {number}: has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
+            f"row {number}: it has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
         )
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
@@ -174,9 +183,12 @@ def _is_number(cell: str) -> bool:
     return "_" not in cell
 
 
-def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int, split: str) -> list[float]:
-    if len(cells) != width:
-        raise ValueError(f"row {number}: has {len(cells)} columns, but other rows have {width}; use the same number")
+def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
+    """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
+    if len(cells) < width or any(cells[width:]):
+        raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; use the same number")
+    if not any(cells[place] for _, place, _ in columns[:2]):
+        return []
     values = []
     for name, place, factor in columns:
         cell = cells[place]
