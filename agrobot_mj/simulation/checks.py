@@ -206,10 +206,17 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """Return the estimate with a read-only covariance, because the filter may own the array."""
-    if not estimate.covariance.flags.writeable:
+    """Return the estimate with a read-only, C-contiguous covariance, because the filter may own the array.
+
+    Raises `ScenarioError` for a covariance of a wrong shape, which compiled stages do not check.
+    """
+    given = estimate.covariance
+    if given.shape != (3, 3):
+        raise ScenarioError(f"estimate.covariance must have the shape (3, 3), got {given.shape}")
+    covariance = np.ascontiguousarray(given, dtype=float)
+    if covariance is given and not given.flags.writeable:
         return estimate
-    covariance = estimate.covariance.view()
+    covariance = covariance.view()
     covariance.flags.writeable = False
     return estimate._replace(covariance=covariance)
 

@@ -174,6 +174,25 @@ def test_estimate_with_non_numeric_values_is_rejected():
         run(scenario(estimator=Vague()))
 
 
+@pytest.mark.parametrize("given", [np.eye(5)[:3, :3], np.eye(3, dtype=int), np.eye(3)[::-1, ::-1]])
+def test_covariance_may_be_part_of_a_larger_array(given):
+    class Sure(Blunt):
+        def update(self, state, measurement, dt):
+            place = (measurement.fix.x, measurement.fix.y) if measurement.fix else (0.0, 0.0)
+            return state, Estimate(*place, 0.0, 1.0, 0.0, *place, given)
+
+    assert np.array_equal(run(scenario(estimator=Sure())).column("p_yy"), np.ones(10))
+
+
+def test_covariance_of_a_wrong_shape_is_rejected():
+    class Flat(Blunt):
+        def update(self, state, measurement, dt):
+            return state, Estimate(0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, np.eye(2))
+
+    with pytest.raises(ScenarioError, match=r"estimate.covariance must have the shape \(3, 3\), got \(2, 2\)"):
+        run(scenario(estimator=Flat()))
+
+
 def test_reference_with_non_numeric_values_is_rejected():
     with pytest.raises(
         ScenarioError, match=r"the path \(wordy\) returned a non-numeric reference: Reference\(x='east'"
