@@ -130,7 +130,7 @@ def test_removing_a_payload_changes_only_the_wheel_loads():
     before = under.truth
     model = under.plant.model
     under.plant._apply_conditions(NOMINAL)
-    arrays = {"steer_samples": None, "pedal_samples": None, "knuckle_samples": None}
+    arrays = dict.fromkeys(("steer_samples", "pedal_samples", "knuckle_samples", "implement"))
     assert under.plant.truth()._replace(**arrays) == before._replace(**arrays)
     fresh = Under().plant.model
     for name in ("body_mass", "body_ipos", "body_inertia", "body_iquat", "body_subtreemass", "dof_invweight0"):

@@ -406,7 +406,7 @@ def test_equal_inputs_give_bit_identical_results(tyre):
             plant.wheels().tobytes(),
             plant.poses().tobytes(),
         )
-        arrays = {"steer_samples": None, "pedal_samples": None, "knuckle_samples": None}
+        arrays = dict.fromkeys(("steer_samples", "pedal_samples", "knuckle_samples", "implement"))
         ends.append((truth._replace(**arrays), truth.steer_samples.tobytes(), state))
     assert ends[0] == ends[1]
 
