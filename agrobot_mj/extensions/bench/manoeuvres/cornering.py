@@ -24,7 +24,7 @@ from agrobot_mj.tyres import Linear
 
 RADIUS_M = 30.0
 SPEEDS_M_S = np.array([1.0, 2.0, 3.0, 4.0])
-BAND = 0.05
+BAND = 0.02
 
 
 def hold_radius(radius: float, wheelbase: float) -> Steer:

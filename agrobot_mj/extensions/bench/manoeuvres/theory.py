@@ -8,18 +8,19 @@ the right side carries more load.
 The front axle is mounted on a roll pivot P, which transmits no roll moment within its stops. For the body (index b:
 chassis and rear wheels) and the front assembly (index f), each with mass, CG and height:
 
-    pivot     V = m_b g_n x_b / L (vertical),  H = m_b a x_b / L (lateral)          moments about the rear axle
-    rear      (N_rr - N_rl) T / 2 = G (a + g_n phi) + sum(N_i s_i)                     roll about the rear patches
+    pivot     V = m_b g_n x_b / L (vertical),  H = F_f - D - m_f a (lateral)        balance of the front assembly
+    rear      (N_rr - N_rl) T / 2 = m_b z_b a - h_P H + G g_n phi + sum(N_i s_i)    roll about the rear patches
     tyres     N_rr - N_rl = k T phi,  G = m_b (z_b - h_P x_b / L)                   roll phi on the tyre springs
-    front     (N_fr - N_fl) T / 2 = h_P F_f - (h_P - z_f) m_f a + sum(N_i s_i)      roll of the axle about P
+    front     (N_fr - N_fl) T / 2 = h_P (F_f + V phi_f) - (h_P - r_f) D             roll phi_f of the axle about P
+                                    - m_f ((h_P - z_f) a - z_f g_n phi_f) + sum(N_i s_i)
 
 The lateral force F_i moves a patch by s_i = F_i / c against its wheel, on the lateral stiffness c of the carcass.
 Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L. The
 resistance is larger on the more loaded side and turns the tractor towards it: M = (T / 2) sum(+-rho_i N_i). Pneumatic
 trails t_i add -t_i F_i. F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 then give the forces of both axles, and the tyre
 law their slip angles. Without resistance and trail: F_f / F_r = l_r / l_f. The drag of steered front wheels has a
-lateral component. In a bend, the patches scrub against turning, and the gyroscopic moment of the wheels adds to the
-roll.
+lateral component D. In a bend, the patches scrub against turning, and the gyroscopic moment of the wheels adds to the
+roll. Resistances act at the height of the wheel centres; on a rolled body they turn the tractor out of the bend.
 """
 
 from math import cos, degrees, radians, sin, tan
@@ -98,19 +99,33 @@ class Tractor:
         return (self.p.front_axle_load if i < 2 else self.p.rear_axle_load) / 2
 
     def loads(
-        self, a: float, g_n: float, front_force: float, shift: float = 0.0, bend: bool = False, aside: Pair = (0.0, 0.0)
+        self,
+        a: float,
+        g_n: float,
+        front_force: float,
+        shift: float = 0.0,
+        bend: bool = False,
+        aside: Pair = (0.0, 0.0),
+        dragged: float = 0.0,
     ) -> Loads:
         """Return the wheel loads for the front force F_f and a `shift` of load from the front to the rear axle [N].
-        `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m]."""
+
+        `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m], and `dragged`
+        the lateral component D of the drag of steered front wheels [N].
+        """
         p, b = self.p, self.parts
-        L, T, k = p.wheelbase_m, p.track_m, p.rear_wheel.stiffness
+        L, T, k_f, k = p.wheelbase_m, p.track_m, p.front_wheel.stiffness, p.rear_wheel.stiffness
         J_f, J_r = self.gyroscopes() if bend else (0.0, 0.0)
         rise = (1 - g_n / GRAVITY) * p.rear_axle_load / (2 * k)
         G = b.body_kg * (b.body_z + rise - (b.pivot_z + rise) * b.body_x / L)
-        lean = ((G + J_r) * a + aside[1]) / (k * T**2 / 2 - G * g_n)
+        pivot = front_force - dragged - b.front_kg * a
+        moment = b.body_kg * (b.body_z + rise) * a - pivot * (b.pivot_z + rise)
+        lean = (moment + J_r * a + aside[1]) / (k * T**2 / 2 - G * g_n)
         front = p.mass_kg * g_n * p.cg_to_rear_axle / L - shift
         rear = p.mass_kg * g_n - front
-        over = (b.pivot_z * front_force - (b.pivot_z - b.front_z) * b.front_kg * a + J_f * a + aside[0]) / T
+        tips = b.pivot_z * front_force - (b.pivot_z - p.front_wheel_radius_m) * dragged
+        tips += J_f * a + aside[0] - (b.pivot_z - b.front_z) * b.front_kg * a
+        over = tips / (T - 2 * (b.pivot_z * (front - b.front_kg * g_n) + b.front_z * b.front_kg * g_n) / (k_f * T))
         half = k * T * lean / 2
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
@@ -169,10 +184,10 @@ class Tractor:
         with a `curvature` [1/m]. If not `rolling`, the tractor is parked."""
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
-        front_force, shift, steer, aside = p.mass_kg * a * l_r / L, 0.0, L * curvature, (0.0, 0.0)
+        front_force, shift, dragged, aside = p.mass_kg * a * l_r / L, 0.0, 0.0, (0.0, 0.0)
         rear_force = p.mass_kg * a - front_force
         for _ in range(40):
-            loads = self.loads(a, g_n, front_force, shift, curvature != 0.0, aside)
+            loads = self.loads(a, g_n, front_force, shift, curvature != 0.0, aside, dragged)
             N = loads.wheels
             front_slip = self.axle_slip((0, 1), N, front_force)
             rear_slip = self.axle_slip((2, 3), N, rear_force)
@@ -190,10 +205,20 @@ class Tractor:
             dragged = (against[0] + against[1]) * steer
             moment = T / 2 * float(against @ [1, -1, 1, -1]) - self.scrub(N, curvature) - dragged * l_f
             moment -= self.trail(front_slip) * front_force + self.trail(rear_slip) * rear_force
+            moment -= loads.lean * self.leaning(against)
             sideways = p.mass_kg * a + dragged
-            front_force = (l_r * sideways - moment) / L
-            rear_force = sideways - front_force
+            rear_force = (l_f * sideways + moment) / L
+            front_force = (sideways - rear_force) / cos(steer)
         return Balance(loads, front_slip, rear_slip)
+
+    def leaning(self, against: Array) -> float:
+        """Return the moment out of the bend divided by the roll angle [N m/rad], for the resistances of the wheels [N].
+
+        Rear wheels push at their patches, beside their centres and the pivot. The open differential gives both wheels
+        the same torque: the more compressed wheel, with its smaller rolling radius, pushes harder.
+        """
+        front, rear, radius = float(against[:2].sum()), float(against[2:].sum()), self.p.rear_wheel_radius_m
+        return front * self.parts.pivot_z + rear * radius - (front + rear) * self.p.track_m**2 / (12 * radius)
 
     def scrub(self, loads: Array, curvature: float) -> float:
         """Return the moment [N m] with which the patches resist turning on a path with a `curvature` [1/m]."""
