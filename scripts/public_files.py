@@ -68,8 +68,8 @@ def verdict(file: Path, row: dict[str, str]) -> tuple[str, str]:
     try:
         values, thinned = found(file, row["kind"])
     except (ScenarioError, ValueError) as error:
-        right = row["kind"] == "none" and row["reason"] in str(error)
-        return "rejected" if right else "wrongly rejected", str(error).split(": ", 2)[-1]
+        text = str(error).partition(": ")[2]  # without the name of the file
+        return "rejected" if row["kind"] == "none" and row["reason"] in text else "wrongly rejected", text
     except Exception as error:  # a traceback for the user
         return "wrong", f"{type(error).__name__}: {error}"
     near_size = NEAR if row["kind"] == "field" else THINNED if thinned else NEAR_LENGTH

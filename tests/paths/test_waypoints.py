@@ -120,7 +120,10 @@ FAULTS = {
     "one place": ("x,y\n10,0\n\n10,0\n10,0\n", "has 1 different waypoints; at least 2 are required"),
     "empty": ("", "the file is empty; create it again"),
     "only a header": ("x,y\n", "the file contains no positions; export it again"),
-    "a height as y": ("0,0,1\n10,0,9\n20,0,9\n", "one of the first two columns is constant; name the columns"),
+    "a height as y": (
+        "0,0,1\n10,0,9\n20,0,9\n",
+        "the third column has no speeds, and another is constant; name the columns",
+    ),
     "standing still": ("0,0,1\n10,0,0\n20,0,1\n", "row 2: speed is 0 m/s; use a speed from 0.001 to 5"),
     "backwards": ("0,0,1\n10,0,-1\n20,0,1\n", "row 2: speed is -1 m/s; use a speed from 0.001 to 5"),
     "a race": ("0,0,1\n10,0,1\n20,0,90\n", "row 3: speed is 90 m/s; use a speed from 0.001 to 5"),
