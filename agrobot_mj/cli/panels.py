@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import typer
 from typer.core import TyperGroup
 
 PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
@@ -52,6 +53,11 @@ class PanelledGroup(TyperGroup):
                 ctx.fail(f"{what} is blank{place}; check the quotes and the shell variables of the command line")
         name, rest = split_command(args)
         if parts := [each for each in COMMANDS if each.startswith(f"{name} ")]:
+            if "--help" in rest:
+                formatter = ctx.make_formatter()
+                formatter.write_dl(self._rows(parts, parts, formatter))
+                typer.echo(formatter.getvalue(), nl=False)
+                ctx.exit()
             ctx.fail(f"{name}: specify one of its commands: {', '.join(parts)}")
         return super().resolve_command(ctx, [name, *rest])
 
@@ -59,13 +65,13 @@ class PanelledGroup(TyperGroup):
         """Write the panels; include advanced commands with `--help-all`."""
         whole = ctx.params.get("help_all", False)
         shown = {name: each for name, each in COMMANDS.items() if not each.now and (whole or not each.advanced)}
-        width = max(map(len, shown))
         for panel in dict.fromkeys((*PANELS, *(each.panel for each in shown.values()))):
-            names = [name for name, each in shown.items() if each.panel == panel]
-            rows = [
-                (f"{name:{width}}", self.commands[name].get_short_help_str(formatter.width - width - 6))
-                for name in names
-            ]
-            if rows:
+            if names := [name for name in shown if shown[name].panel == panel]:
                 with formatter.section(panel):
-                    formatter.write_dl(rows)
+                    formatter.write_dl(self._rows(names, [*shown], formatter))
+
+    def _rows(self, names: Sequence[str], aligned: Sequence[str], formatter: Any) -> list[tuple[str, str]]:
+        """Return the names of commands, padded to the longest one of `aligned`, with their short descriptions."""
+        width = max(map(len, aligned))
+        limit = formatter.width - width - 6
+        return [(f"{name:{width}}", self.commands[name].get_short_help_str(limit)) for name in names]

@@ -45,6 +45,13 @@ def test_field_command_without_a_subcommand_lists_the_subcommands(call):
     assert "field: specify one of its commands: field show" in err
 
 
+def test_help_of_the_field_command_describes_its_subcommands(call):
+    status, out, err = call("field", "--help")
+    assert (status, err) == (0, "")
+    assert [line[:12].rstrip() for line in out.splitlines()] == ["field show", "field plan", "field run"]
+    assert "Plan headland laps, swaths and turns" in out
+
+
 def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
     (tmp_path / file).write_text("x,y\n0,0\n")
     status, out, err = call("field", "show", file, "--out", "found")
