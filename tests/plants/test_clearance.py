@@ -29,6 +29,7 @@ def rolling_over(terrain, careful):
     plant, places, touched, clear = plant_on(terrain), [], 0, 0
     coupling = plant.views.coupling._replace(rows=np.empty(0, dtype=np.int64))
     plant.views = plant.views._replace(coupling=coupling)
+    plant.rig = plant._rig()
     plant.data.qpos[2] += 1.5
     plant.data.qvel[:6] = 1.0, 0.5, 0.0, 4.0, 1.0, 0.5
     for _ in range(60):

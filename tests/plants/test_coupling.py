@@ -26,6 +26,7 @@ def plant_of(machine=Machine()):
 def without_closed_form(plant):
     coupling = plant.views.coupling._replace(rows=np.empty(0, dtype=np.int64))
     plant.views = plant.views._replace(coupling=coupling)
+    plant.rig = plant._rig()
     return plant
 
 
