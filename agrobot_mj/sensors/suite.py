@@ -238,7 +238,9 @@ class Sensors(Spec):
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
         """Return the measurement available to the controllers in the tick of length `dt` [s] that ends at `truth.t`."""
-        return _suite(self, dt).measure(state, held(truth), conditions)
+        suite = _suite(self, dt)
+        suite.prepare(len(truth.steer_samples))
+        return suite.measure(state, held(truth), conditions)
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Return the values of `columns` after a tick."""
@@ -294,7 +296,7 @@ class Suite:
         now, plain = truth, conditions is NOMINAL and self.plain
         if not (plain and self._prepared[0]):
             now = fetched(truth)
-            self._prepare(len(now.steer_samples))
+            self.prepare(len(now.steer_samples))
         delivery, sky = (state.delivery, CLEAR) if plain else self.gnss.sky(state.delivery, now, conditions, self.dt)
         steer = NO_SAMPLES if plain else np.ascontiguousarray(self.steering_pot.seen(now))
         streams = self._addresses(state.generators)
@@ -342,8 +344,8 @@ class Suite:
             values += report(readings[name])
         return tuple(values)
 
-    def _prepare(self, steps: int) -> None:
-        """Compute the parameters of `sense` for ticks with `steps` physics steps."""
+    def prepare(self, steps: int) -> None:
+        """Compute the parameters of `sense` for ticks with `steps` physics steps, the number in all ticks of a run."""
         if steps != self._prepared[0]:
             noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
             present: Any = tuple(sensor.enabled for sensor in noisy.values())

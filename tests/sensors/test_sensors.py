@@ -229,6 +229,14 @@ def test_equal_seeds_give_equal_measurements():
         assert getattr(one[4], name) != getattr(two[4], name)
 
 
+def test_number_of_physics_steps_may_differ_between_two_runs():
+    sensors, plain = Sensors(), {}
+    for steps in (25, 10, 40, 25):
+        _, measured = sensors.measure(sensors.init(1), truth(n=steps), NOMINAL, DT)
+        assert measured.steer == pytest.approx(0.1, abs=0.01)
+        assert plain.setdefault(steps, measured) == measured
+
+
 def test_noise_of_all_channels_is_independent():
     gnss, n = Gnss(correlated_fraction=0.5, correlation_time_s=DT), 2000
     log = record(Sensors(gnss=gnss, gyro=Gyro(enabled=True)), n, state_of=lambda k: truth())
