@@ -181,7 +181,9 @@ def test_error_for_an_invalid_option_names_the_option(call, tmp_path, options, m
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("price", "message"), [("fuel=1", "give input_ha, yield_ha, hour"), ("hour", "has no number")])
+@pytest.mark.parametrize(
+    ("price", "message"), [("fuel=1", "give input_ha, yield_ha, hour"), ("hour", "the number is missing")]
+)
 def test_error_for_an_invalid_price_names_the_option(call, tmp_path, price, message):
     status, _, err = call("field", "run", str(boundary(tmp_path)), "--price", price, "--out", str(tmp_path / "out"))
     assert (status, (tmp_path / "out").exists()) == (2, False)
