@@ -116,7 +116,7 @@ class Bridge:
 @pytest.mark.parametrize(("host", "named"), [("agopengps", "AgIO answers"), ("agopenweb", "AgOpenWeb answers")])
 def test_error_after_waiting_for_the_host_reports_received_hellos(host, named):
     said = []
-    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* does not: open it, with its simulator off"):
+    with pytest.raises(NoHostError, match=rf"{named} \(5 hellos\), .* does not; open it with its simulator off"):
         run_link(scenario(1.0, guidance__host=host), Bridge(), LinkOptions(wait_s=8.0, notify=said.append))
     assert len(said) == 1
     assert named in said[0]

@@ -226,7 +226,8 @@ class Session:
         if tally.steer_data:
             return f": {program} answers, but has not engaged"
         if tally.hellos:
-            return f": {carrier} answers ({tally.hellos} hellos), but {program} does not; open it, simulator off"
+            heard = f"{carrier} answers ({tally.hellos} hellos)"
+            return f": {heard}, but {program} does not; open it with its simulator off"
         return ""
 
     def _host_is_gone(self) -> bool:

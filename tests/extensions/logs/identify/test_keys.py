@@ -45,7 +45,7 @@ def test_short_log_is_rejected_with_the_number_of_windows():
     [
         ("plant.front_cornering_stifness_n_rad", "did you mean 'plant.front_cornering_stiffness_n_rad'"),
         ("plant.kind", "nonzero number as start value"),
-        ("front", "not a scenario key"),
+        ("front", "must be a scenario key"),
     ],
 )
 def test_keys_without_a_number_are_rejected_with_the_remedy(key, message):
