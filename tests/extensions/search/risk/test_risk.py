@@ -129,7 +129,7 @@ def raising(until, runs):
 def test_runs_that_raise_count_as_failed_and_are_reported(until):
     found = raising(until, 2)
     assert found.estimate.probability > 0.3
-    assert re.search(r"; of these \d+ error", found.statement)
+    assert re.search(r"; these include \d+ error", found.statement)
 
 
 def test_search_is_aborted_if_every_run_raises_an_error():
@@ -204,7 +204,7 @@ def test_failure_from_a_missing_metric_is_reported(call, tmp_path):
     status, said, _ = call(*words, "--until", "xte_abs_max > 9", "--out", "r")
     assert status == 0
     assert "a run fails with a probability of 1 (95% interval 0.51 to 1), from 4 runs" in said
-    assert "; of these 4 without xte_abs_max" in said
+    assert "; these include 4 without xte_abs_max" in said
     assert "1 of 2: probability 1 from 2 runs\n" in said
     assert (tmp_path / "r" / "risk.png").is_file()
 
