@@ -74,7 +74,9 @@ def test_message_names_a_wrong_antenna_position_as_the_reason():
     """Of a machine that turns about its rear axle nearly on the spot, as in 40 m of positions and 23 m of speed."""
     driven = path(speed=0.5, swing_deg=65.0)
     columns = field_log(driven, ahead=5.0)
-    with pytest.raises(FieldLogError, match=r"an antenna [45]\.\d m ahead of or behind the rear axle .* set position.ahead_m"):
+    with pytest.raises(
+        FieldLogError, match=r"an antenna [45]\.\d m ahead of or behind the rear axle .* set position.ahead_m"
+    ):
         check_columns([recorded(columns)])
     check_columns([recorded(columns, position={"ahead_m": 5.0})])
     with pytest.raises(FieldLogError, match="check the unit of"):
