@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import Field
 
 from agrobot_mj.core.geometry import along_arc, wrap
-from agrobot_mj.core.kernels import shared
 from agrobot_mj.core.signals import Reference
 
 SLOWEST_M_S, FASTEST_M_S = 0.001, 5.0  # Minimum and maximum speed of a reference [m/s]
@@ -51,11 +50,9 @@ def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0
     return _along_clothoid(start, curvature, distance, sharpness) if sharpness else on_arc(start, curvature, distance)
 
 
-@shared
 def on_arc(start: Pose, curvature: float, distance: float) -> Pose:
     """Return the pose at the distance `distance` [m] along an arc that starts at `start` with `curvature` [1/m]."""
-    x, y, yaw = along_arc(start, curvature, distance)
-    return Pose(x, y, yaw)
+    return Pose._make(along_arc(start, curvature, distance))
 
 
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
@@ -86,7 +83,6 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
     )
 
 
-@shared
 def progress(t: float, ramp: float) -> tuple[float, float]:
     """Return distance and speed of the reference at time `t` [s], both divided by the full speed [s, -]."""
     if t >= ramp:
@@ -105,7 +101,6 @@ def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tupl
     return tuple(pairwise(times))
 
 
-@shared
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
     """Return the reference for a point at `pose` that moves with `speed` [m/s], negative in reverse."""
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)

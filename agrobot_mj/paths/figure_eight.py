@@ -18,13 +18,11 @@ from functools import lru_cache
 from math import atan, atan2, ceil, isinf, pi, sqrt
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from agrobot_mj.core.kernels import stage
-from agrobot_mj.core.signals import Matrix, Reference
+from agrobot_mj.core.signals import Reference
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, on_arc, progress, reference, turns
+from agrobot_mj.paths.arc import RAMP_S, Place, Pose, Ramp, advance, progress, reference, turns
 from agrobot_mj.paths.base import ReferencePath
 from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Transitions, bend
@@ -40,11 +38,8 @@ class _Piece(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Piece, ...], float, Matrix]:
-    """Return the segments of one lap, last segment first, and the length of the lap [m].
-
-    Rows of the last result are the start, pose and curvature of the segments; it is empty for a lap with clothoids.
-    """
+def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Piece, ...], float]:
+    """Return the segments of one lap, last segment first, and the length of the lap [m]."""
     half, crossing = straight / 2, atan(radius / (straight / 2))
     right, left = [Piece(arc := radius * (2 * pi - 2 * atan(half / radius)), -1 / radius)], [Piece(arc, 1 / radius)]
     if not isinf(sharpness):
@@ -57,20 +52,7 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
         pieces.append(_Piece(start, pose, piece.curvature, piece.sharpness))
         pose = advance(pose, piece.curvature, piece.length, piece.sharpness)
         start += piece.length
-    pieces.reverse()
-    numbers = [[*piece[:1], *piece.pose, piece.curvature] for piece in pieces] if isinf(sharpness) else []
-    return tuple(pieces), start, np.array(numbers).reshape(-1, 5)
-
-
-@stage
-def _at_arc(pieces: Matrix, length: float, speed: float, ramp: float, run_in: float, t: float) -> Reference:
-    """Return the reference at time `t` [s] on a lap of straights and arcs, with the last result of `_pieces`."""
-    moved, fraction = progress(t, ramp)
-    distance, k = (speed * moved - run_in) % length, 0
-    while pieces[k, 0] > distance:
-        k += 1
-    x, y, yaw, curvature = pieces[k, 1], pieces[k, 2], pieces[k, 3], pieces[k, 4]
-    return reference(on_arc(Pose(x, y, yaw), curvature, distance - pieces[k, 0]), curvature, fraction * speed)
+    return tuple(reversed(pieces)), start
 
 
 class FigureEight(Transitions, ReferencePath):
@@ -132,9 +114,7 @@ class FigureEight(Transitions, ReferencePath):
 
     def at(self, t: float) -> Reference:
         """Return the reference at time `t` [s]; the figure-eight continues after the last lap."""
-        pieces, length, numbers = _lap(self)
-        if numbers.size:
-            return _at_arc(numbers, length, self.speed_m_s, self.ramp_s, self.run_in_m, t)
+        pieces, length = _lap(self)
         moved, fraction = progress(t, self.ramp_s)
         distance = (self.speed_m_s * moved - self.run_in_m) % length
         start, pose, curvature, sharpness = next(piece for piece in pieces if piece.start <= distance)
@@ -144,5 +124,5 @@ class FigureEight(Transitions, ReferencePath):
         return reference(pose, curvature, fraction * self.speed_m_s, sharpness)
 
 
-def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float, Matrix]:
+def _lap(path: FigureEight) -> tuple[tuple[_Piece, ...], float]:
     return _pieces(path.radius_m, path.straight_m, path.sharpness(path.speed_m_s))
