@@ -8,7 +8,7 @@ fix that is not a number, count as missing, see `Reception`.
 from collections.abc import Callable, Collection, Sequence
 from math import degrees, inf, isfinite, nan, radians
 from operator import itemgetter
-from typing import Any, Generic, NamedTuple, NoReturn, TypeVar, get_args, get_origin
+from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -122,32 +122,25 @@ class Stage(Generic[Message]):
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """Return the new state and the message of a stage with state."""
-        try:
-            found = getattr(self.part, self.method)(*arguments)
-        except ARITHMETIC as error:
-            self._refuse(error)
-        if type(found) is not tuple or len(found) != 2 or type(found[1]) is not self.message:
-            check_update(found, self.message, *self.names, self.method)
-        self.numbers.check(found[1], self.maker)
-        return found[0], self.passed(found[1])
+        state, message = check_update(self._found(arguments), self.message, *self.names, self.method)
+        self.numbers.check(message, self.maker)
+        return state, self.passed(message)
 
     def ask(self, *arguments: Any) -> Message:
         """Return the message of a stage without state."""
-        try:
-            message = getattr(self.part, self.method)(*arguments)
-        except ARITHMETIC as error:
-            self._refuse(error)
-        check_type(message, self.message, *self.names, self.method)
+        message = check_type(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return self.passed(message)
 
-    def _refuse(self, error: Exception) -> NoReturn:
-        """Raise `NotFiniteError` for an error that numbers which are not finite may cause, otherwise the error."""
-        numbers = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
-        numbers = numbers or any(part in str(error) for part in _ARITHMETIC)
-        if isinstance(error, NotFiniteError) or not numbers:
-            raise error
-        raise NotFiniteError(f"{self.maker} failed: {error}") from error
+    def _found(self, arguments: tuple[Any, ...]) -> Any:
+        try:
+            return getattr(self.part, self.method)(*arguments)
+        except ARITHMETIC as error:
+            numbers = not isinstance(error, ValueError) or isinstance(error, np.linalg.LinAlgError)
+            numbers = numbers or any(part in str(error) for part in _ARITHMETIC)
+            if isinstance(error, NotFiniteError) or not numbers:
+                raise
+            raise NotFiniteError(f"{self.maker} failed: {error}") from error
 
 
 class Reception(NamedTuple):

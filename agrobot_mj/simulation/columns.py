@@ -16,7 +16,7 @@ import numpy as np
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, held, stage
+from agrobot_mj.core.kernels import fetched, stage
 from agrobot_mj.core.signals import (
     NO_FIX,
     WHEELS,
@@ -186,7 +186,7 @@ def row(k: Tick) -> tuple[Vector, Here]:
     """Return the values of `COLUMNS` for a tick, with NaN for columns that a stage reports, and part of the truth."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
-    here = _write(values, held(k.truth), m.fix or NO_FIX, k.estimate, k.reference, k.drive, k.actuation, others)
+    here = _write(values, k.truth, m.fix or NO_FIX, k.estimate, k.reference, k.drive, k.actuation, others)
     return values, here
 
 

@@ -8,6 +8,7 @@ from math import isnan, nan, pi, radians
 import numpy as np
 import pytest
 
+from agrobot_mj.core.kernels import held
 from agrobot_mj.core.signals import Command, Drive, Estimate, Fix, Measurement, Reference, Truth
 from agrobot_mj.simulation.columns import COLUMNS, SIGNALS, WHEEL_SIGNALS, Tick, row
 
@@ -45,7 +46,7 @@ ESTIMATE = Estimate(
     steer_bias=radians(0.5),
 )
 TICK = Tick(
-    truth=TRUTH,
+    truth=held(TRUTH),
     measured=Measurement(12.5, Fix(99.9, 48.8, 0.1, 1.2), 1, radians(10.4), 0.27, 0.23),
     estimate=ESTIMATE,
     reference=Reference(98.0, 53.0, 0.0, 1.25, radians(90), 0.15, 0.03),
@@ -122,7 +123,7 @@ def test_saturated_steering_command_is_flagged_in_the_log():
     assert logged(TICK._replace(saturated=True))["steer_saturated"] == 1.0
 
 
-def test_columns_of_bias_and_wheels_are_empty_without_bias_or_wheels():
+def test_unavailable_bias_pressure_and_torque_are_nan_in_the_log():
     found = logged(TICK._replace(estimate=ESTIMATE._replace(steer_bias=nan), actuation=(1e-5, nan, nan)))
     assert all(isnan(found[name]) for name in ("steer_bias_hat", "steer_pressure", "drive_torque"))
 

@@ -73,7 +73,6 @@ class MujocoPlant(RunningPlant):
         built = build(spec.tyre, machine, ground, clock.dt, seed, payloads)
         self.model, self.scene, tyres, hitched, self.attached = built
         self.ground = ground = with_soil_memory(ground, tyres.bearing)
-        self.extent = ground.extent
         self.data = mujoco.MjData(self.model)
         self.views = views_of(self.model, self.data)
         self.tyred = Tyred(native is not None, tyres, ground, np.zeros((4, 3)), np.zeros((4, 6)))
@@ -324,8 +323,8 @@ class MujocoPlant(RunningPlant):
             return "rolled_over"
         if self.implement and self.implement.jackknifed:
             return "jackknifed"
-        (x, y, _), (x_min, x_max, y_min, y_max) = self.motion.cg.place, self.extent
-        return None if x_min <= x <= x_max and y_min <= y <= y_max else "left_terrain"
+        x, y, _ = self.motion.cg.place
+        return None if self.ground.covers(x, y) else "left_terrain"
 
     @property
     def _fallen(self) -> bool:
