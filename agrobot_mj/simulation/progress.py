@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 BETWEEN_LINES_S = 1.0  # Minimum time between two progress lines; fast work prints few or no lines [s]
-SILENCE_S = 8.0  # Maximum time without a progress line [s]
+SILENCE_S = 6.0  # Maximum time without a progress line [s]
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
 """Maximum duration written in seconds [s], and maximum duration written in minutes [min]."""
 
