@@ -1,9 +1,8 @@
 """States of compiled stages that stay in compiled memory: Python passes only a reference to them.
 
-A stage with an argument or a result annotated `Held[State]` takes and returns references, which `fetched` and `held` of
-`kernels` convert. Converting a state of 300
-numbers to Python objects takes longer than most stages. A held state is immutable like the named tuple that it stands
-for, and is converted by `fetched`. Without compilation the reference is the named tuple itself.
+A stage with an argument or a result annotated `Held[State]` takes and returns references. `held` of `kernels` makes a
+reference, `fetched` returns its named tuple. Converting a state of 300 numbers to Python objects takes longer than most
+stages. A held state is immutable like its named tuple. Without compilation the reference is the named tuple itself.
 """
 
 import ctypes

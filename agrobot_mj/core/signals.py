@@ -174,25 +174,19 @@ class Conditions(NamedTuple):
     """Quality of the solution at the antenna, a constant of `Quality`."""
     gnss_latency_s: float = 0.0
     """Latency added to the latency of the receiver [s], in whole ticks."""
-    gnss_offset: tuple[float, float] = (0.0, 0.0)
-    gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)
-    """Offsets of the velocity [m/s] and (`gnss_offset`) of the position [m] of the solution, east and north."""
+    gnss_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the position of the solution, east and north [m]
+    gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of its velocity, east and north [m/s]
     gnss_frozen: Frozen = ""
     """Velocity reported while the receiver repeats its last position; "" if it is not frozen."""
-    heading: Distortion = SOUND
-    gyro: Distortion = SOUND
-    """Distortions of the yaw rate from the gyro [rad/s] and (`heading`) of the heading from two antennas [rad]."""
-    wheel_speed: Distortion = SOUND
-    """Distortion of the measured wheel speed [m/s]."""
-    steering_pot: Distortion = SOUND
-    pedal_pot: Distortion = SOUND
-    """Distortions of the pedal position [-] and (`steering_pot`) of the steering angle [rad], from potentiometers."""
-    imu_roll: Distortion = SOUND
-    imu_pitch: Distortion = SOUND
-    """Distortions of the pitch and (`imu_roll`) of the roll from the inertial unit [rad]."""
-    valve: Distortion = SOUND
-    pedal_valve: Distortion = SOUND
-    """Distortions of the voltages at the pedal valve and (`valve`) at the steering valve, relative to neutral [V]."""
+    heading: Distortion = SOUND  # Distortion of the heading measured by two antennas [rad]
+    gyro: Distortion = SOUND  # Distortion of the yaw rate measured by the gyro [rad/s]
+    wheel_speed: Distortion = SOUND  # Distortion of the measured wheel speed [m/s]
+    steering_pot: Distortion = SOUND  # Distortion of the measured steering angle [rad]
+    pedal_pot: Distortion = SOUND  # Distortion of the measured pedal position [-]
+    imu_roll: Distortion = SOUND  # Distortion of the roll measured by the inertial unit [rad]
+    imu_pitch: Distortion = SOUND  # Distortion of the pitch measured by the inertial unit [rad]
+    valve: Distortion = SOUND  # Distortion of the voltage at the steering valve, relative to neutral [V]
+    pedal_valve: Distortion = SOUND  # Distortion of the voltage at the pedal valve, relative to neutral [V]
     valve_gain: float = 1.0
     """Remaining fraction of the steering valve's flow [-]."""
     valve_dead_band: float = 0.0
@@ -228,9 +222,8 @@ class Measurement(NamedTuple):
     """Filtered pedal position from the potentiometer [-]."""
     gyro: float
     """Yaw rate from the gyro [rad/s], or NaN if not measured."""
-    roll: float = nan
-    pitch: float = nan
-    """Pitch and `roll` from the inertial unit [rad], nose down and left side up positive, or NaN if not measured."""
+    roll: float = nan  # Roll from the inertial unit [rad], left side up positive, or NaN if not measured
+    pitch: float = nan  # Pitch from the inertial unit [rad], nose down positive, or NaN if not measured
     wheel_speed: float = nan
     """Speed of the driven wheels from their sensor [m/s], forward positive, or NaN if not measured."""
     readings: Mapping[str, Any] = MappingProxyType({})

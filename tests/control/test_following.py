@@ -170,7 +170,7 @@ def test_speed_is_low_until_wheels_reach_the_steering_command(law: Following) ->
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_sideslip_uses_curvature_behind_the_tractor_in_both_directions() -> None:
+def test_sideslip_depends_on_path_behind_the_tractor_ahead_and_in_reverse() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0

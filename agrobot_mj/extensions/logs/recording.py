@@ -276,7 +276,10 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return a yaw rate without a gyro, and its source: heading, or else course, which sideslip and tilt distort."""
+    """Return the yaw rate computed from the heading or, without a heading, from the course, and its source.
+
+    Sideslip and tilt distort the course.
+    """
     if heading is not None:
         return slope_of(heading), "heading"
     if position is None:

@@ -228,7 +228,8 @@ def _in_zip(path: Path) -> dict[str, Open]:
 def _unpack(path: Path, entry: zipfile.ZipInfo, most: int) -> bytes:
     where = f"{path.name}: {entry.filename}"
     if entry.file_size > most:
-        raise FieldLogError(f"{where}: {entry.file_size / 1e6:.3g} MB unpacked, more than {most / 1e6:g} MB; split it")
+        size = f"{entry.file_size / 1e6:.3g} MB when unpacked, but the limit is {most / 1e6:g} MB"
+        raise FieldLogError(f"{where}: the file has {size}; split the recording")
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.read(entry)

@@ -163,10 +163,10 @@ def test_oversized_and_malformed_zips_are_rejected(tmp_path, monkeypatch):
                 archive.writestr(name.replace("_", "."), content)
         return tmp_path / "z"
 
-    with pytest.raises(FieldLogError, match=r"TLG00001.BIN: 11 MB unpacked, more than 10"):
+    with pytest.raises(FieldLogError, match=r"TLG00001.BIN: the file has 11 MB when unpacked, but the limit is 10 MB"):
         open_log(zipped(TASKDATA_XML=TASK, TLG00001_XML=HEADER, TLG00001_BIN=bytes(11_000_000)))
     two = {f"TLG0000{k}_{end}": HEADER if end == "XML" else bytes(6_000_000) for k in (1, 2) for end in ("XML", "BIN")}
-    with pytest.raises(FieldLogError, match=r"TLG00002.BIN: 6 MB unpacked, more than 4"):
+    with pytest.raises(FieldLogError, match=r"TLG00002.BIN: the file has 6 MB when unpacked, but the limit is 4 MB"):
         open_log(zipped(TASKDATA_XML=TASK, **two))
     with pytest.raises(FieldLogError, match="the file is binary, of an unknown format"):
         open_log(zipped(readme_txt="hello"))
