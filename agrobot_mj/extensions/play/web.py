@@ -45,6 +45,8 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
         return int(self._http_sock.getsockname()[1])
 
     def _start_server(self) -> None:
+        # Without this flag, a frame crashes if it begins while a page disconnects: the fonts exist only while connected
+        web_viewer.imgui.GetIO().BackendFlags |= int(web_viewer.imgui.BackendFlags.RendererHasTextures)
         web_server.serve = self._serve
         super()._start_server()
 
