@@ -68,6 +68,12 @@ def found_nearest(
 
 
 @jit
+def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
+    """Return the signed distance of (x, y) [m] from the osculating circle of sample `k`, positive left [m]."""
+    return _offset(_sample_at(samples, k), x, y)
+
+
+@jit
 def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
     """Return the path point nearest to (x, y) [m], searched around arc length `near` from `low` to `high` [m]."""
     near = min(max(near, low), high)

@@ -10,7 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agrobot_mj.core.signals import Array
+from agrobot_mj.core.kernels import stage
+from agrobot_mj.core.samples import CURVATURE, S, T, X, found_nearest, offset_at
+from agrobot_mj.core.signals import Array, Matrix
 from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
@@ -48,19 +50,45 @@ def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
 def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None = None) -> BesidePath:
     """Return the positions of the points (x, y) [m] relative to `path` at the times `t` [s], each of shape (n,)."""
     route, found = route or SampledRoute(path), np.full((len(t), 6), np.nan)
-    beside = BesidePath(found[:, 0], found[:, 1], found[:, 2:])
-    place, seen = 0.0, -inf
-    for row in map(int, np.flatnonzero(np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M)):
-        now, east, north = float(t[row]), float(x[row]), float(y[row])
-        offset, inside = inf, False
+    known = np.maximum(np.abs(x), np.abs(y)) < FARTHEST_M
+    places = np.column_stack((t, x, y))[known]
+    near, row, place, seen, wanted = np.empty((len(places), 6)), 0, 0.0, -inf, 0.0
+    while row < len(places):
+        samples, legs, end = route.sampled(float(places[-1, 0]), wanted + WINDOW_M)
+        row, place, seen, wanted = _track(places, near, row, place, seen, samples, legs, end)
+    found[known] = near
+    return BesidePath(found[:, 0], found[:, 1], found[:, 2:])
+
+
+@stage
+def _track(
+    places: Matrix, found: Matrix, row: int, place: float, seen: float, samples: Matrix, legs: Matrix, end: float
+) -> tuple[int, float, float, float]:
+    """Track the nearest sample from row `row` of `places` (t, x, y) to the end, or until it is near `end` [m].
+
+    `place` [m] is the arc length of the last nearest sample, found at the time `seen` [s]. Fill `found` with offset,
+    time and circle. Return the next row, `place`, `seen`, and the arc length [m] around which samples are missing.
+    """
+    for i in range(row, len(places)):
+        now, east, north = places[i]
+        leg = max(int(np.searchsorted(legs[:, 0], now, "right")) - 1, 0)
+        low, high = legs[leg, 1], legs[leg + 1, 1] if leg + 1 < len(legs) else inf
+        k, offset, inside = 0, inf, False
         if now - seen < FORGOTTEN_S:
-            k, inside = route.search(east, north, place, now, WINDOW_M)
-            offset = route.sample(k).offset(east, north)
+            near = min(max(place, low), high)
+            if near + WINDOW_M > end:
+                return i, place, seen, near
+            k, inside = found_nearest(samples, east, north, near, low, high, WINDOW_M)
+            offset = offset_at(samples, k, east, north)
         if not inside or abs(offset) > WINDOW_M:
-            again, _ = route.search(east, north, route.passed(now), now, WINDOW_M)
-            if abs(route.sample(again).offset(east, north)) <= abs(offset):
+            passed = max(int(np.searchsorted(samples[:, T], now, "right")) - 1, 0)
+            near = min(max(samples[passed, S], low), high)
+            if near + WINDOW_M > end:
+                return i, place, seen, near
+            again, _ = found_nearest(samples, east, north, near, low, high, WINDOW_M)
+            if abs(offset_at(samples, again, east, north)) <= abs(offset):
                 k = again
-        sample = route.sample(k)
-        place, seen, beside.offset[row], beside.time[row] = sample.s, now, sample.offset(east, north), sample.t
-        beside.circles[row] = sample.x, sample.y, sample.yaw, sample.curvature
-    return beside
+        place, seen = samples[k, S], now
+        found[i, 0], found[i, 1] = offset_at(samples, k, east, north), samples[k, T]
+        found[i, 2], found[i, 3], found[i, 4], found[i, 5] = samples[k, X : CURVATURE + 1]
+    return len(places), place, seen, place

@@ -83,6 +83,14 @@ class SampledRoute:
             self._grow(beyond=near + WINDOW_M)
         return self._samples
 
+    def sampled(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
+        """Sample the path up to time `t` [s] and arc length `s` [m]. Return the samples, the time and arc length of the
+        start of each leg, (legs, 2), and the arc length of the last sample, or infinity if it is at the last leg's end.
+        """
+        self._grow(until=t + CHUNK_S, beyond=s)
+        legs = np.column_stack((self._leg_times, self._leg_starts))
+        return self._samples, legs, self._end if self._end >= s else inf
+
     def grows(self, s: float) -> bool:
         """Sample the path as far as the arc length `s` [m]; return whether this added samples."""
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)

@@ -324,7 +324,14 @@ class Simulation:
     def _log(self, wall_s: float) -> Log:
         plant, outcome = self.loop.plant, self.outcome or "aborted"
         log = Log(
-            self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
+            self.scenario,
+            self.rows,
+            plant.scene,
+            outcome,
+            wall_s,
+            ruts=plant.ruts(),
+            learned=self.loop.learned(),
+            route=self._measured,
         )
         found = metrics(log, route=self._measured)
         numbers = {
