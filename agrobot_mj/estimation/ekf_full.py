@@ -223,6 +223,7 @@ class EkfFull(StateEstimator):
             sideslip_walk=radians(self.sideslip_walk_deg_rt_s),
             sideslip_sigma=radians(self.initial_sideslip_sigma_deg),
             turn_offset_walk=self.turn_offset_walk_m_rt_m,
+            load_transfer=tractor.cg_height_m / (tractor.wheelbase_m - tractor.cg_to_rear_axle),
             roll=0.0 if self.terrain_compensation else radians(self.roll_deg_s2_m),
         )
 

@@ -125,9 +125,8 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
     standing = smooth.standing >= STANDING_TICKS
     motion = MotionReadings(inputs.steer, inputs.gyro, wheel, inputs.pitch, smooth.cruise, standing)
     s, g, w = f.levels.steer_sigma, f.levels.gyro_sigma, f.levels.wheel_sigma
-    mean, P = corrected(
-        core.mean, core.covariance, motion, MotionNoise(f.levels.wheelbase, s * s, g * g, w * w), rows, used
-    )
+    levels = MotionNoise(f.levels.wheelbase, s * s, g * g, w * w, f.levels.load_transfer)
+    mean, P = corrected(core.mean, core.covariance, motion, levels, rows, used)
     mean, P, crab = with_mounting(mean, P, core.crab, smooth.bend)
     r, nis = core.rejections, rows.position_nis
     return Core(mean, P, core.search, core.lever, r, core.seen, smooth, slip, core.sway, crab, nis)
@@ -248,7 +247,8 @@ def _ground_speed(core: Core, fix: Fix, side: SideLoad) -> float:
 def _slip(f: FullFilter, core: Core, pitch: float, speed: float, wheel: float, dt: float) -> WheelSlip:
     if abs(speed) < SLIPPING_SPEED or core.search.active or not isfinite(wheel):
         return WheelSlip(0.0, 0.0, core.slip.memory)
-    scale, s_v, s_w = wheel_scale(core.mean, pitch), f.levels.velocity_sigma, f.levels.wheel_sigma
+    s_v, s_w = f.levels.velocity_sigma, f.levels.wheel_sigma
+    scale = wheel_scale(core.mean, pitch, f.levels.load_transfer)
     variance = (s_v * s_v + s_w * s_w) / (speed * speed)
     return core.slip.after(wheel / (scale * speed) - 1.0, variance, core.covariance[K, K], dt)
 

@@ -25,7 +25,7 @@ step. After the first two-antenna heading there are two more states: the excess 
 and the mounting error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of
 innovation, Jacobian and variance:
 
-  gyro = omega + b_g,    wheel speed = (1 + k - s g sin(pitch)) v / cos(pitch),
+  gyro = omega + b_g,    wheel speed = (1 + k - s p) v / cos(pitch), p = `pull`,
   0 = omega - v tan(delta - b_s) / L,
   fix = (x, y) + sigma g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
   its heading = psi + m
@@ -71,6 +71,7 @@ class FullLevels(NamedTuple):
     sideslip_sigma: float = radians(2.0)
     """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
     turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
+    load_transfer: float = 0.0  # CG height divided by the distance of the CG from the front axle [-]
     roll: float = 0.0  # Outward roll in a bend divided by the specific side force [rad s2/m], without compensation
 
 
@@ -89,6 +90,7 @@ class SideLoad(NamedTuple):
     bend: float = 0.0  # Curvature of the bend [1/m]
 
 
+LEAST_LOAD = 0.1  # Minimum load of the rear axle on a slope, divided by its load on level ground [-]. Assumed value.
 SOFTENING = 1.1
 """Coefficient of the squared ratio of side force to load in the rear compliance [-]. Assumed value (1.0-1.2) from
 `magic_formula` on slopes of 12 to 28 deg."""
@@ -219,9 +221,19 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
 
 
 @jit
-def wheel_scale(mean: Vector, pitch: float) -> float:
+def pull(pitch: float, load_transfer: float) -> float:
+    """Return gravity along the ground, forward, times level load over actual load of the rear axle [m/s2].
+
+    The rear axle carries cos(pitch) - load_transfer sin(pitch) of its load on level ground. Slip is proportional to
+    the pull per load, so that a tractor slips more per pull downhill, where the load moves to the front.
+    """
+    return GRAVITY * sin(pitch) / max(cos(pitch) - load_transfer * sin(pitch), LEAST_LOAD)
+
+
+@jit
+def wheel_scale(mean: Vector, pitch: float, load_transfer: float) -> float:
     """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, slip on a climb and slope."""
-    return float((1.0 + mean[K] - mean[S] * GRAVITY * sin(pitch)) / cos(pitch))
+    return float((1.0 + mean[K] - mean[S] * pull(pitch, load_transfer)) / cos(pitch))
 
 
 @jit

@@ -30,9 +30,9 @@ from agrobot_mj.estimation.full_model import (
     Y,
     course,
     course_slopes,
+    pull,
     wheel_scale,
 )
-from agrobot_mj.machine.tractor import GRAVITY
 
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.3)
 """Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: on its carcasses, a starting
@@ -82,6 +82,7 @@ class MotionNoise(NamedTuple):
     steer: float  # Variance of the yaw rate derived from the steering angle [rad2/s2]
     gyro: float  # Variance of the yaw rate from the gyro [rad2/s2]
     wheel: float  # Variance of the wheel speed [m2/s2]
+    load_transfer: float  # CG height divided by the distance of the CG from the front axle [-]
 
 
 @jit
@@ -101,8 +102,8 @@ def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, 
         H[k, OMEGA] = H[k, B_G] = 1.0
         y[k], R[k, k], k = m.gyro - (omega + mean[B_G]), noise.gyro, k + 1
     if isfinite(m.wheel):
-        scale, along = wheel_scale(mean, m.pitch), m.cruise / cos(m.pitch)
-        H[k, V], H[k, K], H[k, S] = scale, along, -along * GRAVITY * sin(m.pitch)
+        scale, along = wheel_scale(mean, m.pitch, noise.load_transfer), m.cruise / cos(m.pitch)
+        H[k, V], H[k, K], H[k, S] = scale, along, -along * pull(m.pitch, noise.load_transfer)
         y[k], R[k, k], k = m.wheel - scale * v, noise.wheel, k + 1
     if m.standing:
         H[k, V] = H[k + 1, OMEGA] = 1.0

@@ -35,12 +35,12 @@ from agrobot_mj.estimation.full_model import (
     X,
     Y,
     course_slopes,
+    pull,
     sideslip,
     steady_gain,
     wheel_scale,
 )
 from agrobot_mj.estimation.lever_arm import offset
-from agrobot_mj.machine.tractor import GRAVITY
 
 HISTORY_TICKS, BLOCK_TICKS = 110, 10
 """Minimum number of stored filter states, and their number in a block: a tick copies only the last block. Assumed value
@@ -179,7 +179,11 @@ def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: f
     gain_omega = steady_gain(levels.walks[4], levels.gyro_sigma, dt)
     for k in range(ticks):
         inputs = _inputs(waiting, k)
-        v += gain_v * (inputs.wheel / wheel_scale(mean, inputs.pitch) - v) if isfinite(inputs.wheel) else 0.0
+        v += (
+            gain_v * (inputs.wheel / wheel_scale(mean, inputs.pitch, levels.load_transfer) - v)
+            if isfinite(inputs.wheel)
+            else 0.0
+        )
         omega += gain_omega * (inputs.gyro - mean[B_G] - omega) if isfinite(inputs.gyro) else 0.0
         chi = psi + sideslip(mean, v, SideLoad(side_of(inputs), bend)) + 0.5 * omega * dt
         if not core.search.active:
@@ -210,7 +214,8 @@ def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], la
         G[0, state], G[1, state] = -north * slopes[state], east * slopes[state]
     G[0, V] = G[1, V] = 0.0  # measured by the waiting wheel speeds
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
-    by_scale, slip = -1.0 / (wheel_scale(core.mean, last.pitch) * cos(last.pitch)), -GRAVITY * sin(last.pitch)
+    by_scale = -1.0 / (wheel_scale(core.mean, last.pitch, levels.load_transfer) * cos(last.pitch))
+    slip = -pull(last.pitch, levels.load_transfer)
     G[0, K], G[1, K] = by_scale * east, by_scale * north
     G[0, S], G[1, S] = slip * G[0, K], slip * G[1, K]
     G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time

@@ -32,6 +32,7 @@ from agrobot_mj.estimation.full_model import (
     course,
     process_noise,
     propagate_mean,
+    pull,
     steady_gain,
     transition,
 )
@@ -79,7 +80,7 @@ def test_transition_equals_finite_differences(state, side):
 
 SIDE = SideLoad(-1.7, 0.1)
 FIX = FixNumbers(3.1, -2.2, 0.4, 0.9, np.nan, 0.0, 0.0, 0.03**2, 0.0, np.nan)
-SLIDING = MotionNoise(1.4, 0.02**2, 0.002**2, 0.02**2)
+SLIDING = MotionNoise(1.4, 0.02**2, 0.002**2, 0.02**2, 0.6)
 
 
 def motion(state, **measured):
@@ -350,3 +351,11 @@ def test_steering_potentiometer_offset_is_estimated():
         truth = propagate_mean(truth, SideLoad(), DT, 1.0)
         core = step(filter_, core, *_measured(truth, rng, DT * (k + 1)), Quality.FIX, DT)
     assert core.mean[B_S] == pytest.approx(bias, abs=radians(0.3))
+
+
+@pytest.mark.parametrize("pitch", [-0.25, -0.05, 0.0, 0.1, 0.3])
+def test_slip_is_proportional_to_gravity_per_load_of_the_rear_axle(pitch):
+    """Moments of the weight about the front contact give the load of the rear axle, level and on a slope."""
+    ahead, height = 0.87, 0.55
+    level, load = ahead, cos(pitch) * ahead - sin(pitch) * height
+    assert pull(pitch, height / ahead) == pytest.approx(9.81 * sin(pitch) * level / load, rel=1e-3)
