@@ -17,7 +17,6 @@ from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.effort import Prices
 from agrobot_mj.extensions.fields.evaluation import FieldDrive, report
 from agrobot_mj.extensions.fields.field import Field
-from agrobot_mj.extensions.fields.layers import WorkRecording
 from agrobot_mj.extensions.fields.maps import geojson, map_of
 from agrobot_mj.extensions.fields.plan import Plan, to_json
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
@@ -27,7 +26,7 @@ from agrobot_mj.extensions.fields.resume import Interrupted
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import Progress
 from agrobot_mj.simulation.results import atomic, results, write_json
-from agrobot_mj.simulation.run import run
+from agrobot_mj.simulation.run import Watcher, run
 from agrobot_mj.simulation.storage import RECORDING, files_of_run, write_log
 from agrobot_mj.studies.style import write_figure
 
@@ -83,14 +82,17 @@ def drive(
                 drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices))
             return drives[0]
 
-        recording = WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage)
         said = print_hints([scenario], quiet)
-        watchers = (*(() if quiet else (Hectares(plan, scenario.path),)), *((recording,) if recorded else ()))
+        watchers: list[Watcher] = [] if quiet else [Hectares(plan, scenario.path)]
+        if recorded:
+            from agrobot_mj.extensions.fields.layers import WorkRecording
+
+            watchers.append(WorkRecording(folder / RECORDING, whole, lambda log: drove_of(log).coverage))
         with results(folder, (*files_of_run(scenario), *FILES)), stop_on_signals() as stopped:
             interrupted = Interrupted(scenario, lambda: bool(stopped))
             if resume:
                 interrupted.load()
-            log = run(scenario, watchers, ticks=interrupted.ticks)
+            log = run(scenario, tuple(watchers), ticks=interrupted.ticks)
             drove = drove_of(log)
             content = {**report(drove), "origin": field.plane and list(field.plane)}
             write_log(log, folder, recorded=recorded)
