@@ -18,6 +18,7 @@ from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area_of, body_of, whole_of
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
+from agrobot_mj.extensions.fields.planner.leaving import Leaving
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
@@ -183,3 +184,12 @@ def test_planned_overlap_reduces_the_spacing_of_the_passes():
     assert plan.overlap == 0.2
     assert 4.0 < found["body"]["overlapped_percent"] - exact["body"]["overlapped_percent"] < 20.0
     assert found["field"]["missed_percent"] < exact["field"]["missed_percent"] + 0.05
+
+
+def test_warning_lists_each_location_once():
+    zigzag = np.tile([0.0, 0.2], 8)
+    x = np.repeat(10.0 * np.arange(8), 2)
+    x[2:4] = 0.3  # the second peak is at the location of the first
+    place = Leaving(x, 0.0 * x, np.stack([0.0 * zigzag, zigzag]), -np.ones(16), np.zeros(16, dtype=bool))
+    (warning,) = place.warnings()
+    assert warning.endswith("by up to 0.20 m at (0, 0), (20, 0), (30, 0), (40, 0), (50, 0) m and 2 more")

@@ -52,11 +52,11 @@ class Leaving:
         return [f"{what} by {self._places(values)}" for what, values in said if values.max() > WARNED_M]
 
     def _places(self, outside: Array) -> str:
-        """Return a text with the maximum distance and the positions of all peaks."""
+        """Return a text with the maximum distance and the distinct positions of the peaks, to 1 m."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
-        told = ", ".join(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places[:PLACES_TOLD])
-        more = f" and at {len(places) - PLACES_TOLD} other locations" if len(places) > PLACES_TOLD else ""
-        return f"up to {outside[places[0]]:.2f} m at {told} m{more}"
+        told = list(dict.fromkeys(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places))
+        more = f" and {len(told) - PLACES_TOLD} more" if len(told) > PLACES_TOLD else ""
+        return f"up to {outside[places[0]]:.2f} m at {', '.join(told[:PLACES_TOLD])} m{more}"
 
 
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
