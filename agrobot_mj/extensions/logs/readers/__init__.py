@@ -45,8 +45,7 @@ class OpenedLog(NamedTuple):
     def checked_map(self) -> LogMap:
         """Return `log_map`. Without a map, raises a `FieldLogError` that names the missing quantities."""
         if self.log_map is None:
-            more = "; twin --describe lists its content" if self.tables else ""
-            raise FieldLogError(f"{self.name}: {self.missing}{more}")
+            raise FieldLogError(f"{self.name}: {self.missing}; twin --describe lists its content")
         return self.log_map
 
 
@@ -62,6 +61,13 @@ def open_log(path: Path) -> OpenedLog:
         )
     if next(found_in(head.data), None):
         raise FieldLogError(f"{path.name}: the NMEA sentences have no valid checksum; enable checksums in the receiver")
+    if head.data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise FieldLogError(f"{path.name}: the text is in UTF-16; save it as UTF-8")
+    if b"<gpx" in head.data or b"<kml" in head.data:
+        raise FieldLogError(
+            f"{path.name}: a track has no wheel angle and no speed; use it as a path, with --set path.kind=waypoints "
+            f"--set path.file={path.name}, or record a log (docs/extensions/logs/record.md)"
+        )
     if CONTROL.search(head.data):
         raise FieldLogError(f"{path.name}: the file is binary, of an unknown format; record NMEA, or convert it to CSV")
     kinds = ", ".join(reader.kind for reader in READERS)

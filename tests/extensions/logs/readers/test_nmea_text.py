@@ -183,6 +183,12 @@ def test_positions_without_a_quality_need_the_status_of_rmc(tmp_path):
 REASONS = {
     "binary": (bytes([0xB5, 0x62, 1, 7, 92, 0]) * 50, "the file is binary, of an unknown format; record NMEA"),
     "a terminal": (b"\x1b[?25l time, lat, lon\n1,52.3,6.7\n" * 9, "the format is unknown"),
+    "UTF-16": ("time,lat,lon\n1,52.3,6.7\n".encode("utf-16"), "the text is in UTF-16; save it as UTF-8"),
+    "a track": (
+        b'<?xml version="1.0"?>\n<gpx version="1.1"></gpx>\n',
+        "use it as a path, with --set path.kind=waypoints",
+    ),
+    "unknown columns": (b"time,lat,lon\n1,52.3,6.7\n" * 9, "--map map.toml; twin --describe lists its content"),
     "no names": (b"1.06,0.07,0.15\n2.28,0.12,0.29\n" * 9, "the first line has the number 1.06; write the column"),
     "empty names": (b",,,\n1,2,3,4\n", "the first line has no names; write the column names"),
     "no checksum": (b"$GPGGA,222449,3349.0,S,01843.9,E,1,07,2.3,115.4,M,33.3,M,,\r\n" * 9, "have no valid checksum"),
@@ -194,7 +200,7 @@ def test_unknown_receiver_log_is_rejected_with_its_reason(tmp_path, name):
     content, text = REASONS[name]
     (tmp_path / "log").write_bytes(content)
     with pytest.raises(FieldLogError, match=text):
-        open_log(tmp_path / "log")
+        open_log(tmp_path / "log").checked_map()
 
 
 @pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
