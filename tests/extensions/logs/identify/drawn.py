@@ -100,7 +100,13 @@ def owned(seed: int, duration: float = 120.0, h: Drawn | None = None, again: int
     """Simulate a machine and write its log. `again` selects another drive and other noise for the same machine."""
     h = h or drawn(seed)
     _, speeds, angles = driving(seed + 1000 * again, duration)
-    keys = {"machine": h.machine, "controller.kind": "open_loop", "physics": "fast", "terrain.half_size_m": 500.0}
+    keys = {
+        "machine": h.machine,
+        "controller.kind": "open_loop",
+        "estimator.kind": "ekf",
+        "physics": "fast",
+        "terrain.half_size_m": 500.0,
+    }
     keys |= {"duration_s": duration, "seed": seed + 1000 * again, "path.speed_m_s": float(speeds.mean())}
     scenario = load_scenario("straight_line", keys)
     sim = Simulation(scenario.changed({**_tyres(h, scenario), **_sensors(h)}))
