@@ -76,15 +76,15 @@ class EkfFull(StateEstimator):
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Value from section V-A of the paper."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value, as for the receiver."""
+    """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value of the receiver model."""
     gnss_correlation_time_s: Positive = 30.0
-    """Correlation time of the error of an RTK-fixed position [s]. Assumed value, as for the receiver."""
+    """Correlation time of the error of an RTK-fixed position [s]. Assumed value of the receiver model."""
     gnss_float_sigma_m: Positive = 0.3
     """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
     gnss_float_correlated_fraction: Fraction = 0.9
-    """Correlated fraction of the variance of an RTK-float position [-]. Assumed value, as for the receiver."""
+    """Correlated fraction of the variance of an RTK-float position [-]. Assumed value of the receiver model."""
     gnss_float_correlation_time_s: Positive = 60.0
     """Correlation time of the error of an RTK-float position [s]. Assumed value, lower than for the receiver: jumps."""
     gnss_velocity_sigma_m_s: Positive = 0.03
@@ -92,28 +92,28 @@ class EkfFull(StateEstimator):
     heading_sigma_deg: Positive = 0.25
     """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
-    """Standard deviation of the gyro noise [deg/s], as used by the filter. Assumed value, as for the sensor."""
+    """Standard deviation of the gyro noise, used by the filter [deg/s]. Assumed value, as in the sensor model."""
     wheel_sigma_m_s: Positive = 0.02
-    """Standard deviation of the wheel-speed noise [m/s], as used by the filter. Assumed value, as for the sensor."""
+    """Standard deviation of the wheel-speed noise, used by the filter [m/s]. Assumed value, as in the sensor model."""
     steer_sigma_deg_s: Positive = 1.0
-    """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3) for tyre lag."""
+    """Standard deviation of the yaw rate from the steering angle [deg/s]. Assumed value (0.5-3), due to tyre lag."""
     rear_compliance_deg_s2_m: NonNegative = 0.7
     """Rear sideslip divided by specific side force [deg s2/m]. Assumed value (`magic_formula` 0.6-0.8, `soil` 0.5)."""
     position_walk_m_rt_s: Positive = 0.003
-    """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for antenna oscillation."""
+    """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for oscillations of the antenna."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading, except gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05) for scale and tilt."""
+    """Random walk of the heading without gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): gyro scale and tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for pedal changes."""
+    """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of the pedal position."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10) for the maximum steering rate."""
+    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10) for steering at the maximum rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
     """Random walk of the gyro bias [deg/s/sqrt(s)]. Assumed value, as for the sensor."""
     sideslip_walk_deg_rt_s: Positive = 0.1
     """Random walk of the excess sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): the bias changes by 1 deg during half a
-    turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4), for which the bias changes by 1 deg
+    during half a turn on a slope."""
     wheel_scale_walk_rt_s: Positive = 0.001
     """Random walk of the relative wheel-speed error [1/sqrt(s)]. Assumed value (0.0005-0.003) for slip changes."""
     compliance_walk_deg_s2_m_rt_s: Positive = 0.005
@@ -143,7 +143,7 @@ class EkfFull(StateEstimator):
     initial_slip_sigma_s2_m: Positive = 0.005
     """Initial standard deviation of the wheel slip on a climb [s2/m]. Assumed value for firm ground to tilled soil."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
+    """Standard deviation of the initial position [m]. Assumed value for the mean of one or two fixes."""
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
     """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1) for a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
@@ -176,7 +176,7 @@ class EkfFull(StateEstimator):
         return HEALTH_COLUMNS + COLUMNS
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> FullState:
-        """Return the initial state at standstill with the rear axle at (x, y) [m]; the yaw search starts at `yaw`."""
+        """Return the state at rest with the rear axle at (x, y) [m]; the search for the yaw starts at `yaw` [rad]."""
         s, v, gamma = self.initial_position_sigma_m, 0.2, radians(1.0)
         sigmas = (
             *(s, s, UNALIGNED_SIGMA, v, gamma, radians(self.initial_gyro_bias_sigma_deg_s)),
@@ -237,7 +237,7 @@ class EkfFull(StateEstimator):
         return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
     def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s], computed from its measurement."""
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
@@ -250,7 +250,7 @@ class EkfFull(StateEstimator):
         return FullState(state.settings, horizon, health, tilt, estimate, errors), estimate
 
     def report(self, state: FullState) -> tuple[float, ...]:
-        """Return the values of `columns` after a tick."""
+        """Return the log values named by `columns` after a tick."""
         e = state.estimate
         if e is None:
             return (nan,) * len(self.columns)

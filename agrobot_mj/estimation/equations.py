@@ -13,7 +13,7 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 
 @jit
 def prior(P: Array, F: Array, Q: Array) -> Matrix:
-    """Return the predicted covariance F P F' + Q for the transition F (n, n) and the process noise Q (n, n)."""
+    """Return the predicted covariance F P F' + Q, with the transition F (n, n) and the process noise Q (n, n)."""
     found = times(F, times(F, P).T.copy()).T.copy()
     for i in range(found.shape[0]):
         for j in range(found.shape[1]):
@@ -25,8 +25,8 @@ def prior(P: Array, F: Array, Q: Array) -> Matrix:
 def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector, Matrix, float]:
     """Return mean, covariance and NIS [-] after a correction by the innovation `y` (m,).
 
-    H (m, n) is the Jacobian of the measurement and R (m, m) the covariance of its noise. Raise `LinAlgError` if the
-    innovation covariance is singular.
+    H (m, n) is the Jacobian of the measurement and R (m, m) its noise covariance. NIS is the normalised innovation
+    squared. Raise `LinAlgError` if the innovation covariance is singular.
     """
     PHT = times(H, P.T.copy()).T.copy()
     SI = inverse(times(H, PHT) + R)
@@ -40,7 +40,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Return mean, covariance and NIS [-] after a step: prediction of P, then correction of the predicted mean `x`."""
+    """Return mean, covariance and NIS [-] after a step, which predicts P and then corrects the predicted mean `x`."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 
@@ -56,7 +56,7 @@ def applied(A: Array, x: Array) -> Vector:
 
 @jit
 def times(A: Array, B: Array) -> Matrix:
-    """Return the product of two matrices, fastest for zeros in A and rows of B in contiguous memory."""
+    """Return the product A B; fastest if A contains zeros and the rows of B are contiguous in memory."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):

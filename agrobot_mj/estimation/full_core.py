@@ -31,7 +31,7 @@ def side_of(inputs: Inputs) -> float:
 
 
 class Gates(NamedTuple):
-    """Limits for rejecting a fix as an outlier."""
+    """Limits of the innovations, above which a fix is rejected as an outlier."""
 
     nis: float  # NIS above which the position or the velocity of a fix is improbable [-]
     position: float  # Position innovation up to which every fix is accepted [m]
@@ -40,7 +40,7 @@ class Gates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Search for the initial yaw: sums of wheel speed times fix velocity, in the frame of the predicted course."""
+    """Search for the initial yaw: sums of wheel speed times fix velocity, rotated by minus the predicted course."""
 
     active: bool = True  # Whether the yaw is unknown
     along: float = 0.0  # Sum of wheel speed times fix velocity along the predicted course [m2/s2]
@@ -66,7 +66,7 @@ class Rejections(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Properties of the last fix."""
+    """Time, quality and speed of the last fix, and whether its speed has jumped."""
 
     t: float = -1.0  # Time of the last fix [s]
     quality: int = Quality.FIX  # Quality of the last fix
@@ -75,7 +75,7 @@ class Seen(NamedTuple):
 
 
 class Smooth(NamedTuple):
-    """Low-pass filtered motion."""
+    """Low-pass filtered motion of the tractor."""
 
     standing: int = 0  # Number of consecutive ticks with the wheels at rest
     cruise: float = 0.0  # Low-pass filtered speed of the tractor [m/s]
@@ -102,7 +102,7 @@ class Core(NamedTuple):
     smooth: Smooth = Smooth()  # Low-pass filtered motion
     slip: WheelSlip = WheelSlip()  # Estimated variation of the wheel slip
     sway: SidewaysNoise = SidewaysNoise()
-    """Estimated random variation of the course, independent of the modelled sideslip."""
+    """Random variation of the course in addition to the modelled sideslip, estimated from the fixes."""
     crab: Crab = Crab()  # Excess sideslip with a two-antenna heading
     nis: float = nan  # Normalised innovation squared of the position in the last tick [-], or NaN if there is no fix
 
@@ -127,7 +127,7 @@ def forget_correlated(mean: Vector, covariance: Matrix) -> tuple[Vector, Matrix]
 
 @jit
 def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple[Vector, Matrix]:
-    """Return mean and covariance after the position and its covariance are reset to the fix."""
+    """Return mean and covariance with the position replaced by the fix and its covariance by `noise`."""
     mean, P = forget_correlated(mean, covariance)
     sigma = sqrt(noise.correlated * noise.correlated + noise.white * noise.white)
     mean[X], mean[Y] = fix.x, fix.y

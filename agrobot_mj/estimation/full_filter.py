@@ -77,9 +77,9 @@ ALIGNED_SIGMA = radians(1.0)
 """Standard deviation of the yaw after the search [rad]. Assumed value for the search error plus 2 s of gyro bias."""
 UNALIGNED_SIGMA = radians(104.0)  # Standard deviation of an unknown yaw: uniform over the circle [rad]
 SEARCH_SPEED = 0.1
-"""Minimum wheel speed for determining the yaw from velocities [m/s]. Assumed value, three times the velocity noise."""
+"""Minimum wheel speed at which fix velocities determine the yaw [m/s]. Assumed value: 3 times the velocity noise."""
 SLIPPING_SPEED = 0.3
-"""Minimum speed for determining wheel slip from a fix [m/s]. Assumed value, ten times the velocity noise."""
+"""Minimum speed at which a fix determines the wheel slip [m/s]. Assumed value: ten times the velocity noise."""
 CRUISE_S = 1.0
 """Time constant for filtering the speed [s]. Assumed value: 20 measurements, and half the duration of a start."""
 BEND_S = 0.6
@@ -89,11 +89,11 @@ STANDING_SPEED, STANDING_TICKS = 0.05, 10
 SWAY, SWAY_S = 0.15, 5.0
 """Error of changes of the modelled sideslip [-], and twice its correlation time [s]. Assumed values for ruts."""
 STEADY_S = 20.0
-"""Time constant for changes of the modelled sideslip [s]. Assumed value, half a turn. The uncertainty of the compliance
-covers longer sideslip, as along a contour line."""
+"""Time constant of the low-pass filter of the modelled sideslip [s]. Assumed value: the duration of half a turn. The
+uncertainty of the tyre compliance covers longer sideslip, for example on a contour line."""
 LONGEST_GAP_S = 1.0  # Maximum time represented by one fix [s]. Assumed value, the period of a 1 Hz receiver.
 JUMP_M_S2 = 15.0
-"""Maximum plausible rate of change of the fix speed [m/s2]. Assumed value, twice the limit of the tyres."""
+"""Maximum plausible rate of change of the fix speed [m/s2]. Assumed value: twice the limit of tyre friction."""
 
 Used = tuple[bool, bool, bool]  # Whether position, velocity and heading of a fix are used, in this order
 
@@ -110,7 +110,7 @@ class FullFilter(NamedTuple):
 
 @jit
 def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: float) -> Core:
-    """Return the filter state after a tick of `dt` [s] with the measurements `inputs` and a fix (NaN if missing)."""
+    """Return the filter state after a tick of `dt` [s], corrected by `inputs` and by a fix (NaN if missing)."""
     seen = isfinite(fix.x)
     if seen:
         core = _received(f, core, fix, quality)
@@ -134,7 +134,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the filter state prepared for a fix of a given quality; the first two-antenna heading adds two states."""
+    """Return the filter state for a fix of the given quality; the first two-antenna heading adds two states."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -147,7 +147,7 @@ def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
 
 @jit
 def _predicted(f: FullFilter, core: Core, inputs: Inputs, noise: FixNoise, sway: float, dt: float) -> Core:
-    """Return the filter state predicted for the end of a tick; `sway` is the density of course noise [rad2 s]."""
+    """Return the filter state predicted to the end of the tick; `sway` is the density of the course noise [rad2 s]."""
     old, L, walk = core.smooth, f.levels.wheelbase, f.levels.turn_offset_walk
     decay, Q = process_noise(f.levels, dt, noise.correlation_time, core.mean.size)
     side, pull, per_pull = side_of(inputs), GRAVITY * sin(inputs.pitch), f.levels.lean_slip_walk
@@ -184,7 +184,7 @@ def _curvature(f: FullFilter, mean: Vector, inputs: Inputs) -> float:
 
 @jit
 def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -> Lever:
-    """Return the antenna's lever arm after a tick, from measured tilt and modelled roll in a bend."""
+    """Return the antenna's lever arm at the end of a tick, from the measured tilt and the modelled roll in a bend."""
     roll, pitch = inputs.lean
     roll += f.levels.roll * (mean[V] * mean[V]) * core.smooth.bend
     return core.lever.after(offset(f.antenna, roll, pitch, mean[PSI]), dt, f.swing_filter)
@@ -194,7 +194,7 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Return state, wheel speed (NaN if rejected), rows of the fix and flags of their use, after gates for the fix."""
+    """Apply the gates to a fix. Return state, wheel speed (NaN if rejected), measurement rows and which are used."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -225,7 +225,7 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the properties of the fix, and the wheel speed, NaN if it contradicts a fix speed that has not jumped."""
+    """Return the properties of the fix, and the wheel speed, NaN if it differs from a fix speed that has not jumped."""
     speed, last, searching = _ground_speed(core, fix, side), core.seen, core.search.active
     jump = abs(speed - last.speed) > JUMP_M_S2 * (inputs.t - last.t)
     apart = abs(speed - (abs(inputs.wheel) if searching else inputs.wheel)) > f.gates.velocity
@@ -235,7 +235,7 @@ def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: S
 
 @jit
 def _ground_speed(core: Core, fix: Fix, side: SideLoad) -> float:
-    """Return the speed of a fix [m/s], negative for motion against the course, as when sliding backwards."""
+    """Return the speed of a fix [m/s], negative if the tractor moves against its course (slides backwards)."""
     speed = sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
     if core.search.active:
         return speed
@@ -263,7 +263,7 @@ def _rows(f: FullFilter, core: Core, fix: Fix, gap: float, sway: float, side: Si
 
 @jit
 def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tuple[bool, bool, Rejections]:
-    """Return whether the position of a fix passes its gate, whether the position restarts, and the new fix counts."""
+    """Return whether the position of a fix passes its gate, whether to restart the position, and the fix counts."""
     y = rows.innovation
     if rows.position_nis < gates.nis or sqrt(y[0] * y[0] + y[1] * y[1]) < gates.position:
         return True, False, accepted(r, t)
@@ -279,7 +279,7 @@ def _gated_position(gates: Gates, rows: FixRows, r: Rejections, t: float) -> tup
 
 @jit
 def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, bool, Rejections]:
-    """Return whether the velocity of a fix passes its gate, whether the yaw search restarts, and the new fix counts."""
+    """Return whether the velocity of a fix passes its gate, whether to restart the yaw search, and the fix counts."""
     y, t = rows.innovation, r.accepted_t
     if rows.velocity_nis < gates.nis or sqrt(y[2] * y[2] + y[3] * y[3]) < gates.velocity:
         return True, False, Rejections(t, r.probation, r.position, 0, r.positions, r.velocities, r.restarts)
@@ -291,7 +291,7 @@ def _gated_velocity(gates: Gates, rows: FixRows, r: Rejections) -> tuple[bool, b
 
 @jit
 def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
-    """Return whether the two-antenna heading of a fix exists and passes its gate."""
+    """Return whether a fix contains a two-antenna heading that passes its gate."""
     innovation = rows.innovation[4]
     if P.shape[0] == N or not isfinite(innovation):
         return False
@@ -303,7 +303,7 @@ def _is_probable(gates: Gates, P: Matrix, rows: FixRows) -> bool:
 def _searched(
     f: FullFilter, mean: Vector, P: Matrix, search: Search, wheel: float, fix: Fix, side: SideLoad
 ) -> tuple[Vector, Matrix, Search]:
-    """Return mean, covariance and yaw search, updated with the velocity or the heading of a fix."""
+    """Return mean, covariance and yaw search after a fix, whose velocity or two-antenna heading determines the yaw."""
     if isfinite(fix.heading):
         innovation = wrap(fix.heading - (mean[PSI] + mean[MOUNT]))
         mean, P = turned(mean, P, innovation, f.levels.heading_sigma)

@@ -54,7 +54,7 @@ Walks = tuple[float, float, float, float, float, float, float, float, float, flo
 
 
 class FullLevels(NamedTuple):
-    """Noise levels of the filter: random walks per square root of a second, and standard deviations per measurement."""
+    """Noise levels of the filter: random walks per square root of time, and standard deviations of the measurements."""
 
     wheelbase: float  # Wheelbase of the tractor [m]
     walks: Walks
@@ -84,7 +84,7 @@ class FixNoise(NamedTuple):
 
 
 class SideLoad(NamedTuple):
-    """Inputs of the sideslip model in addition to the states."""
+    """Inputs of the sideslip model that are not filter states."""
 
     gravity: float = 0.0  # Gravity component of the specific side force [m/s2]
     bend: float = 0.0  # Curvature of the bend [1/m]
@@ -92,10 +92,10 @@ class SideLoad(NamedTuple):
 
 LEAST_LOAD = 0.1  # Minimum load of the rear axle on a slope, divided by its load on level ground [-]. Assumed value.
 SOFTENING = 1.1
-"""Coefficient of the squared ratio of side force to load in the rear compliance [-]. Assumed value (1.0-1.2) from
-`magic_formula` on slopes of 12 to 28 deg."""
+"""Coefficient of (side force / load)^2 in the rear compliance [-]. Assumed value (1.0-1.2) from `magic_formula` on
+slopes of 12 to 28 deg."""
 SLOW = 0.3
-"""Speed below which the effect of the curvature of a bend fades out [m/s]. Assumed value: ten times its uncertainty."""
+"""Speed below which the curvature of a bend has a decreasing effect [m/s]. Assumed value: ten times its uncertainty."""
 
 
 @jit
@@ -106,13 +106,13 @@ def sideslip(mean: Vector, v: float, side: SideLoad) -> float:
 
 @jit
 def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
-    """Return the sideslip modelled from side force and bend at a speed `v` [m/s], positive to the right [rad]."""
+    """Return the crab angle modelled from side force and bend at a speed `v` [m/s], positive to the right [rad]."""
     return float(mean[C] * _stretched(v, side)[0] + mean[D] * side.bend * _moving(v)[0])
 
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return specific side force times tyre softening [m/s2], and its derivative with respect to the speed [1/s]."""
+    """Return specific side force times tyre softening [m/s2], and the derivative of this product by speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -142,14 +142,14 @@ def course_slopes(mean: Vector, side: SideLoad) -> Vector:
 
 @jit
 def _moving(v: float) -> tuple[float, float]:
-    """Return the weight of a bend [-], which decreases below the speed `SLOW`, and its derivative [s/m]."""
+    """Return the weight of a bend's curvature [-], which decreases below the speed `SLOW`, and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
 
 @jit
 def propagate_mean(mean: Vector, side: SideLoad, dt: float, decay: float) -> Vector:
-    """Return the mean predicted over `dt` [s]; `decay` is the decay factor of the time-correlated fix error [-]."""
+    """Return the mean predicted over `dt` [s]; the time-correlated fix error is multiplied by `decay` [-]."""
     v, omega = mean[V], mean[OMEGA]
     chi = course(mean, side) + 0.5 * omega * dt
     after = mean.copy()

@@ -43,8 +43,8 @@ from agrobot_mj.estimation.full_model import (
 from agrobot_mj.estimation.lever_arm import offset
 
 HISTORY_TICKS, BLOCK_TICKS = 110, 10
-"""Minimum number of stored filter states, and their number in a block: a tick copies only the last block. Assumed value
-for the maximum latency of a receiver, 5 s, plus a margin."""
+"""Minimum number of stored filter states, and number of states in a block; a tick copies only the last block. Assumed
+value for the maximum latency of a receiver, 5 s, plus a margin."""
 
 
 class Horizon(NamedTuple):
@@ -72,7 +72,7 @@ class Horizon(NamedTuple):
         return Horizon(core, seen_t, waiting, (tuple(history),))
 
     def after(self, core: Held[Core], seen_t: float, queue: Matrix, ticks: int) -> "Horizon":
-        """Return the state after a tick with the new `core`, which has used the first `ticks` rows of the queue."""
+        """Return the state with a new filter state `core`, which has used the first `ticks` rows of the queue."""
         *blocks, last = self.history[-1 - HISTORY_TICKS // BLOCK_TICKS :]
         if len(last) >= BLOCK_TICKS:
             blocks, last = [*blocks, last], ()
@@ -112,8 +112,8 @@ class Present(NamedTuple):
 
 
 Errors = tuple[float, float, float, float, float, float]
-"""Gyro bias [rad/s], mounting error [rad], wheel-speed error [-]; numbers of rejected positions, velocities,
-restarts."""
+"""Estimated errors: gyro bias [rad/s], mounting error [rad], wheel-speed error [-]; numbers of rejected positions,
+rejected velocities and restarts."""
 
 
 @stage
@@ -121,9 +121,9 @@ def estimated(
     s: Held[Settings], core: Held[Core], waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int,
     fix: Fix, quality: int, dt: float,
 ) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Estimate, Errors]:  # fmt: skip
-    """Return core, time of its newest fix, queue, tilt, health, estimate and errors after a tick.
+    """Return core, time of its newest fix, queue, tilt, health, estimate and errors at the end of a tick.
 
-    The core advances by `ticks`, the last with the fix. The queue begins with the measurements of these ticks.
+    The core is the filter state; it advances by the first `ticks` measurements of the queue, the last one with the fix.
     """
     s, core = fetched(s), fetched(core)
     roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)
@@ -172,7 +172,7 @@ def _inputs(queue: Matrix, k: int) -> Inputs:
 
 @jit
 def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: float) -> Present:
-    """Return the estimate by dead reckoning over the queued measurements; `last` gives the current side force."""
+    """Return the estimate at the current time by dead reckoning over the queue; `last` gives the current side force."""
     mean, bend, ticks = core.mean, core.smooth.bend, waiting.shape[0]
     x, y, psi, v, omega = mean[X], mean[Y], mean[PSI], mean[V], mean[OMEGA]
     gain_v = steady_gain(levels.walks[3], levels.wheel_sigma, dt)

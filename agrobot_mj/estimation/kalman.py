@@ -1,4 +1,4 @@
-"""Kalman filter step of the estimators: compiled, which takes 3 us, or computed by filterpy, which takes 60 us."""
+"""Kalman filter step of the estimators, compiled (3 us) or computed by the package filterpy (60 us)."""
 
 from collections.abc import Callable
 from math import nan
@@ -50,7 +50,7 @@ def filterpy_ekf(
 
 
 class Filter:
-    """Base class of filters without internal state, which copies of an estimator state share."""
+    """Base class of filters without internal state; all copies of an estimator state can share one filter."""
 
     tick: Step = staticmethod(tick)
     """Kalman filter step: the compiled `tick` or a filterpy step."""

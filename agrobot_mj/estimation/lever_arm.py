@@ -28,7 +28,7 @@ class Lever(NamedTuple):
     swing: tuple[float, float] = (0.0, 0.0)  # Filtered rate of the offset [m/s], east and north
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Return the lever arm after `dt` [s] with a new offset [m]; `filter_s` [s] is the filter time constant."""
+        """Return the lever arm `dt` [s] later for the new `offset` [m]; its rate is filtered with `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
         if isnan(last_east):
@@ -44,6 +44,6 @@ kernel_method("after")
 
 @shared
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """Return the fix of the rear-axle point R that corresponds to a fix of the antenna."""
+    """Return the fix converted from the antenna to the rear-axle point R."""
     (east, north), (v_e, v_n) = lever
     return Fix(fix.x - east, fix.y - north, fix.vx - v_e, fix.vy - v_n, fix.t, fix.z, fix.heading)

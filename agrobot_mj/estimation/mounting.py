@@ -14,7 +14,7 @@ from agrobot_mj.estimation.full_core import Core, Crab, alone
 from agrobot_mj.estimation.full_model import BETA, MOUNT, PSI, N, SideLoad, V, modelled_crab
 
 CRAB = radians(3.0)
-"""Maximum steady sideslip in excess of the model [rad]. Assumed value for draught, or a 20 deg slope without IMU."""
+"""Maximum steady excess sideslip [rad]. Assumed value: implement draught, or a slope of 20 deg without IMU."""
 TURN_OFFSET = 0.5
 """Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; 0.35 in deep ruts."""
 WINDOW_S = 5.0
@@ -29,7 +29,7 @@ MOVING = 0.5  # Minimum speed for a valid course [m/s]. Assumed value, fifteen t
 
 @jit
 def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
-    """Return the mean excess sideslip, updated by a rear-axle fix, `dt` [s] after the previous fix."""
+    """Return the mean excess sideslip updated by a fix of the rear axle, `dt` [s] after the previous fix."""
     v = core.mean[V]
     if core.mean.size == N or core.search.active or abs(v) < MOVING or not isfinite(fix.heading):
         return core.crab
@@ -47,7 +47,7 @@ def implausible(crab: Crab, bend: float) -> bool:
 
 @jit
 def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> tuple[Vector, Matrix, Crab]:
-    """Return mean, covariance and excess sideslip; if it is implausible, the mounting error becomes a state."""
+    """Return mean, covariance and excess sideslip; add the mounting error as a state if the sideslip is implausible."""
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
     mean, P = mean.copy(), alone(covariance, PSI, SIGMA)

@@ -31,7 +31,7 @@ FIXED = Quality.FIX  # Quality of an RTK-fixed position, as a number for kernels
 
 
 class PoseSettings(NamedTuple):
-    """Parameters of a `PoseEstimator`, as numbers for kernels; its keys describe the fields without a description."""
+    """Parameters of a `PoseEstimator` as numbers for kernels; fields without a comment are scenario keys."""
 
     cg: tuple[float, float, float]  # Position of the CG relative to the rear-axle point R: ahead, left and up [m]
     antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
@@ -69,7 +69,7 @@ class EstimatorState(NamedTuple):
 
 
 class Prepared(NamedTuple):
-    """Inputs of the pose filter in one tick."""
+    """Inputs of the pose filter for one tick."""
 
     fix: Fix  # Fix of the rear-axle point R, or NaN if there is no fix
     sigma: float  # Standard deviation of its position [m]
@@ -83,7 +83,7 @@ class Prepared(NamedTuple):
 def measured(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> tuple[Prepared, Matrix]:
-    """Return the inputs of the velocity filter, with the previous motion, and the noise of the fix, shape (4, 4)."""
+    """Return the inputs of the velocity filter for the previous motion, and the noise of the fix, shape (4, 4)."""
     sigma, v = s.sigmas[0] if quality == FIXED else s.sigmas[1], s.sigmas[2]
     lever, noise = state.lever, np.zeros((4, 4))
     if s.tilts and isfinite(m.roll + m.pitch):
@@ -102,7 +102,7 @@ def measured(
 def prepared(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> Prepared:
-    """Return the inputs of the pose filter for the steering bias `bias` [rad]; a missing fix is NaN."""
+    """Return the inputs of the pose filter; `bias` is the steering bias [rad], and a missing fix is NaN."""
     now, noise = measured(s, state, m, fix, quality, bias, dt)
     motion, P = velocity_step(s.velocity_walk, now.motion, now.motion_covariance, now.fix, noise, dt)
     return Prepared(now.fix, now.sigma, now.lever, motion, P, along(state.pose[2], motion))
@@ -113,7 +113,7 @@ def finished(
     s: PoseSettings, state: PoseState, now: Prepared, found: tuple[Vector, Matrix, float], m: Readings, bias: float,
     dt: float,
 ) -> tuple[PoseState, Estimate]:  # fmt: skip
-    """Return state and estimate for the result of the pose filter; `bias` [rad] is NaN if not estimated."""
+    """Return state and estimate after the pose filter; `bias` [rad] is the steering bias, NaN if not estimated."""
     pose, P, nis = found
     x, y, psi = pose[0], pose[1], pose[2]
     keep = exp(-dt / s.yaw_rate_filter_s) if s.yaw_rate_filter_s > 0.0 else 0.0
@@ -156,7 +156,7 @@ class PoseEstimator(StateEstimator):
     yaw_rate_source: Literal["ekf", "kinematic", "gyro"] = "ekf"
     """Source of the yaw rate: estimated yaw (`ekf`), speed and steering angle (`kinematic`), or an enabled `gyro`."""
     terrain_compensation: bool = False
-    """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
+    """Whether measured roll and pitch are used to transform fixes from the antenna to the rear axle; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
     """Time constant for filtering the antenna velocity due to tilting [s]. 0: no filter. Assumed value (0-0.2)."""
     turning_velocity: bool = False
@@ -164,22 +164,22 @@ class PoseEstimator(StateEstimator):
     yaw_rate_filter_s: NonNegative = 0.15
     """Time constant for filtering the EKF's yaw rate; 0 disables the filter [s]. Assumed value (0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Value from section V-A of the paper."""
     gnss_float_sigma_m: Positive = 0.3
     """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as for the receiver."""
     velocity_walk_m_s_rt_s: Positive = 0.1
-    """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of pedal and heading."""
+    """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
     """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 due to velocity noise, plus oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
     """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors, whose effect
     decreases with the wheelbase."""
     initial_position_sigma_m: Positive = 0.05
-    """Standard deviation of the initial position [m]. Assumed value for one or two fixes."""
+    """Standard deviation of the initial position [m]. Assumed value for the mean of one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the initial velocity [m/s], which is zero. Assumed value; the tractor starts at rest."""
+    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value; the tractor starts at rest."""
     initial_yaw_sigma_deg: Positive = 5.0
     """Standard deviation of the initial yaw [deg]. Assumed value for a tractor aligned by eye."""
 
@@ -190,7 +190,7 @@ class PoseEstimator(StateEstimator):
         return gyro | ({"imu": "terrain_compensation:"} if self.terrain_compensation else {})
 
     def pose_filter(self, tractor: TractorParameters) -> FixEkf:
-        """Return the filter of x, y, yaw and the additional states of the estimator."""
+        """Return the pose filter, whose states are x, y, yaw and any additional states of the estimator."""
         raise NotImplementedError
 
     def beliefs(self) -> tuple[Array, Array]:
@@ -238,7 +238,7 @@ class PoseEstimator(StateEstimator):
         )
 
     def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s], computed from its measurement."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
         if filters is None:

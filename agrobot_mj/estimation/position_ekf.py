@@ -25,7 +25,7 @@ class Linearised(NamedTuple):
 
 @jit
 def corrected(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float]:
-    """Return the result of `FixEkf.step` for the previous covariance P; a missing fix is NaN."""
+    """Return mean, covariance and NIS as `FixEkf.step` does, for the previous covariance P; a missing fix is NaN."""
     if isnan(fix.x):
         return m.x, prior(P, m.F, m.Q), nan
     return tick(m.x, P, m.F, m.Q, np.array((fix.x, fix.y)) - applied(m.H, m.x), m.H, m.R)
@@ -35,7 +35,7 @@ class FixEkf(Filter):
     """Pose filter whose first states are x, y and yaw of the rear axle."""
 
     model: ClassVar[Any]
-    """Compiled model for the parameters `law`, a mean, the inputs and the standard deviation of a fix [m]."""
+    """Compiled function from the parameters `law`, a mean, the inputs and the fix noise [m] to a `Linearised`."""
     law: Any
 
     def step(

@@ -19,14 +19,14 @@ MEMORY_S = 60.0
 
 
 class SidewaysNoise(NamedTuple):
-    """Course variation estimated from the fixes."""
+    """Random variation of the course, estimated from the fixes."""
 
     residual: float = 0.0  # Low-pass filtered cross-course innovation, divided by the speed [rad]
     excess: float = 0.0  # Mean square of the filtered innovation minus its value for white noise [rad2]
     seen_s: float = LOW_PASS_S  # Current averaging time of `excess`, at most `MEMORY_S` [s]
 
     def after(self, residual: float, variance: float, dt: float) -> "SidewaysNoise":
-        """Return the state after `dt` [s] with an innovation `residual` [rad] and its noise `variance` [rad2]."""
+        """Return the state `dt` [s] later, after an innovation `residual` [rad] with white-noise `variance` [rad2]."""
         keep, time = exp(-dt / LOW_PASS_S), min(self.seen_s + dt, MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         excess = low * low - variance * 0.5 * dt / LOW_PASS_S

@@ -45,7 +45,7 @@ def turned(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matr
 
 @jit
 def predicted(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
-    """Return the mean (4,) after `dt` [s], and the innovation of a fix, NaN without one."""
+    """Return the mean (4,) predicted over `dt` [s], and the innovation of a fix, NaN if the fix is missing."""
     x = applied(transition(dt), mean)
     return x, np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
 

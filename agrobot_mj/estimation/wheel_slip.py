@@ -34,7 +34,7 @@ class WheelSlip(NamedTuple):
         return WheelSlip(low, change, decay * self.memory + (1.0 - decay) * change)
 
     def unseen(self) -> "WheelSlip":
-        """Return the state after a tick without a fix, with the mean slip variation."""
+        """Return the state after a tick without a fix, whose slip variance is the mean from earlier fixes."""
         return WheelSlip(0.0, self.memory, self.memory)
 
 
