@@ -41,7 +41,7 @@ class Cascade(GuidanceLaw):
 
     kind: str = "cascade"
     law: Any
-    """Outer law, a `kinematic.CascadeLaw`."""
+    """Outer law, which sets the references of speed and yaw rate; a `kinematic.CascadeLaw`."""
     controller: YawController
     """Yaw controller of the inner loop."""
 
@@ -75,12 +75,12 @@ class Cascade(GuidanceLaw):
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
 
     def feedback(self, state: CascadeState, command: Command) -> float:
-        """Return the last output of the yaw controller [rad]."""
+        """Return the steering angle of the yaw controller in the last tick, without feed-forward [rad]."""
         return state.command.steer
 
     @property
     def follows_path(self) -> bool:
-        """Whether the law follows the path: whether its yaw controller uses feedback."""
+        """Whether the law follows the path, which requires a yaw controller with feedback."""
         return self.controller.closed_loop
 
     @property
@@ -90,7 +90,7 @@ class Cascade(GuidanceLaw):
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Return the values of `columns` for a state."""
+        """Return the log values named by `columns` for a state."""
         c = state.command
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
         speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()

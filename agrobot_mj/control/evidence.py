@@ -19,10 +19,10 @@ DRIFT_TIME_S = 60.0
 """Time constant of the exponential forgetting of the drift [s]. Assumed value: white velocity noise of 3 cm/s causes an
 accumulated error of 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
-"""Short and long time constants for averaging the difference between course and gyro angle [s]. Assumed values: the
-short one spans several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
+"""Short and long time constant for averaging the difference between course and gyro angle [s]. Assumed values: the
+short one covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt derived from the specific force [s]. Assumed value: twice the duration of a start."""
+"""Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the duration of a start."""
 GAP_S = 0.5
 """Maximum time between two fixes over which their velocities are integrated [s]. Assumed value (10 missing fixes)."""
 BEND_ERROR = 0.25
@@ -30,7 +30,7 @@ BEND_ERROR = 0.25
 Assumed value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
 MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise.
 COURSE_M_S = 0.25
-"""Minimum speed for computing a course from the velocity [m/s]. Assumed value: eight times the velocity noise."""
+"""Minimum fix speed at which the velocity gives a course [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
 """Time without a valid course after which the gyro comparison restarts [s]. Assumed value: a gyro bias adds 1.5 deg."""
 
@@ -52,7 +52,7 @@ class Sensed(NamedTuple):
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
-    """Return the measurements of a tick, the fix (NaN if missing) and its quality, as numbers for compiled kernels."""
+    """Return the measurements of a tick, the fix (NaN if missing) and the quality of the fix as numbers for kernels."""
     unit = m.readings.get("imu")
     force = (nan, nan, nan) if unit is None else tuple(getattr(unit, f"force_{axis}", nan) for axis in "xyz")
     sensed = Sensed(m.t, m.steer, m.pedal, m.gyro, m.roll, m.pitch, m.wheel_speed, force)  # type: ignore[arg-type]
@@ -60,7 +60,7 @@ def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
 
 
 class Evidence(NamedTuple):
-    """Consistency checks of consecutive fixes."""
+    """State of the consistency checks of consecutive fixes."""
 
     fix: Fix = NO_FIX  # Last fix, or NaN before the first fix
     t: float = 0.0  # Time of the last fix [s]
@@ -75,7 +75,7 @@ class Evidence(NamedTuple):
     repeated_s: float = 0.0  # Time for which the measured position has been constant while the tractor was moving [s]
 
     def after(self, m: Sensed, fix: Fix, quality: int) -> "Evidence":
-        """Return the consistency checks after a tick; without a new fix they do not change."""
+        """Return the state of the checks after a tick; without a new fix the state does not change."""
         last, t, fixed = self.fix, fix.t if isfinite(fix.t) else m.t, quality == RTK_FIXED
         time, speed = t - self.t, sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
         if isnan(fix.x) or (not isnan(last.x) and time <= 0.0):
@@ -194,7 +194,7 @@ kernel_method("after")
 
 @shared
 def drift_of(evidence: Evidence) -> float:
-    """Return the distance between the measured position and the position from integrated fix velocities [m]."""
+    """Return the distance between the measured position and the position obtained by integrating fix velocities [m]."""
     return sqrt(evidence.east * evidence.east + evidence.north * evidence.north)
 
 

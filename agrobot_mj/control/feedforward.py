@@ -37,5 +37,5 @@ class Feedforward(CascadeLaw):
         return (Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Return the values of `columns` for a state."""
+        """Return the log values named by `columns` for a state."""
         return (state.feedforward,)

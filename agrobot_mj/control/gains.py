@@ -13,11 +13,11 @@ from agrobot_mj.control.base import GuidanceLaw
 Gains = Literal["tuned", "paper"]
 
 PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fnn", "kinematic with pd_isgn")
-"""Laws for which `gains = "paper"` selects the gains that reproduce the paper."""
+"""Laws whose paper gains, selected by `gains = "paper"`, reproduce the figures of the paper."""
 
 
 def _tuned(gain_per_m: float, saturation_m_s: float, **controller: float) -> dict[str, float]:
-    """Return tuned gains by dotted scenario key; `__` in the name of a gain of the controller stands for a dot."""
+    """Return tuned gains by dotted scenario key; in the argument names of controller gains `__` stands for a dot."""
     outer = {"scheduled_above_m_s": 1.5, "gain_per_m": gain_per_m, "saturation_m_s": saturation_m_s}
     inner = {f"controller.{name.replace('__', '.')}": gain for name, gain in controller.items()}
     return {**{f"guidance.{name}": gain for name, gain in outer.items()}, **inner}

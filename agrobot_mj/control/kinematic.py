@@ -31,14 +31,14 @@ REVERSING_M_S = 0.1
 
 
 class CascadeLaw(GuidanceLaw):
-    """Kinematic law that computes the reference of a yaw controller; the paper states no gains."""
+    """Kinematic law that computes the yaw-rate reference of a yaw controller; the paper does not state its gains."""
 
     saturation_m_s: NonNegative = 0.6
     """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1), half the default speed."""
     gain_per_m: Positive = 0.4
     """Gain k_e: slope of the correction velocity divided by k_s [1/m]. Assumed value, tuned; 0.4 to match the paper."""
     lateral_acceleration_m_s2: Positive = 2.0
-    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
+    """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the compact tractor tips at 6.8 m/s2."""
     scheduled_above_m_s: Positive | None = None
     """Speed above which the gains of the yaw controller are inversely proportional to the speed [m/s], because the yaw
     rate per steering angle is u / L. Default: null (constant gains and unlimited turns, as in the paper), or 1.5 with
@@ -61,16 +61,16 @@ class CascadeLaw(GuidanceLaw):
         return u_ref, gamma_ref
 
     def saturation(self, reference: Reference) -> float:
-        """Return the maximum correction velocity k_s at the speed of the reference [m/s]."""
+        """Return the maximum correction velocity k_s [m/s] for the speed of the reference."""
         return self.saturation_m_s
 
     @property
     def ends_turns(self) -> bool:
-        """Whether to limit the yaw rate to feasible turns, and to wait for the reference instead of reversing."""
+        """Whether the law limits the yaw rate to feasible turns and waits for the reference instead of reversing."""
         return self.scheduled_above_m_s is not None
 
     def setpoints(self, situation: Situation) -> tuple[float, float]:
-        """Return the speed [m/s] and yaw-rate [rad/s] references at one tick."""
+        """Return the speed [m/s] and yaw-rate [rad/s] references of the current tick."""
         m = situation.machine
         speed, yaw_rate = self.references(situation.estimate, situation.reference, m.cg_to_rear_axle)
         return speed, _feasible(yaw_rate, situation) if self.ends_turns else yaw_rate
@@ -98,7 +98,7 @@ class Kinematic(CascadeLaw):
     kind: Literal["kinematic"] = "kinematic"
 
     def saturation(self, reference: Reference) -> float:
-        """Return k_s [m/s], which is proportional to the square root of the speed above `scheduled_above_m_s`.
+        """Return the saturation k_s [m/s], proportional to sqrt(speed) above the speed `scheduled_above_m_s`.
 
         Curvature steps cause larger errors at higher speed, but a linear increase of k_s would cause overshoot.
         """
@@ -107,7 +107,7 @@ class Kinematic(CascadeLaw):
 
 
 def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
-    """Remove the backward component along the path from a velocity [m/s], so that the tractor waits."""
+    """Remove the component of a velocity [m/s] that points backward along the path, so that the tractor waits."""
     at_rest = not (reference.vx or reference.vy)
     course = reference.yaw if at_rest else atan2(reference.vy, reference.vx)
     onward, aside = to_heading(course, vx, vy)

@@ -31,12 +31,12 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 OVERSPEED_M_S = 0.15
-"""Tolerated difference between two speeds, independent of speed [m/s]. Assumed value: four times the noise."""
+"""Accepted difference between two speeds at any speed [m/s]. Assumed value: four times the measurement noise."""
 AGREEING = 0.15
-"""Maximum difference between agreeing speeds of wheels and fixes: its part proportional to the wheel speed, divided by
-the wheel speed [-]. Assumed value for wheel slip."""
+"""Maximum difference between agreeing speeds of wheels and fixes, divided by the wheel speed [-]; `OVERSPEED_M_S` is
+added. Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed below which the course limit grows as 1 / speed, because of antenna oscillation [m/s]. Assumed value."""
+"""Speed below which the course limit increases as 1 / speed, due to antenna oscillation [m/s]. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
 """Limits for a tractor that has not yet been within `max_cross_track_m` of the path [m]. `CLOSER_M`: decrease of the
 minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
@@ -46,7 +46,7 @@ TURNED_AWAY = 0.3
 DRIFT_SIGMAS = 2.5
 """Margin of the drift limit [-], in standard deviations. Assumed value, enough for slow receivers and ridges."""
 MAX_RATIO = 3.0
-"""Maximum weight of the time above a limit; the weight is the ratio of signal to limit [-]. Assumed value."""
+"""Maximum weight of the time above a limit; the weight is signal divided by limit [-]. Assumed value."""
 
 
 REASONS = (
@@ -183,7 +183,7 @@ if TYPE_CHECKING:
     Limits: TypeAlias = Any
 else:
     Limits = NamedTuple("Limits", [(key, float) for key in (*SupervisorLimits.model_fields, "radius", "wheelbase")])
-"""Values of the keys of `SupervisorLimits`, and minimum turning radius and wheelbase of the tractor [m]."""
+"""Values of the keys of `SupervisorLimits`, followed by minimum turning radius and wheelbase of the tractor [m]."""
 
 
 class Judged(NamedTuple):

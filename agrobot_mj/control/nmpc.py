@@ -59,12 +59,12 @@ class Nmpc(Following):
     steering_lag_s: Positive = 0.7
     """Time constant tau of the closed steering loop [s]. Assumed value (0.25 with a new, 1.3 with a worn valve)."""
     offset_m: Positive = 0.23
-    """Cross-track error with a cost of 1 [m]. Assumed value (0.05-0.5), tuned."""
+    """Cross-track error that contributes 1 to the cost [m]. Assumed value (0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
-    """Course error with a cost of 1 [deg]. It is increased to `offset_m` divided by two thirds of the distance covered
-    in the horizon, if this is larger. Assumed value (1-10), tuned."""
+    """Course error that contributes 1 to the cost [deg]. It is increased to `offset_m` divided by two thirds of the
+    distance covered in the horizon, if this is larger. Assumed value (1-10), tuned."""
     rate_deg_s: Positive = 37.0
-    """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
+    """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
     steer_rate_deg_s: Positive = 25.0
     """Maximum rate of the steering command [deg/s]. Assumed value; the wheels turn at 26 deg/s with full pump flow."""
     offset_noise_m: Positive = 0.03
@@ -126,7 +126,7 @@ class Nmpc(Following):
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], deviation: PathDeviation, situation: Situation) -> list[float]:
-        """Return the sideslip of a CG that follows the path in reverse, at the end of each step [rad]; 0 in forward
+        """Return the sideslip at the end of each step [rad] of a CG that follows the path in reverse, or 0 in forward
         travel."""
         if deviation.direction > 0:
             return [0.0] * STEPS
@@ -142,7 +142,7 @@ class Nmpc(Following):
     def _observed(
         self, memory: NmpcState, deviation: PathDeviation, situation: Situation, delta: float, dt: float
     ) -> tuple[Array, Array]:
-        """Return `NmpcState.mean` and its covariance after one step of the Kalman filter."""
+        """Return the estimates of `NmpcState.mean` and their covariance after one step of the Kalman filter."""
         if abs(deviation.heading) > STEEP:  # large slip and steering lag: the model is invalid
             place = deviation.cross_track, _tangent_error(deviation, situation)
             return np.array([*place, *memory.mean[2:]]), memory.covariance
@@ -170,7 +170,7 @@ class Nmpc(Following):
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Return the values of `columns` for a state."""
+        """Return the log values named by `columns` for a state."""
         return (*super().report(state), float(state.memory.mean[2]), float(state.memory.mean[3]))
 
 
@@ -179,7 +179,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Residuals of the planned motion, and the quadratic program of a Gauss-Newton step, created once per process."""
+    """Residuals of the planned motion and the quadratic program of a Gauss-Newton step, created once per process."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)

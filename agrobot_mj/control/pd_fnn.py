@@ -23,7 +23,7 @@ class NeuroState(NamedTuple):
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
     network: Held[Network] | None = None  # Network, initialised at the first error, or None before the first error
     reported: Array | None = None
-    """Values of the network columns in the last tick, before learning, or None before the first tick."""
+    """Log values of the network in the last tick, before learning, or None before the first tick."""
     saturated: bool = False  # Whether the last command was clipped at the steering limit
 
 
@@ -33,7 +33,7 @@ class PdNetwork(Conventional):
     network: T2Fnn = T2Fnn()
     """Network and its learning laws."""
     anti_windup: bool = False
-    """Whether learning stops while the steering command is clipped. Default: false, as in the paper."""
+    """Whether learning stops while the steering command is limited. Default: false, as in the paper."""
     tunable: ClassVar = {**Conventional.tunable, "network.alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 
@@ -44,7 +44,7 @@ class PdNetwork(Conventional):
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
-        """Return the new state and the command for the yaw-rate error [rad/s] after `dt` [s]."""
+        """Return the new state and the steering command for a yaw-rate error [rad/s] that lasts for `dt` [s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.start(e, slope.rate)
@@ -60,7 +60,7 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Return the values of `columns` at the last output of the network, or NaN before the first tick."""
+        """Return the log values named by `columns` at the last output of the network, or NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 

@@ -27,7 +27,7 @@ class PdIsgn(Conventional):
     alpha: Positive = 0.02
     """Rate of the integral [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
     delta_s: Positive = 0.05
-    """Smoothing width of the sign function [rad]. Paper."""
+    """Smoothing width of the sign function [rad]. Value from the paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 
@@ -38,7 +38,7 @@ class PdIsgn(Conventional):
     def update(
         self, state: IntegralState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[IntegralState, YawCommand]:
-        """Return the new state and the command for the yaw-rate error [rad/s], limited to `steer_limit` [rad]."""
+        """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
         slope, tau_c = self.conventional(state.slope, yaw_rate_error, dt)
         tau_n = state.tau_n
         command = YawCommand(clip(tau_c - tau_n, -steer_limit, steer_limit), tau_c, tau_n)

@@ -44,7 +44,7 @@ class Pi(YawController):
     def update(
         self, state: PiState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[PiState, YawCommand]:
-        """Return the new state and the command for the yaw-rate error [rad/s], limited to `steer_limit` [rad]."""
+        """Return the new state and the steering command for a yaw-rate error [rad/s], at most `steer_limit` [rad]."""
         step = self.ki * yaw_rate_error * dt if abs(yaw_rate_error) < TRANSIENT_RAD_S else 0.0
         tau_c, integral = self.kp * yaw_rate_error, state.integral + step
         steer = clip(tau_c + integral, -steer_limit, steer_limit)

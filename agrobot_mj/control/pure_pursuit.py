@@ -50,12 +50,12 @@ class PurePursuit(Integrating):
     kind: Literal["pure_pursuit"] = "pure_pursuit"
     label: ClassVar = "pure pursuit"
     lookahead_s: NonNegative = 0.21
-    """Speed-dependent part of the look-ahead distance, per speed [s]. Assumed value, tuned; 0.3-2 if hand-chosen."""
+    """Increase of the look-ahead distance per speed [s]. Assumed value, tuned; 0.3-2 if chosen by hand."""
     lookahead_m: Positive = 1.8
     """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
     values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time of the start of the arc [s]. Assumed value, tuned: about the delay and lag of the steering."""
+    """Prediction time for the start of the arc [s]. Assumed value, tuned: about the delay and lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012

@@ -68,7 +68,7 @@ class References(NamedTuple):
     """States of all references of the dead reckoning at the last checked fix; fixes update only the first reference."""
 
     means: Matrix
-    """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and extra compliance, shape (n, 7)."""
+    """Means of x, y [m], theta [rad], gyro bias [rad/s], wheel scale, sideslip and compliance error, shape (n, 7)."""
     covariances: Covariances  # Covariances of the states in `means`, shape (n, 7, 7)
     begun: Vector  # Start time of each reference [s], shape (n,). Later fixes update only the first reference.
 
@@ -114,7 +114,7 @@ def _followed(
 
 @jit
 def _predict(mean: Vector, P: Matrix, last: Sums, at: Sums) -> None:
-    """Propagate mean and covariance of a reference from the sums `last` to the sums `at`, in place."""
+    """Predict mean and covariance of a reference from the sums `last` to the sums `at`, in place."""
     dt, dq, dh, turned_s = at.t - last.t, at.path - last.path, at.bent - last.bent, at.gyro_s - last.gyro_s
     theta, b, k, kappa, c = mean[2], mean[3], mean[4], mean[5], mean[6]
     ahead = turn(1j * (theta + kappa - 0.5 * b * turned_s))
@@ -151,7 +151,7 @@ def _correct(mean: Vector, P: Matrix, state: int, innovation: float, variance: f
 
 @jit
 def _renewed(r: References, t: float) -> References:
-    """Return the references without those older than MEMORY_S; every RENEWAL_S, add a copy of the first reference."""
+    """Return the references younger than MEMORY_S; every RENEWAL_S, add a copy of the first reference."""
     n = r.begun.size
     means, P, begun, kept = np.zeros((n + 1, 7)), np.zeros((n + 1, 7, 7)), np.zeros(n + 1), 0
     for k in range(n):
@@ -165,14 +165,14 @@ def _renewed(r: References, t: float) -> References:
 
 
 class Reckoning(NamedTuple):
-    """State of the dead reckoning."""
+    """State of the dead reckoning of the supervisor."""
 
     sums: tuple[Held[Sums], ...] = ()  # Dead-reckoning sums after each of the last ticks, oldest first
     checked: Sums | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
     begun_at: complex = 0j  # Position of the first fix [m], east + j north
     references: References | None = None  # References for checking fixes, or None until the frame angle theta is known
     distance: float = nan
-    """Distance of the last checked fix from the most contradicting reference [m], or NaN before the first such fix."""
+    """Distance of the last checked fix from the reference that contradicts it most [m], NaN before the first fix."""
     sigma: float = nan  # Standard deviation of `distance` [m], or NaN before the first checked fix
 
     def after(

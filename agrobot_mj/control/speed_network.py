@@ -17,7 +17,7 @@ class SpeedNetworkState(NamedTuple):
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the speed error [m/s2]
     network: T2FnnState | None = None
-    """State of the network, initialised at the first error, or None before the first error."""
+    """State of the network, which starts at the first speed error, or None before."""
     tau_c: float = 0.0  # Last output of the proportional controller [m/s]
     tau_n: float = 0.0  # Last output of the network [m/s]
 
@@ -30,7 +30,7 @@ class SpeedNetwork(Spec):
     derivative_filter_s: NonNegative = 0.2
     """Time constant of the low-pass filter of the error derivative [s]. Assumed value, as for the yaw controller."""
     bound_m_s: Positive = 0.3
-    """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6), half the saturation of `kinematic`."""
+    """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6), half of `CascadeLaw.saturation_m_s`."""
     network: T2Fnn = T2Fnn(alpha=0.01)
     """Network and its learning laws; the learning rate alpha has the unit [m/s2] here."""
 

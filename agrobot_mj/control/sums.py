@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY
 COMPLIANCE = radians(0.8)
 """Modelled tyre compliance: sideslip per lateral specific force [rad s2/m]. Assumed value: 0.5 deg s2/m on soil."""
 CLIMB_SLIP = 0.01
-"""Modelled wheel slip, divided by the component of gravity along the slope [s2/m]. Assumed value for firm ground."""
+"""Modelled wheel slip on a climb, divided by gravity along the slope [s2/m]. Assumed value for firm ground."""
 COMPASS_S = 5.0
 """Time constant for comparing the antenna heading with the gyro [s]. Assumed value, fast compared with gyro drift."""
 BRIDGED_SIGMA = radians(0.15)
@@ -28,8 +28,8 @@ SLIDING, UNKNOWN_FORCE = 2.4, 3.5
 """Specific force that doubles the random walks of sideslip and wheel scale (fourth-power law), and specific force
 assumed without an inertial unit [m/s2]. Assumed values for slopes of 15 deg, on which tyres begin to slide."""
 DRAUGHT = 3.0
-"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: draught of one sixth of the tractor's
-weight (0.1-0.3), divided by the mass on the rear axle."""
+"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: the draught is one sixth of the
+tractor's weight (0.1-0.3), divided by the mass on the rear axle."""
 HOPPING = 0.3
 """Variation of the vertical specific force, divided by g, that doubles the random walks of sideslip and wheel scale
 [-]. Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
@@ -158,8 +158,8 @@ def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: Towed
 def _turn(
     s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
 ) -> tuple[float, float]:
-    """Return the yaw rate [rad/s] from gyro, antennas or steering at speed `w` [m/s], and an increase of theta
-    variance."""
+    """Return the yaw rate [rad/s] from gyro, antennas or steering at speed `w` [m/s], and the added variance of theta
+    [rad2]."""
     standing = abs(w) < STANDING_M_S
     if isfinite(m.gyro):
         return (0.0 if standing else gyro), 0.0
@@ -185,7 +185,7 @@ def _spinning(s: Sums) -> float:
 
 @jit
 def _speeds(s: Sums, m: Sensed, fix: Fix) -> tuple[float, float, float]:
-    """Return the smoothed speeds of wheels and fixes [m/s], and the time of the last fix [s]."""
+    """Return the low-pass filtered speeds of wheels and fixes [m/s], and the time of the last fix [s]."""
     speed = sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
     if isnan(speed):
         return s.wheels, s.fixes, s.fix_t
@@ -196,7 +196,7 @@ def _speeds(s: Sums, m: Sensed, fix: Fix) -> tuple[float, float, float]:
 
 @shared
 def heading_of(m: Sensed, fix: Fix) -> float:
-    """Return the two-antenna heading [rad], corrected for the tilt of the tractor, or NaN without two antennas."""
+    """Return the two-antenna heading corrected for the tilt of the tractor [rad], or NaN without two antennas."""
     return fix.heading + (atan(sin(m.pitch) * tan(m.roll)) if isfinite(m.roll + m.pitch) else 0.0)
 
 

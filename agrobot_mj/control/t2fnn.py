@@ -33,12 +33,12 @@ __all__ = ["T1Fnn", "T2Fnn", "T2FnnState"]
 
 
 class T2Fnn(Spec):
-    """Type-2 fuzzy neural network and its learning laws; the paper states only the values of delta_s and the floor."""
+    """Type-2 fuzzy neural network with its learning laws. The paper states only the values of `delta_s` and `floor`."""
 
     alpha: Positive = 0.02
     """Learning rate [rad/s], with a lower bound from Theorem 1. Assumed value, tuned; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
-    """Smoothing width of the sign function [rad]. Paper."""
+    """Smoothing width of the sign function [rad]. Value from the paper."""
     rules_1: int = Field(3, ge=1, le=50)
     """Number of fuzzy sets of the first input [-]. Assumed value (2-9)."""
     rules_2: int = Field(3, ge=1, le=50)
@@ -61,7 +61,7 @@ class T2Fnn(Spec):
     d_max: Positive = 100.0
     """Maximum width of a fuzzy set [unit of the input]. Assumed value; a set of this width contains all inputs."""
     f_init: Positive = 0.01
-    """Magnitude of initial rule consequents [rad]. Assumed value; with 0, q would saturate in one step (guard 4)."""
+    """Magnitude of initial rule consequents [rad]. Assumed value; 0 would move q to its limit in a step (guard 4)."""
     q_init: Fraction = 0.5
     """Initial weight q of the lower firing strengths [-]. Assumed value, the middle of [0, 1]."""
     centres: Literal["follow", "fixed"] = "follow"
@@ -73,7 +73,7 @@ class T2Fnn(Spec):
     type_1: ClassVar[bool] = False
     """Whether the lower fuzzy sets equal the upper sets; the weight q is then constant and has no effect."""
     floor: Positive = 0.001
-    """Minimum magnitude of denominators in the learning laws [unit of the denominator]. Paper."""
+    """Minimum magnitude of denominators in the learning laws, in the unit of each denominator. Value from the paper."""
     input_bound: Positive = 1e6
     """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value to prevent overflow."""
 
@@ -129,7 +129,7 @@ class T2Fnn(Spec):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the network: c1_0, ..., d1_lower_0, ..., f_0_0, ..., w_lower_0_0, ..., w_upper_0_0, ..."""
+        """Log columns of the network (centres c, widths d, consequents f, firing strengths w): c1_0, ..., f_0_0, ..."""
         return _columns(self.rules_1, self.rules_2)
 
     def _bounded(self, x: float) -> float:
@@ -180,7 +180,7 @@ def _columns(rules_1: int, rules_2: int) -> tuple[Column, ...]:
 
 
 def _plain(s: T2FnnState, x1: float, x2: float) -> T2FnnState:
-    """Return the state at these inputs, with the types required by the compiled equations."""
+    """Return the state at the inputs x1 and x2, with the types required by the compiled equations."""
     c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f = (np.ascontiguousarray(a, dtype=float) for a in s[:7])
     return T2FnnState(c1, c2, d1_lower, d1_upper, d2_lower, d2_upper, f, float(s.q), x1, x2)
 

@@ -152,7 +152,7 @@ def inference(s: T2FnnState, x1: float, x2: float) -> float:
 def laws(
     s: T2FnnState, W: tuple[Array, Array], x1: float, x2: float, alpha_sgn: float, floor: float
 ) -> tuple[float, Rates]:
-    """Return the output tau_n [rad] with the firing W, and the learning rates for alpha sgn(tau_c) [rad/s]."""
+    """Return the output tau_n [rad] for the firing strengths W, and the learning rates for alpha sgn(tau_c) [rad/s]."""
     W_lower, W_upper = W
     rates = Rates(
         width_rates(x1, s.c1, s.d1_lower, alpha_sgn, floor),
@@ -205,7 +205,7 @@ def update_widths(
 
 @jit
 def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """Return the network with its set centres moved by the change of the inputs since `last`."""
+    """Return the network whose set centres follow the change of the inputs since `last`, if `follow`."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
@@ -234,7 +234,7 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
 def tick(
     network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
 ) -> tuple[Held[Network], float, float, Vector]:
-    """Return the network after a tick of `dt` [s], and before learning the output tau_n [rad], q and the log values."""
+    """Return the network after a tick of `dt` [s]; and output tau_n [rad], q and log values before learning."""
     s, learning = fetched(network)
     bound = learning.input_bound
     x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)
