@@ -23,7 +23,7 @@ from agrobot_mj.core.vectors import Vector
 
 
 class SensedMotion(NamedTuple):
-    """Part of the true state that compiled sensors measure; `Truth` describes the fields."""
+    """Part of the true state that the compiled sensors measure. `Truth` describes the fields."""
 
     t: float
     yaw: float
@@ -57,7 +57,7 @@ class Noise(NamedTuple):
 
 
 class Sensor(Reporting):
-    """Base class of all sensors, which override `init` and `measure`, and for the log `columns` and `report`."""
+    """Base class of all sensors. Subclasses define `init` and `measure`, and `columns` and `report` for the log."""
 
     def init(self, seed: int) -> Any:
         """Return the state before the first tick of a run with this `seed`."""
@@ -72,9 +72,9 @@ class CompiledSensor(Sensor):
     """Base class of optional sensors with a compiled law."""
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
-    """Compiled function that returns values and reading for parameters, values, stream addresses and motion."""
+    """Compiled function: parameters, values, addresses of random streams and motion -> new values and reading."""
     absent: ClassVar[Any] = nan
-    """Reading of a tractor without the sensor."""
+    """Reading of a tractor that does not have the sensor."""
 
     enabled: bool = False
     """Whether the sensor is present."""

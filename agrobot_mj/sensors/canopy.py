@@ -56,7 +56,7 @@ class Canopy(Spec):
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 
     def look(self, state: CanopyState, x: float, y: float, dt: float) -> tuple[CanopyState, int]:
-        """Return the state after a tick of `dt` [s], and the best `Quality` of a solution at (x, y) [m]."""
+        """Return the state after a tick of `dt` [s], and the best possible `Quality` of a solution at (x, y) [m]."""
         chance, leaves = state.generator.random(), dt / self.lapse_s
         enters = leaves * self.lapse_share / (1.0 - self.lapse_share)
         lapsed = chance >= leaves if state.lapsed else chance < enters

@@ -28,7 +28,7 @@ FLOAT = Quality.FLOAT
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
-    """Return `rate_hz` unchanged. Raises ValueError unless solutions are a whole number of ticks apart."""
+    """Return `rate_hz`. Raises ValueError unless the interval of the solutions is a whole number of ticks."""
     ticks = 1.0 / (rate_hz * TICK_S)
     if abs(ticks - round(ticks)) > 1e-9 * ticks:
         raise ValueError(f"must give a period of whole ticks of {TICK_S:g} s, got {rate_hz:g}; try 20, 10 or 5")
@@ -43,7 +43,7 @@ class GnssReading(NamedTuple):
 
 
 class FixErrors(NamedTuple):
-    """Correlated errors of the receiver, divided by their standard deviations [-]."""
+    """Correlated errors of the receiver, each divided by its standard deviation [-]."""
 
     fixed: tuple[float, float]  # Position error of a fixed solution, east and north
     floating: tuple[float, float]  # Position error of a float solution, east and north
@@ -54,7 +54,7 @@ class FixErrors(NamedTuple):
 
 
 class Streams(NamedTuple):
-    """Addresses of the random streams of `FixErrors`; `fixed` and `height` also provide the white noise."""
+    """Addresses of the random streams of `FixErrors`; the streams `fixed` and `height` also provide white noise."""
 
     fixed: int
     floating: int
@@ -65,7 +65,7 @@ class Streams(NamedTuple):
 
 
 class ErrorPart(NamedTuple):
-    """Parameters of the errors of a fixed or a float solution."""
+    """Parameters of the position errors of a fixed or a float solution."""
 
     slow: float
     fast: float  # Standard deviations of the correlated (`slow`) and white (`fast`) position error per axis [m]
@@ -208,7 +208,7 @@ class Gnss(Sensor):
     """Parts of the field with an obstructed view of the sky, `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
-        """Return the configured antenna position ahead and to the left of the rear axle [m]. Default: the true one."""
+        """Return the configured antenna position ahead and left of the rear axle [m], by default the true position."""
         given_ahead, given_left = self.configured_ahead_m, self.configured_left_m
         return ahead if given_ahead is None else given_ahead, left if given_left is None else given_left
 
@@ -220,7 +220,7 @@ class Gnss(Sensor):
         return (height, heading) if self.dual_antenna.enabled else (height,)
 
     def parameters(self, dt: float) -> GnssLaw:
-        """Return the parameters of `solution` for ticks of length `dt` [s]."""
+        """Return the parameters of the function `solution` for ticks of length `dt` [s]."""
         fixed, floating = self.correlated_fraction, self.float_correlated_fraction
         return GnssLaw(
             fixed=_part(self.sigma_m, fixed, shares(dt, self.correlation_time_s)),
@@ -253,7 +253,7 @@ class Gnss(Sensor):
         return GnssState(noise._replace(values=errors), delivery), reading
 
     def sky(self, state: Delivery, truth: Truth, conditions: Conditions, dt: float) -> tuple[Delivery, Sky]:
-        """Return the state with updated canopies, and the conditions of a solution at the antenna's position."""
+        """Return the state after updating the canopies, and the reception conditions at the antenna's position."""
         quality = conditions.gnss_quality
         if self.canopy:
             found = []
@@ -307,7 +307,7 @@ def _part(sigma: float, share: float, kept: Shares) -> ErrorPart:
 
 
 def _frozen(fix: Fix, last: Fix, keep: Frozen) -> Fix:
-    """Return the solution of a receiver that, if frozen, repeats the last position with the current time."""
+    """Return the solution `fix`, or for a frozen receiver the position of `last` with the current time."""
     match keep:
         case "":
             return fix

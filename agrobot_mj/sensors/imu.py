@@ -48,7 +48,7 @@ class ImuLaw(NamedTuple):
     """Parameters of the inertial unit, as numbers for compiled kernels."""
 
     dt: float  # Length of a tick [s]
-    aided: bool  # Whether the unit subtracts known accelerations of the machine
+    aided: bool  # Whether the unit subtracts accelerations computed from speed and yaw rate
     inclined: bool  # Whether the unit is an inclinometer, without levelling by gyros
     keep: float  # Fraction of the tilt error that remains after a tick [-]
     shown: float  # Tilt error that a unit acceleration causes in a tick [rad s2/m]
@@ -107,7 +107,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration known from the aiding speed [m/s2], forward and to the left, or 0 without aiding."""
+    """Return the acceleration computed from the aiding speed [m/s2], forward and to the left, or 0 without aiding."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
@@ -117,7 +117,7 @@ def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple
 def _levelled(
     p: ImuLaw, tilt: tuple[float, float], pull: Vector, turned: float, motion: SensedMotion
 ) -> tuple[float, float]:
-    """Return the errors of roll and pitch [rad] after a tick with the uncompensated acceleration `pull` [m/s2]."""
+    """Return the errors of roll and pitch [rad] after a tick whose uncompensated acceleration is `pull` [m/s2]."""
     if p.inclined:
         f_x, f_y, f_z = _force(pull, motion)
         return atan2(f_y, f_z) - motion.roll, atan2(-f_x, hypot(f_y, f_z)) - motion.pitch
@@ -176,7 +176,7 @@ class Imu(CompiledSensor):
         return found if self.enabled else ()
 
     def parameters(self, dt: float) -> ImuLaw:
-        """Return the parameters of the law for ticks of length `dt` [s]."""
+        """Return the parameters of `attitude` for ticks of length `dt` [s]."""
         keep = exp(-dt / self.time_constant_s) if self.time_constant_s else 0.0
         return ImuLaw(
             dt=dt,

@@ -50,11 +50,11 @@ class Potentiometer(Sensor):
     """Name of the sensor's random stream."""
 
     resolution_deg: Positive = 1.0
-    """Resolution to which each sample is rounded [deg]. Paper, section V-B."""
+    """Resolution to which each sample is rounded [deg]. Value from section V-B of the paper."""
     noise_sigma_deg: NonNegative = 0.5
-    """Standard deviation of the white noise of each sample; reduces rounding errors [deg]. Assumed value (0.2-1)."""
+    """Standard deviation of the white noise of a sample [deg], which reduces rounding errors. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
-    """Number of evenly spaced samples per tick, the last at the end of the tick [-]. Paper, section V-B."""
+    """Number of evenly spaced samples per tick, including its end [-]. Value from section V-B of the paper."""
     savgol_window: int = Field(21, ge=1)
     """Window length of the Savitzky-Golay filter, an odd number of samples [-]. Assumed value (11-31)."""
     savgol_polyorder: int = Field(3, ge=0)
@@ -98,7 +98,7 @@ class Potentiometer(Sensor):
         return rounded_mean(self.parameters(len(history)), address(generator), cast(Vector, history))
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the random stream and the measurement."""
+        """Return the random stream and the measurement at the end of a tick."""
         return state, self.read(self.seen(truth), state)
 
 
@@ -115,15 +115,15 @@ class SteeringPotentiometer(Potentiometer):
     at: Literal["virtual", "left", "right"] = "virtual"
     """Measured wheel: the `virtual` wheel of the bicycle model, or the `left` or `right` knuckle."""
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg with the same sign for left and right angles, from a rod that is not square at 0 deg [deg]."""
+    """Error at 45 deg [deg], equal for left and right, from a rod that is not perpendicular to the lever at 0 deg."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg with opposite signs on both sides: levers of unequal length [deg]."""
+    """Error at 45 deg with opposite signs for left and right angles, from levers of unequal length [deg]."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Reading in straight driving: a wrong centre in the on-board computer [deg]."""
+    """Measured angle in straight travel [deg], due to a wrong centre in the on-board computer."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Measured angle from the centre divided by the true angle to the left: a wrong scale in the computer [-]."""
+    """Measured angle divided by the true angle when steering left [-], from a wrong scale in the on-board computer."""
     scale_right: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Measured angle from the centre divided by the true angle to the right: a wrong scale in the computer [-]."""
+    """Measured angle divided by the true angle when steering right [-], from a wrong scale in the on-board computer."""
 
     @property
     def linear(self) -> bool:
@@ -148,7 +148,7 @@ class SteeringPotentiometer(Potentiometer):
 
 
 class PedalPotentiometer(Potentiometer):
-    """Potentiometer that measures the pedal position, the keys of `[sensors.pedal_pot]`."""
+    """Potentiometer that measures the pedal position, configured by the keys of `[sensors.pedal_pot]`."""
 
     place = "pedal_pot"
 
@@ -157,7 +157,7 @@ class PedalPotentiometer(Potentiometer):
 
     @property
     def degrees_per_unit(self) -> float:
-        """Potentiometer angle per unit of the measured signal [deg], which is full pedal."""
+        """Potentiometer angle at full pedal [deg]; the measured signal is then 1."""
         return self.travel_deg
 
     def seen(self, truth: Truth) -> Array:

@@ -61,7 +61,7 @@ class Generators(NamedTuple):
 
 
 class Addresses(NamedTuple):
-    """Addresses of the random streams."""
+    """Addresses of the random streams of the compiled sensors."""
 
     steering_pot: int
     pedal_pot: int
@@ -130,7 +130,7 @@ def sense(
 
 @jit
 def is_sound(t: Truth) -> bool:
-    """Return whether the numbers of the true state that every plant reports are finite, except the samples."""
+    """Return whether the true state is finite, except samples and numbers that only some plants report."""
     (x, y, z), (vx, vy, vz) = t.antenna, t.antenna_velocity
     pose = t.t + t.x + t.y + t.z + t.yaw + t.pitch + t.roll + t.rear_x + t.rear_y
     rates = t.speed + t.lateral_speed + t.yaw_rate + t.steer + t.pedal

@@ -82,14 +82,14 @@ class WheelSpeed(SpeedSensor):
     """Constant relative error: assumed wheel radius / true radius - 1 [-]. Assumed value (0-0.05, due to wear and
     pressure)."""
     slip_sigma: NonNegative = 0.002
-    """Standard deviation of the slow slip [-]. Assumed value (0.001-0.01), a tenth of the mean slip without draught."""
+    """Standard deviation of the slow slip [-]. Assumed value (0.001-0.01): a tenth of the mean slip without draught."""
     slip_time_s: Positive = 10.0
     """Correlation time of the slow slip [s]. Assumed value: the time of driving 10 m."""
     least_speed_m_s: NonNegative = 0.03
-    """Minimum speed, below which the measured speed is zero [m/s]. Assumed value: several pulses per second."""
+    """Speed below which the sensor returns zero [m/s]. Assumed value: several pulses per second."""
 
     def parameters(self, dt: float) -> SpeedLaw:
-        """Return the parameters of the law for ticks of length `dt` [s]."""
+        """Return the parameters of `wheel_speed` for ticks of length `dt` [s]."""
         kept = shares(dt, self.slip_time_s)
         return SpeedLaw(self.sigma_m_s, 1.0 + self.scale_error, self.slip_sigma, kept, self.least_speed_m_s)
 
@@ -109,9 +109,9 @@ class RadarSpeed(SpeedSensor):
     ground_time_s: Positive = 5.0
     """Correlation time of the slow error [s]. Assumed value: the time of driving several metres."""
     least_speed_m_s: NonNegative = 0.2
-    """Minimum speed, below which the measured speed is zero [m/s]. Assumed value (0.1-0.5)."""
+    """Speed below which the sensor returns zero [m/s]. Assumed value (0.1-0.5)."""
 
     def parameters(self, dt: float) -> SpeedLaw:
-        """Return the parameters of the law for ticks of length `dt` [s]."""
+        """Return the parameters of `radar_speed` for ticks of length `dt` [s]."""
         kept = shares(dt, self.ground_time_s)
         return SpeedLaw(self.sigma_m_s, 1.0 + self.scale_error, self.ground_sigma, kept, self.least_speed_m_s)

@@ -35,8 +35,8 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Sensor and field of the reading for each line that `Conditions` may distort; "" for scalar readings."""
-NO_SAMPLES = np.zeros(0)  # Stands for the samples of the steering angle in the true state
+"""Sensor, and field of its measurement ("" for a number), for each signal line that `Conditions` can distort."""
+NO_SAMPLES = np.zeros(0)  # Replacement of the steering-angle samples in the true state
 
 
 class SensorState(NamedTuple):
@@ -48,7 +48,7 @@ class SensorState(NamedTuple):
     states: dict[str, Any]  # States of the sensors that are not compiled
     readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """Signal lines distorted in the last tick, by name; other lines have transmitted the last measurement."""
+    """Signal lines distorted in the last tick, by name; other lines transmitted the measurement unchanged."""
     sound: bool = True  # Whether the numbers of the true state are finite
 
 
@@ -149,7 +149,7 @@ class Suite:
             for name, sensor in self.others.items()
             if getattr(sensor, "enabled", True) or len(sensor.columns)
         }
-        """Other sensors that are present; absent sensors are evaluated only in the first tick."""
+        """Sensors without a compiled law that are present; absent sensors are evaluated only in the first tick."""
         self._reporting = [(name, sensor.report) for name, sensor in sensors.all.items() if len(sensor.columns)]
 
     def measure(
@@ -208,7 +208,7 @@ class Suite:
         return tuple(values)
 
     def prepare(self, steps: int) -> None:
-        """Compute the parameters of `sense` for ticks with `steps` physics steps, the number in all ticks of a run."""
+        """Compute the parameters of `sense` for ticks that all have `steps` physics steps."""
         if steps != self._prepared[0]:
             noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
             present: Any = tuple(sensor.enabled for sensor in noisy.values())
