@@ -21,7 +21,7 @@ from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4, 400.0
 """Maximum torque [N m], maximum power [kW], stiffness [N m/rad] and damping [N m s/rad] of the drive of the compact
-tractor. Assumed values: torque above the grip on firm ground; 75 % of an engine of 18.6 kW."""
+tractor. Assumed values: torque above the grip on firm ground; power 75 % of an engine of 18.6 kW."""
 BRAKING_M_S2 = 3.55
 """Deceleration of the tractor's mass by the brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The
 brake holds the tractor on a slope of 21 deg, twice the slope of 18 % required of parking brakes."""
@@ -44,7 +44,7 @@ class Driveline(Spec):
     full_speed_m_s: Positive = 5.0
     """Rim speed at full pedal [m/s]. Assumed value (15-25 km/h in the high range of this class)."""
     pump_time_constant_s: Positive = 0.30
-    """Time constant of the pump displacement [s]. Assumed value (0.2-0.5)."""
+    """Time constant with which the pump displacement follows the pedal [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
     """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Default: scaled
     with mass and rear wheel radius from 3000 for the compact tractor, above the grip on firm ground."""
@@ -76,16 +76,16 @@ class Driveline(Spec):
     axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value: 0.5
     for robots with equal wheels."""
     engine_droop: Annotated[float, Field(ge=0, le=0.3)] = 0.0
-    """Relative decrease of the rim speed from no load to the full power of the engine [-]. Default: constant speed.
-    Assumed value (0.05-0.1) for mechanical governors."""
+    """Relative decrease of the rim speed from no load to full engine power [-]. Default: 0, a constant speed. Assumed
+    value (0.05-0.1) for mechanical governors."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
     """Rim speed of the driven front wheels divided by rim speed of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
-    """Stiffness of trapped oil and shafts at the mean wheel angle [N m/rad]. Default: scaled with mass and rear wheel
-    radius from 6e4 for the compact tractor."""
+    """Stiffness of trapped oil and shafts, referred to the mean wheel angle [N m/rad]. Default: scaled with mass and
+    rear wheel radius from 6e4 for the compact tractor."""
     damping_n_m_s_rad: NonNegative | None = None
-    """Damping of shafts and final drives at the mean wheel speed [N m s/rad]. Default: scaled with mass and rear wheel
-    radius from 400 for the compact tractor."""
+    """Damping of shafts and final drives, referred to the mean wheel speed [N m s/rad]. Default: scaled with mass and
+    rear wheel radius from 400 for the compact tractor."""
 
     @model_validator(mode="after")
     def _releases_what_it_has(self) -> "Driveline":
@@ -101,7 +101,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return the limits and the compliance: given values, or default values scaled to the size of the tractor."""
+        """Return limits and compliance of the driveline: given, or by default scaled to the size of the tractor."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -125,7 +125,7 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Limits and compliance of the driveline of a machine."""
+    """Limits of torque and power, and compliance of the driveline of a machine."""
 
     torque: float  # Relief torque of the hydrostat, summed over the driven wheels [N m]
     power: float  # Maximum driving power [W]
@@ -135,7 +135,7 @@ class Strength(NamedTuple):
 
 
 class DriveLaw(NamedTuple):
-    """Parameters of a `Driveline` for the compiled kernel."""
+    """Parameters of a `Driveline` for the compiled function `drive_step`."""
 
     dead_band: float  # Half width of the dead band about neutral [V]
     gain: float  # Pedal rate per volt outside the dead band [1/(V s)]
@@ -154,7 +154,7 @@ class DriveMemory(NamedTuple):
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
-    """Return the parameters and the initial state for the kernel, for time steps of `dt` [s]."""
+    """Return the parameters and the initial state for `drive_step`, with time steps of `dt` [s]."""
     law = DriveLaw(
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,

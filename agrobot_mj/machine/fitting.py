@@ -16,21 +16,21 @@ from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParam
 DEEPEST_SHARE = 0.15
 """Static deflection divided by free radius above which a tyre is flat [-]. Assumed value, half the section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
-"""Load divided by width times diameter above which no tyre of that size exists [kPa], for tractor and implement.
-Assumed values: up to 45 and 100 in manufacturers' tables."""
+"""Wheel load divided by tyre width times diameter, above which no tyre of that size exists [kPa], for tractor and
+implement. Assumed values: up to 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
-"""Weight divided by the sum of diameter squared times width of the wheels, below which the wheels are too large
-[kN/m3]. Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
+"""Machine weight divided by the sum of diameter squared times width over all wheels, below which the wheels are too
+large [kN/m3]. Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
 HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum pull at the torque limit, and minimum pull at the power limit and path speed, divided by the weight [-].
-Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
+"""Minimum driving force at the torque limit, and at the power limit and path speed, divided by the weight [-]. Assumed
+values: the rolling resistance is 0.05-0.07 of the weight."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Yield a warning for each part that is implausible for the weight or the path `speed` [m/s].
+    """Yield a warning for each part that is implausible for the machine's weight, or for the `speed` of the path [m/s].
 
     With `scrubs` the tyres resist turning at standstill, and the force of the steering is also checked.
     """
@@ -119,5 +119,5 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the turning radius of the rear axle at the steering limit, with at most the limit of `COMPACT` [m]."""
+    """Return the turning radius of the rear axle at the steering limit of the tractor or of `COMPACT`, if lower [m]."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -27,7 +27,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
-FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
+FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Value from section V-B of the paper.
 LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
@@ -48,7 +48,7 @@ class Valve(Spec):
     delay_s: Annotated[float, Field(ge=0, le=5)] = 0.10
     """Transport delay, rounded to physics steps [s]. Assumed value (0.1-0.3 in the literature)."""
     time_constant_s: Annotated[float, Field(gt=0, le=10)] = 0.10
-    """Time constant of the spool [s]. Assumed value (0.1-0.2 in the literature)."""
+    """Time constant of the valve spool [s]. Assumed value (0.1-0.2 in the literature)."""
     dead_band_v: Annotated[float, Field(ge=0, lt=NEUTRAL_V)] = 0.40
     """Half width of the dead band about neutral [V]. Assumed value, 3.3 % of the range (3-10 % in the literature)."""
     gain_left_l_min_v: Positive = 3.2
@@ -56,7 +56,7 @@ class Valve(Spec):
     gain_right_l_min_v: Positive = 2.8
     """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less than to the left."""
     pump_flow_l_min: Positive = 12.0
-    """Pump flow [l/min], at which the valve saturates in both directions. Paper, section V-B."""
+    """Pump flow [l/min], at which the valve saturates in both directions. Source: Paper, section V-B."""
     section_flow_l_min: Positive | None = None
     """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
@@ -87,7 +87,7 @@ class Cylinder(Spec):
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18). Arm and bore determine the steering rate."""
     relief_pressure_bar: Positive | None = None
-    """Pressure at which the relief valve opens [bar]. Default: 3 times the pressure for turning the wheels at rest."""
+    """Pressure at which the relief valve opens [bar]. Default: 3 times the pressure that turns parked wheels."""
     stiffness_n_m_rad: Positive | None = None
     """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to load times width of the
     front tyres, 5e4 for the compact tractor."""
@@ -112,7 +112,7 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the oil column between valve and wheels: given values, or values scaled to the front axle load."""
+        """Return the properties of oil column and linkage: given values, or values scaled to the front axle load."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -124,7 +124,7 @@ class Cylinder(Spec):
 
 
 class OilColumn(NamedTuple):
-    """Oil in the steering cylinder, hoses and linkage, referred to the kingpin of the virtual front wheel."""
+    """Oil in the steering cylinder, hoses and linkage, as a rotary spring at the kingpin of the virtual front wheel."""
 
     relief_torque: float  # Maximum torque of the cylinder [N m], at which the relief valve opens
     stiffness: float  # Stiffness of oil column and linkage [N m/rad]
@@ -132,7 +132,7 @@ class OilColumn(NamedTuple):
 
 
 class ValveLaw(NamedTuple):
-    """Parameters of a `Valve` for the compiled kernel, in SI units."""
+    """Parameters of a `Valve` for the compiled function `valve_step`, in SI units."""
 
     lag: float  # Fraction of the spool's deviation that remains after a step, exp(-dt / time constant) [-]
     dead_band: float  # Half width of the dead band about neutral [V]
@@ -143,7 +143,7 @@ class ValveLaw(NamedTuple):
 
 
 class ValveMemory(NamedTuple):
-    """State of the valve between steps; the arrays are written in place."""
+    """State of the valve between two physics steps; the arrays are written in place."""
 
     spool: Array  # Lagged voltage at the spool [V], shape (1,)
     queue: Array  # Ring buffer of the delayed voltages [V], shape (delay steps + 1,)
@@ -151,7 +151,7 @@ class ValveMemory(NamedTuple):
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
-    """Return the parameters and the initial state for the kernel, for time steps of `dt` [s]."""
+    """Return the parameters and the initial state for `valve_step`, with time steps of `dt` [s]."""
     law = ValveLaw(
         lag=exp(-dt / valve.time_constant_s),
         dead_band=valve.dead_band_v,
@@ -170,7 +170,7 @@ def reset_valve(memory: ValveMemory) -> None:
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """Return a valve with a fraction `gain` [-] of the flow and a dead band wider by `dead_band` [V] on each side."""
+    """Return a worn valve: flow times `gain` [-], and a dead band that is wider by `dead_band` [V] on each side."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(
@@ -183,7 +183,7 @@ def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
 
 @kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
-    """Return the steady flow [m3/s] at a spool voltage [V]: dead band, gain of the direction, saturation."""
+    """Return the steady flow [m3/s] at a spool voltage [V], from dead band, gain for the direction and saturation."""
     v = voltage - NEUTRAL_V
     if v > law.dead_band:
         return min(law.gain_left * (v - law.dead_band), law.saturation)
@@ -194,7 +194,7 @@ def static_flow(law: ValveLaw, voltage: float) -> float:
 
 @kernel
 def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
-    """Advance the valve by one step under `voltage` [V]; return the flow [m3/s]."""
+    """Advance the valve by one physics step under `voltage` [V]; return the oil flow [m3/s]."""
     n = memory.queue.shape[0]
     head = memory.head[0]
     memory.queue[head] = min(max(voltage, 0.0), FULL_RANGE_V)

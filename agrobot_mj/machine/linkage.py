@@ -39,7 +39,7 @@ class Linkage(Spec):
         return any((self.kingpin_offset_m, self.kingpin_inclination_deg, self.caster_deg))
 
     def axis(self, side: int) -> tuple[float, float, float]:
-        """Return the upward direction of a kingpin in vehicle axes, not normalised; `side` is 1 left, -1 right."""
+        """Return an upward vector along a kingpin axis, in vehicle axes; `side` is 1 for left, -1 for right."""
         return -tan(radians(self.caster_deg)), -side * tan(radians(self.kingpin_inclination_deg)), 1.0
 
     def foot(self, side: int, radius: float) -> tuple[float, float, float]:

@@ -20,7 +20,7 @@ WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
 
 
 class AxleWheel(NamedTuple):
-    """Wheel with its tyre, left or right on an axle."""
+    """Wheel with its tyre on the left and the right side of an axle."""
 
     axle: str  # Axle of a tractor, "front" or "rear"; "rear" for an implement
     radius: float  # Free radius of the wheel [m]
@@ -107,21 +107,21 @@ class TractorParameters(Spec):
     """Vertical stiffness of one rear tyre [N/m]. Default: computed from size and pressure [Rhyne2005], 9.7e4 for the
     compact tractor."""
     front_tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
+    """Vertical damping of one front tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     rear_tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
+    """Vertical damping of one rear tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     axle_pivot_limit_deg: Annotated[float, Field(gt=0, le=45)] = 10.0
     """Angle at which the oscillating front axle meets its stops [deg], in both directions. Assumed value (8-12)."""
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
     """Height of the front axle's pivot above the wheel centres, divided by their radius [-]. Assumed value (0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
-    """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
+    """Maximum angle of the virtual front wheel of the bicycle model [deg]. Source: Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
-    """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
+    """Height of the GNSS antenna above level ground [m]. Source: Paper, section V-A."""
     antenna_ahead_m: AntennaPlace = 0.0
-    """Distance of the GNSS antenna ahead of the rear axle [m]. Paper, section V-A; up to 1 on a cab roof."""
+    """Distance of the GNSS antenna ahead of the rear axle [m]. Source: Paper, section V-A; up to 1 on a cab roof."""
     antenna_left_m: AntennaPlace = 0.0
-    """Lateral offset of the GNSS antenna [m], left positive. Paper, section V-A; up to 0.5 on a cab roof."""
+    """Lateral offset of the GNSS antenna [m], left positive. Source: Paper, section V-A; up to 0.5 on a cab roof."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
@@ -178,12 +178,12 @@ class TractorParameters(Spec):
 
     @property
     def cg_to_rear_axle(self) -> float:
-        """Distance l_r from the CG to the rear axle [m]."""
+        """Distance l_r from the centre of gravity (CG) to the rear axle [m]."""
         return self.wheelbase_m * self.front_load_fraction
 
     @property
     def cg_to_front_axle(self) -> float:
-        """Distance l_f from the CG to the front axle [m]."""
+        """Distance l_f from the centre of gravity (CG) to the front axle [m]."""
         return self.wheelbase_m - self.cg_to_rear_axle
 
     @property
@@ -202,7 +202,7 @@ class TractorParameters(Spec):
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the circle driven by the CG at the steering limit [m], without slip."""
+        """Radius of the circle that the CG follows at the steering limit without slip [m]."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
@@ -241,7 +241,7 @@ class TractorParameters(Spec):
         return nominal_size(radius, width) if code is None else tyre_size(code)
 
     def tyre_pressure(self, axle: str, load: float) -> float:
-        """Return the tyre pressure [bar] of the axle "front" or "rear": given, or for a load per wheel [N]."""
+        """Return the pressure [bar] of the tyres of `axle` ("front", "rear"): given, or for a `load` per wheel [N]."""
         bar: float | None = getattr(self, f"{axle}_tyre_pressure_bar")
         return self._fitted(axle).pressure(load) if bar is None else bar
 

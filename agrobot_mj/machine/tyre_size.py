@@ -88,7 +88,7 @@ def nominal_size(radius: float, width: float) -> TyreSize:
 
 
 def tyre_size(code: str) -> TyreSize:
-    """Return the dimensions given by a size code, with or without load index. Raises ValueError with the fix."""
+    """Return the tyre dimensions of a size code, with or without load index. Raises ValueError for an invalid code."""
     named = _SERVICE.sub("", code.strip().upper().replace("×", "X").replace(",", "."))
     text = re.sub(r"^(VF|IF)", "", re.sub(r"\s+", "", named))
     for family, pattern in _FAMILIES.items():

@@ -24,7 +24,7 @@ class Joint(NamedTuple):
 
 
 class Axle(NamedTuple):
-    """Axle of an implement, with two wheels."""
+    """Axle of an implement, with two equal wheels."""
 
     at: Place  # Midpoint between the wheel centres at static load [m], relative to the hitch of the tractor
     track: float  # Distance between the centre planes of the wheels [m]
@@ -113,7 +113,7 @@ class ImplementBase(Spec):
         return TowedImplement(length, hitched.tool is not None, self.receiver_behind(tractor))
 
     def receiver_behind(self, tractor: TractorParameters) -> float:
-        """Return the distance of the antenna behind the rear axle [m], in line, or 0 for an antenna on the tractor."""
+        """Return the distance of the antenna behind the rear axle, in line [m], or 0 for an antenna on the tractor."""
         hitched = self.hitched(tractor)
         return 0.0 if hitched is None or hitched.antenna is None else tractor.hitch_behind_m - hitched.antenna[0]
 

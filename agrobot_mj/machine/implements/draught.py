@@ -16,7 +16,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec, Spread
 ToolType = Literal[
     "mouldboard_plough", "chisel_plough", "disc_harrow", "field_cultivator", "row_crop_planter", "grain_drill"
 ]
-"""Tools in `TOOLS`."""
+"""Name of a tool in `TOOLS`."""
 Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")  # Soil textures in the order of the factors F_1, F_2, F_3 of D497
 DEEPEST = 2.0
@@ -31,7 +31,7 @@ class Draught(NamedTuple):
     c: float  # Coefficient C of the draught proportional to the squared speed [unit of A per (km/h)^2]
     textures: tuple[float, float, float]  # Factors of the soil texture for fine, medium and coarse soil [-]
     by_depth: bool  # Whether the draught is proportional to the depth: True for tillage, False for seeding
-    spread: float  # Maximum relative deviation of fields from the formula [-], in both directions
+    spread: float  # Maximum relative deviation of a field's draught from the formula [-], in both directions
 
 
 TOOLS: dict[str, Draught] = {
@@ -48,7 +48,7 @@ for planter (mounted, seeding only) and drill (press wheels, below 2.4 m). Assum
 
 
 class ToolLaw(NamedTuple):
-    """Coefficients of a tool in its soil for the compiled kernel."""
+    """Coefficients of a tool in a given soil for the compiled function `draught`."""
 
     a: float  # Speed-independent draught of the tool in its soil [N, per cm of depth for tillage]
     b: float  # Draught per speed of the tool in its soil [N h/km, per cm of depth for tillage]
@@ -63,7 +63,7 @@ class ToolLaw(NamedTuple):
 
 @kernel
 def engaged(law: ToolLaw, depth: float) -> float:
-    """Return the depth divided by the intended depth, at most `DEEPEST` [-]."""
+    """Return the ratio of `depth` [m] to the intended depth of the tool [-], at most `DEEPEST`."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
 
@@ -79,7 +79,7 @@ class Tool(Spec):
     """Tool of an implement (`[implement.tool]`): type, size, depth, soil and lateral force."""
 
     type: ToolType = "mouldboard_plough"
-    """Tool in ASABE D497 whose parameters give the draught."""
+    """Tool whose parameters in ASABE D497 determine the draught."""
     size: Annotated[float, Field(gt=0, le=100)] = 0.25
     """Width of ploughs and harrows [m], number of tools of cultivators, number of rows of seeders [-]. Assumed value
     (0.2-0.35): one plough bottom."""
@@ -99,7 +99,7 @@ class Tool(Spec):
     relaxation_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
     """Relaxation length of the lateral force [m]. Assumed value (0.2-1)."""
     side_limit_n: Positive = 2500.0
-    """Lateral force at which the soil yields [N]. Assumed value (1000-5000) for soil next to a plough share."""
+    """Maximum lateral force before the soil yields [N]. Assumed value (1000-5000) for soil next to a plough share."""
     suction_share: Annotated[float, Field(ge=0, le=2)] = 0.2
     """Downward force of the soil divided by the draught [-]. Assumed value (0-0.3)."""
 

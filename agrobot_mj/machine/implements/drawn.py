@@ -39,7 +39,7 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return vertical stiffness [N/m] and damping [N s/m]: given, or for a static load [N] and free radius [m]."""
+        """Return `stiffness` [N/m] and `damping` [N s/m]; None is replaced by the value for load [N] and radius [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
@@ -82,13 +82,13 @@ class Drawn(ImplementBase):
     tyre_stiffness_n_m: Positive | None = None
     """Vertical stiffness of one tyre [N/m]. Default: from static load and radius, 1.8e5 with the other defaults."""
     tyre_damping_n_s_m: NonNegative | None = None
-    """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the carried load."""
+    """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
     """Factor on the slip stiffness of the tyres relative to the rear tyres of `plant.tyre` [-]."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Factor on the rolling resistance of the tyres relative to `plant.tyre` [-]."""
     tool: Tool = Tool()
-    """Tool of the implement, used if `lowered`."""
+    """Tool of the implement, used if `lowered` is set."""
     tool_behind_m: Length = 2.0
     """Distance of the tool centre behind the hitch [m]. Assumed value: at the axle."""
     antenna_height_m: Length = 2.0

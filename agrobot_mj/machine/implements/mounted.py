@@ -50,11 +50,11 @@ class Mounted(ImplementBase):
     height_m: Length = 0.5
     """Height of the frame [m]. Assumed value (0.4-1)."""
     tool: Tool = Tool()
-    """Tool of the implement, used if `lowered`."""
+    """Tool of the implement, used if `lowered` is set."""
     tool_behind_m: Length = 0.7
     """Distance of the tool centre behind the hitch [m]. Assumed value (0.5-1.2)."""
     tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
-    """Lateral offset of the tool centre, positive to the left; an offset tool exerts a yaw moment [m]."""
+    """Lateral offset of the tool centre [m], left positive. An offset tool exerts a yaw moment."""
     antenna_height_m: Length = 2.0
     """Height of the GNSS antenna above level ground, used if `receiver` [m]. Assumed value: as on the tractor."""
     virtual_hitch_ahead_m: Length = 1.0
