@@ -13,7 +13,7 @@ from agrobot_mj.terrain.memory import AnyArray, RutMap
 
 
 def copies(arrays: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
-    """Return a copy of every array."""
+    """Return a tuple with a copy of each array."""
     return tuple(array.copy() for array in arrays)
 
 
@@ -46,13 +46,13 @@ class RunningPlant(Protocol):
     scene: Scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest at the start of the path; return the truth for the conditions of tick 0."""
+        """Place the tractor at rest at the start of the path; return the true state for the `conditions` of tick 0."""
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
         """Advance one tick at constant voltages and conditions; return the true state."""
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick as `advance`; return a reference to the true state."""
+        """Advance one tick as `advance` does, but return the true state by reference (`Held`)."""
         return held(self.advance(drive, conditions))
 
     def save(self) -> Any:
@@ -73,16 +73,16 @@ class RunningPlant(Protocol):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the additional signals of the plant."""
+        """Log columns of signals that only this plant has."""
         return ()
 
     def report(self) -> Sequence[float]:
-        """Return the current values of `columns`."""
+        """Return the current log values of `columns`."""
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return oil flow to the steering cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m];
-        quantities that the plant does not model are NaN."""
+        """Return oil flow to the steering cylinder [m3/s], cylinder pressure [Pa] and torque on the driven wheels [N
+        m]; quantities that the plant does not model are NaN."""
 
     def ruts(self) -> RutMap | None:
         """Return the ruts on the field, or None on ground without ruts."""

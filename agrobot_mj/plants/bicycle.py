@@ -247,7 +247,7 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages; only the valve faults among the conditions have an effect."""
+        """Advance one tick at constant voltages. Of the conditions, only valve faults affect this plant."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
@@ -311,12 +311,12 @@ class BicyclePlant(RunningPlant):
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
     def configuration(self) -> Array:
-        """Return the generalised positions of the drawn tractor, shape (nq,)."""
+        """Return the generalised positions of the tractor in images, shape (nq,)."""
         self.poses()
         return np.array(self.ghost.data.qpos)
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow [m3/s]; pressure and torque are not modelled and NaN."""
+        """Return the oil flow [m3/s]; pressure and torque are NaN, because the bicycle model does not contain them."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:

@@ -34,7 +34,7 @@ class Trace:
 
     @property
     def wheels(self) -> Array:
-        """Tyre quantities, shape (n, 6, 4): tick, quantity (see `tyres.patch`) and wheel."""
+        """Tyre quantities, shape (n, 6, 4), by tick, quantity (order of `tyres.patch`) and wheel."""
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
@@ -43,19 +43,19 @@ class Trace:
 
 
 class Driver:
-    """Controller with the true state: PI from speed to pedal, and proportional steering with dead-band compensation."""
+    """Controller with access to the true state: PI from speed to pedal, proportional steering beyond the dead band."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate `seconds` at a constant steering angle [rad], or at an angle computed in each tick by a function."""
+        """Simulate `seconds`; `steer` is a constant steering angle [rad] or a function that is called in each tick."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Simulate `seconds` with a constant voltage of the steering valve [V]."""
+        """Simulate for `seconds` at a constant voltage of the steering valve [V]."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
@@ -95,7 +95,7 @@ class Driver:
 
 
 def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
-    """Yield the truth after each tick at constant voltages; by default both valves are in neutral."""
+    """Yield the true state after each tick at constant voltages; by default both valves are in neutral."""
     for _ in range(round(seconds / TICK_S)):
         yield plant.advance(drive)
 
@@ -115,7 +115,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a steering function of the truth, a PI controller that keeps the antenna's course due east."""
+    """Return a PI controller, from the true state to a steering angle, that keeps the antenna's course due east."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:

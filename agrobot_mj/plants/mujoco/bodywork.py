@@ -33,7 +33,7 @@ KINDS = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
 }
 WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub", 0.2, 0.012, "rim"))
-"""Discs of a wheel: radius divided by the tyre radius [-], width on both sides [m], material."""
+"""Discs that form a wheel: radius divided by the tyre radius [-], width on both sides [m], material."""
 HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
 """Half sizes and centre of the contact box of the default bonnet; ends and radius of the contact roll bar [m]."""
@@ -74,7 +74,7 @@ class Outline(NamedTuple):
 
 
 def undress(spec: mujoco.MjSpec) -> None:
-    """Remove the visual geoms of chassis and wheels."""
+    """Remove the geoms of chassis and wheels that serve only for display."""
     for name in bodies(COMPACT):
         for geom in list(spec.body(name).geoms):
             if not (geom.contype or geom.conaffinity):
@@ -139,7 +139,7 @@ def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
 
 
 def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
-    """Add a visual part to a body; `other` overrides attributes of `LOOK`."""
+    """Add a visual part to a body; its field `other` overrides attributes of `LOOK`."""
     place = {"fromto": part.ends} if part.ends else {"pos": part.pos, "quat": part.quat}
     size = [*part.size, 0.0, 0.0][:3]
     body.add_geom(name=part.name, type=KINDS[part.kind], size=size, material=part.paint, **place, **LOOK | other)
@@ -199,7 +199,7 @@ def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], pa
 
 
 def _both(part: Panel) -> Iterator[Panel]:
-    """Yield a part on the left side and its mirror image."""
+    """Yield a part on the left side of the tractor and its mirror image on the right."""
     for name, side in (("left", 1), ("right", -1)):
         x, y, z = part.pos
         ends = tuple(side * e if k in (1, 4) else e for k, e in enumerate(part.ends))

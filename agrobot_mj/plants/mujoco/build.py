@@ -46,7 +46,7 @@ FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
 class Part(NamedTuple):
-    """Springs or dampers at contact points, defined by the value of one key."""
+    """Springs or dampers at contact points whose constant is the value of one key."""
 
     key: str
     value: float | None  # Value of the key, or None if an external tyre or implement has no such key
@@ -162,7 +162,7 @@ def _springs(spec: ImplementBase, name: str, wheel: AxleWheel | DepthWheel, on: 
 
 
 def _value(owner: Any, key: str, left_out: float | None = None) -> float | None:
-    """Return the value of a dotted key, or `left_out` if the value is None, or None if the key is missing."""
+    """Return the number at a dotted key of `owner`: `left_out` for a value of None, None for a missing key."""
     for name in key.split("."):
         if not hasattr(owner, name):
             return None
@@ -176,7 +176,7 @@ def _largest(mobility: Array, weights: Array) -> float:
 
 
 class Built(NamedTuple):
-    """Compiled tractor on its ground."""
+    """Compiled MuJoCo model of a tractor on its ground."""
 
     model: mujoco.MjModel
     scene: Scene

@@ -21,9 +21,9 @@ SPARE_M = 0.01  # Clearance below which contacts are detected [m]; large compare
 
 
 class Clearance(NamedTuple):
-    """Height and extent of the parts that can touch the ground, and the plane of the ground."""
+    """Extent of the parts of the chassis that can touch the ground, and the plane of the ground."""
 
-    lowest: float  # Minimum height of a part in the chassis frame [m]
+    lowest: float  # Height of the lowest part in the chassis frame [m]
     reach: float  # Maximum distance of a part from the z axis of the chassis [m]
     normal: Vector  # Normal of the ground [-]
     level: float

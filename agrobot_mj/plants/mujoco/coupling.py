@@ -20,7 +20,7 @@ LEFT, RIGHT = 0, 1
 
 @kernel
 def is_alone(c: Coupling) -> bool:
-    """Return whether neither friction nor another equality constraint acts in addition to the coupling."""
+    """Return whether the coupling is the only constraint: no joint friction and no other equality constraint acts."""
     if c.rows.size == 0:
         return False
     active = 0
@@ -34,7 +34,7 @@ def is_alone(c: Coupling) -> bool:
 
 @kernel
 def is_within_stops(c: Coupling, qpos: Array) -> bool:
-    """Return whether no joint is at a stop, or False for NaN."""
+    """Return whether all joints are between their stops, or False for NaN."""
     for i in range(c.stops_q.size):
         angle = qpos[c.stops_q[i]]
         if not c.stops[i, 0] <= angle <= c.stops[i, 1]:
@@ -93,7 +93,7 @@ def coupled(v: Views, side: int) -> Vector:
 
 @kernel
 def add_forces(v: Views) -> None:
-    """Sum all forces without the coupling into `qfrc_smooth`."""
+    """Write the sum of all forces except the force of the coupling to `qfrc_smooth`."""
     c, com = v.coupling, v.root_com
     for b in range(1, c.body_parent.size):
         x, force = v.xipos[b], (v.xfrc[b, 0], v.xfrc[b, 1], v.xfrc[b, 2])

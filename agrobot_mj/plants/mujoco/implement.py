@@ -224,7 +224,7 @@ class RunningImplement:
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Reset all forces and the working distance to zero, as after placing the tractor."""
+        """Reset all forces and the working distance to zero, after the tractor has been placed."""
         for array in self.arrays:
             array[:] = 0.0
 

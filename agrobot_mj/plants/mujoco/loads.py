@@ -63,7 +63,7 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
 
 @kernel
 def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
-    """Add the resistance of the implement to the wrench (6,)."""
+    """Add the soil resistance of the implement to the wrench (6,) on the chassis."""
     R, w, x, z = v.xmat[CHASSIS], v.qvel, -loads[BEHIND], loads[HEIGHT]
     # velocity of the hitch in the chassis frame: R^T v + omega x r; qvel already has omega in this frame
     ahead = R[0] * w[0] + R[3] * w[1] + R[6] * w[2] + w[4] * z

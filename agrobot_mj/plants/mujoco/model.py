@@ -46,7 +46,7 @@ STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 QUICK = (0.004, 1.0)
 """Time constant [s] and damping ratio [-] of the brake friction, small enough to take effect in one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on typical inertias that the search for a physically possible chassis tests [-]."""
+"""Factors on typical inertias, tested in turn to find a physically possible chassis [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
@@ -86,7 +86,7 @@ def _default() -> mujoco.MjSpec:
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """Return a user-defined body with its own kingpins. Raise ValueError if the scenario cannot steer the body."""
+    """Return a user-defined body with its own kingpins. Raise ValueError if the scenario cannot steer this body."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; omit {given}")
@@ -232,7 +232,7 @@ def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: Tra
 
 
 def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
-    """Return a hint with inertias for a physically possible chassis; `others` (3, 3) is the inertia of all others."""
+    """Return a hint with inertias for a possible chassis; `others` (3, 3) is the inertia of all other bodies."""
     usual = TractorParameters(mass_kg=tractor.mass_kg, wheelbase_m=tractor.wheelbase_m)
     moments = np.array([usual.roll_inertia_kg_m2, usual.pitch_inertia_kg_m2, usual.yaw_inertia_kg_m2])
     fitting = (f * moments for f in FACTORS if is_physical_inertia(np.diag(f * moments) - others))

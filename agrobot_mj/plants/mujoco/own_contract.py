@@ -22,7 +22,7 @@ OURS = (*SPINS, *STEERS, CRANK)  # Joints driven and coupled by the simulator
 RESERVED = ("implement", "wheel_il", "wheel_ir")  # Names of bodies added by the simulator
 ALONG, UPRIGHT = 0.999, 0.7  # Minimum cosines of the errors of axes: wheels and axle (2.5 deg), kingpins (45 deg) [-]
 PLACE_M, SHARE = 0.01, 0.05
-"""Maximum error of a position [m], and of the height of a wheel centre, divided by the free radius [-]."""
+"""Maximum error of a position [m], and maximum error of the height of a wheel centre divided by the free radius [-]."""
 ASIDE = 0.1  # Maximum distance of the centre of mass from the centre line, divided by the track width [-]
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
 

@@ -20,7 +20,7 @@ SIZES = {"count", "height", "ncol", "nkey", "nrow", "width"}
 """Names of size attributes, in addition to names that begin with `nuser_`."""
 FOLDERS = {"assetdir", "meshdir", "texturedir"}  # Attributes of `compiler` that contain names of asset folders
 NOT_OURS = {"plugin", "extension", "flexcomp", "flex", "composite", "skin", "deformable"}
-"""Elements that a body must not contain: plugins and non-rigid elements."""
+"""Elements that a body must not contain: plugins and deformable bodies."""
 
 
 class OwnFiles(NamedTuple):

@@ -26,7 +26,7 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the body with its payload. Raise ValueError if the result is physically impossible."""
+    """Return the mass properties of `bare` with its payload. Raise ValueError if they are physically impossible."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")
@@ -70,7 +70,7 @@ def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass
 
 
 class Chassis:
-    """Chassis of a running model with its payload."""
+    """Chassis of a running model, with the point masses that it carries (payload)."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model

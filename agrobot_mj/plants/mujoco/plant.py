@@ -173,7 +173,7 @@ class MujocoPlant(RunningPlant):
         return fetched(self.advanced(drive, conditions))
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick as `advance`; return a reference to the true state."""
+        """Advance one tick as `advance` does, but return the true state by reference (`Held`)."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
         if self.clutches.switched:
@@ -304,7 +304,7 @@ class MujocoPlant(RunningPlant):
         return self.implement.report() if self.implement else ()
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field, or None on soil without memory."""
+        """Return the ruts on the field, or None on ground without ruts."""
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:

@@ -49,7 +49,7 @@ def _facing(normal: Array, yaw: float) -> Array:
 
 
 REST_M_S, REST_S = 0.0005, 1.0
-"""Definition of standstill: maximum speed of the CG and of points 1 m from the CG [m/s], over this duration [s].
+"""Criterion of standstill: maximum speed of the CG and of points 1 m from the CG [m/s], and its minimum duration [s].
 Assumed values; the duration exceeds the period of oscillations on the tyres."""
 AT_THE_LIMIT = 0.99
 """Fraction of the hydrostat's relief torque above which the hydrostat does not hold the tractor alone [-]."""
@@ -116,7 +116,7 @@ class RecentMotion:
 
     @property
     def gone(self) -> bool:
-        """Whether the tractor is at least `GONE_M` from its initial position, or its motion is not finite."""
+        """Whether the tractor has moved at least `GONE_M` from its initial position, or its motion is not finite."""
         return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
@@ -171,7 +171,7 @@ def _motion(found: Settled, machine: Machine, where: str, along: float) -> str:
 
 
 def _held(drift: float, used: float, where: str) -> str:
-    """Describe a motion at `drift` [m/s] with locked rear wheels and the used fraction of friction `used` [-]."""
+    """Describe a motion at `drift` [m/s] with locked rear wheels; `used` is the used fraction of friction [-]."""
     how = "slides" if drift > SLIDING else "creeps"
     shorter = "" if used > GRIPPING else "a shorter step (physics or physics_dt_s), "
     return (

@@ -27,7 +27,7 @@ STEERING, DRIVE = 0, 1  # Order of the actuators in `models/tractor.xml`
 
 
 class TractorMotion(NamedTuple):
-    """Motion of the tractor after a step; `Truth` describes the fields without a description here."""
+    """Motion of the tractor after a step. The class `Truth` describes the fields without a comment."""
 
     cg: Motion
     antenna: Motion
@@ -182,7 +182,7 @@ def driven(v: Views, oil: Oil) -> tuple[float, float]:
 
 @kernel
 def drooped(v: Views, oil: Oil, rate: float) -> float:
-    """Return the rate of the drive under load [rad/s], which decreases in proportion to the delivered power."""
+    """Return the rate of the drive under load [rad/s], whose decrease is proportional to the delivered power."""
     power = min(max(v.torques[DRIVE] * driven(v, oil)[1] / oil.drive_power, 0.0), 1.0)
     return float(rate * (1.0 - oil.droop * power))
 
@@ -282,7 +282,7 @@ def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
 
 @kernel
 def observe(rig: Held[Assembly]) -> TractorMotion:
-    """Return the current motion of the tractor."""
+    """Return the motion of the tractor after the last step."""
     v, _, _, _, actuators, _, _, cg_site, antenna_site = fetched(rig)
     R, q, w = v.xmat[CHASSIS], v.qpos, v.qvel
     omega = to_world(R, (w[3], w[4], w[5]))

@@ -62,7 +62,7 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the deflection `z` after a stiffness change from `before` to `now`. Added stiffness has no deflection."""
+    """Return the mean deflection after a stiffness change from `before` to `now`; added soil has no deflection `z`."""
     return z * before / now if now > before else z
 
 

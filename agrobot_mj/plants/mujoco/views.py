@@ -48,7 +48,7 @@ class Coupling(NamedTuple):
 
 
 class Views(NamedTuple):
-    """Arrays of an MjModel and MjData that the compiled loop reads and writes, and indices into these arrays."""
+    """Arrays of an MjModel and its MjData that the compiled loop uses, and indices into these arrays."""
 
     model: int
     data: int
