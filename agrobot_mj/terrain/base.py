@@ -18,7 +18,7 @@ Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
 
 class Sized(Spec):
-    """Terrain with a field of configurable size, given by either `half_size_m` or `size_m`."""
+    """Base class of terrains whose field size is given by either `half_size_m` or `size_m`."""
 
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
@@ -67,16 +67,16 @@ class Landscape(Spec):
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
     """Patches of ground with other properties; where patches overlap, the last patch is used."""
     surface: SurfaceName | None = None
-    """Named surface, with friction, cone index and rolling resistance, outside the patches. Default: tyre values."""
+    """Named surface outside the patches: friction, cone index and rolling resistance. Default: values of the tyres."""
     variation: Variation = Variation()
-    """Random variation of soil strength, friction and moisture outside the patches. Default: none."""
+    """Random variation of cone index, friction and moisture outside the patches. Default: none."""
 
     def relief(self) -> Ground:
         """Return the height grid without patches. Raises ValueError naming the key of an invalid value."""
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a value that changes when a file that defines heights or patches changes."""
+        """Return a value that changes when a file with heights or patches changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:

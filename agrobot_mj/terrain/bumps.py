@@ -51,11 +51,11 @@ class Bumps(Generated):
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing [m], for at least five nodes along and across a bump."""
+        """Return the maximum node spacing that gives at least five nodes along and across a bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights above level ground [m]. Raises ValueError if a row leaves the field."""
+        """Return the heights [m] of the bumps above level ground. Raises ValueError if a row leaves the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))

@@ -28,7 +28,7 @@ class Generated(Sized, Tilted):
     node_m: Node = 0.1
     """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25), shorter than a contact patch."""
     run_in_m: NonNegative = 0.0
-    """Radius of the level area around the origin [m]. At twice this radius, the heights have their full size."""
+    """Radius of the level area around the origin [m]. Beyond twice this radius, the heights are unchanged."""
 
     def bare(self, x: Array, y: Array) -> Array:
         """Return the heights [m], shape (rows, columns), at `x` (columns,) and `y` (rows,) [m], before the plane is

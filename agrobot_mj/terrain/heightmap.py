@@ -26,7 +26,7 @@ class Heightmap(Tilted):
     file: str = Field(default="hills.asc", min_length=1)
     """File with the heights, relative to the folder of the scenario, or a file shipped with the scenarios."""
     scale: float = 1.0
-    """Height per unit of the file [m]; for a 16-bit image, the height range divided by 65535."""
+    """Height per unit of the file's values [m]. For a 16-bit image: height range divided by 65535."""
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None

@@ -91,7 +91,7 @@ def _places(memory: SoilMemory) -> AnyArray:
 
 
 def forget(memory: SoilMemory) -> None:
-    """Reset all soil to the untouched state."""
+    """Reset the soil memory to soil without ruts."""
     memory.cells[: memory.used[0]] = 0.0
     memory.tiles[:] = -1
     memory.used[0] = 0

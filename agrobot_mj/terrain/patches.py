@@ -13,13 +13,13 @@ from agrobot_mj.terrain.variation import Variation
 
 MOST_CELLS = 4_000_000  # Maximum number of cells in the grid of properties: 64 MB
 MOST_TESTS = 2e8
-"""Maximum number of cells tested for coverage, summed over all patches [-]. The tests take several seconds."""
+"""Maximum number of cells tested for being on a patch, summed over all patches [-]; the tests take several seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
 
 class Base(NamedTuple):
-    """Ground outside the patches."""
+    """Ground properties outside the patches."""
 
     properties: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """Factor on the friction [-], cone index [Pa] and rolling resistance [-]; 0 selects the value of the tyre law."""
@@ -80,7 +80,7 @@ def _ground_outside(base: Base, shape: tuple[int, int], cell: float) -> tuple[Ar
 
 
 def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
-    """Return the slice of the cells in the interval `between` [m], padded by one cell. The first is at `first` [m]."""
+    """Return the slice of cells in the interval `between` [m] and one cell on each side; cell 0 is at `first` [m]."""
     low, high = between
     return slice(max(0, int((low - first) / cell) - 1), int((high - first) / cell) + 2)
 

@@ -43,11 +43,11 @@ class Ridges(Generated):
     """Cross-section: `sine`, or `flat` with level crests and troughs as in beds."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing: eight nodes per furrow [m]."""
+        """Return the maximum node spacing that gives at least eight nodes per furrow [m]."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights relative to the mean level [m]."""
+        """Return the heights of the furrows relative to their mean level [m]."""
         direction = radians(self.furrow_direction_deg)
         right = sin(direction) * x[None, :] - cos(direction) * y[:, None]
         turns = (right - self.offset_m) / self.spacing_m

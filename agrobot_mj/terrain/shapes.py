@@ -24,7 +24,7 @@ class Special(Spec):
     surface: SurfaceName | None = None
     """Named surface with defaults of friction, cone index and rolling resistance. Default: none."""
     friction: Scale = 1.0
-    """Factor on the tyre friction [-]. Assumed value: 0.6 for wet grass relative to dry ground, 0.3 for mud."""
+    """Factor on the tyre friction [-]. Assumed value relative to dry ground: 0.6 for wet grass, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
     """Cone index of the soil [kPa]. Default: value of `surface`, or without a surface the value of the tyre law."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
@@ -40,7 +40,7 @@ class Special(Spec):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the bounding box of the shape."""
+        """Return the limits of the shape's bounding box [m]."""
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
@@ -65,10 +65,10 @@ class RectanglePatch(Special):
     width_m: Positive = 10.0
     """Width across the heading [m]."""
     heading_deg: float = 0.0
-    """Heading of the long axis [deg], from east, counter-clockwise."""
+    """Heading of the side `length_m` [deg], from east, counter-clockwise."""
 
     def bounds(self) -> Bounds:
-        """Return the bounding box of the shape."""
+        """Return the limits of the shape's bounding box [m]."""
         c, s = abs(cos(radians(self.heading_deg))), abs(sin(radians(self.heading_deg)))
         a = (c * self.length_m + s * self.width_m) / 2
         b = (s * self.length_m + c * self.width_m) / 2
@@ -93,7 +93,7 @@ class CirclePatch(Special):
     """Radius [m]."""
 
     def bounds(self) -> Bounds:
-        """Return the bounding box of the shape."""
+        """Return the limits of the shape's bounding box [m]."""
         r = self.radius_m
         return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
 
@@ -118,7 +118,7 @@ class PolygonPatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the bounding box of the shape."""
+        """Return the limits of the shape's bounding box [m]."""
         x, y = zip(*self.points, strict=True)
         return min(x), max(x), min(y), max(y)
 

@@ -39,7 +39,7 @@ NAMED: dict[str, SurfaceProperties] = {
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0  # Minimum and maximum of the random friction factor [-]. Assumed values.
 CELLS_PER_LENGTH = 4  # Default number of cells per correlation length [-]
 EDGE_LENGTHS = 6
-"""Width of the margin of the embedding grid, in correlation lengths [-]. The correlation over this width is 0.25 %."""
+"""Width of the margin of the embedding grid, in correlation lengths [-]; the correlation over this width is 0.25 %."""
 
 
 class Variation(Spec):
@@ -66,17 +66,17 @@ class Variation(Spec):
 
     @property
     def active(self) -> bool:
-        """Whether any property varies."""
+        """Whether any ground property varies randomly."""
         return max(self.cone_index_spread, self.friction_spread, self.moisture_sd_percent) > 0.0
 
     @property
     def cell(self) -> float:
-        """Size of the cells [m]."""
+        """Size of the cells [m], as given or by default."""
         return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
 
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
-        """Return the friction factor [-] and the cone index [Pa] (0 without a mean value) in a grid of square cells
-        with the side length `cell` [m]. Raises ValueError naming the key."""
+        """Return friction factor [-] and cone index [Pa] (0 without a mean value) in a grid of square cells with the
+        side length `cell` [m]. Raises ValueError naming the key."""
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
             raise ValueError("cone_index_kpa: the mean value is missing; set this key, or terrain.surface")
