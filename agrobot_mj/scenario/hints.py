@@ -99,7 +99,7 @@ class Change(NamedTuple):
     place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the time [s] by which the wheels, steered at the rate `rate` [rad/s], complete the change late."""
+        """Return the delay [s] with which the wheels, at the steering rate `rate` [rad/s], complete the change."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 
@@ -108,7 +108,7 @@ class Change(NamedTuple):
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":
-        """Return the same change on a path whose radii are multiplied by `factor` [-]."""
+        """Return the change of curvature on a path whose radii are multiplied by `factor` [-]."""
         return self._replace(begin=self.begin / factor, end=self.end / factor)
 
 

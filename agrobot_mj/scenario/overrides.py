@@ -110,7 +110,7 @@ def _kind(data: Any, tables: list[str], default: Spec) -> Any:
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Return dotted keys and values of nested tables; lists are not split."""
+    """Return the values of nested tables by dotted key; a list is one value."""
     found = []
     for key, value in table.items():
         found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]

@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys without effect on a run, and keys that repeat the content of other keys."""
+"""Keys without effect on a run, and keys whose effect is contained in the values of other keys."""
 
 
 class Scenario(Tables):
@@ -38,7 +38,7 @@ class Scenario(Tables):
 
     @property
     def hash8(self) -> str:
-        """Hash of the scenario and its files: eight hexadecimal digits."""
+        """Hash of the scenario and of its files, as eight hexadecimal digits."""
         return joined(self.identity[:2])
 
     @property

@@ -35,7 +35,7 @@ DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
 
 
 def long_enough(seconds: float) -> float:
-    """Return `seconds`. Raises ValueError for a duration below the minimum."""
+    """Return a duration [s] unchanged. Raises ValueError for a duration below `SHORTEST_S`."""
     if seconds < SHORTEST_S:
         raise ValueError(f"must be at least {SHORTEST_S:g}, got {seconds:g}")
     return seconds
