@@ -76,19 +76,19 @@ class EkfFull(StateEstimator):
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Value from section V-A of the paper."""
+    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Value from the paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
     """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value of the receiver model."""
     gnss_correlation_time_s: Positive = 30.0
     """Correlation time of the error of an RTK-fixed position [s]. Assumed value of the receiver model."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
+    """Standard deviation of an RTK-float position per axis [m] in the filter. Assumed value of the receiver model."""
     gnss_float_correlated_fraction: Fraction = 0.9
     """Correlated fraction of the variance of an RTK-float position [-]. Assumed value of the receiver model."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Correlation time of the error of an RTK-float position [s]. Assumed value, lower than for the receiver: jumps."""
+    """Correlation time of the RTK-float position error [s]. Assumed value: half the receiver model's, for jumps."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as for the receiver."""
+    """Standard deviation of the GNSS velocity per axis [m/s] in the filter. Assumed value of the receiver model."""
     heading_sigma_deg: Positive = 0.25
     """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
@@ -157,7 +157,7 @@ class EkfFull(StateEstimator):
     gate_sigma: Positive = 5.0
     """Number of standard deviations above which an innovation is rejected as an outlier [-]. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
-    """Position innovation up to which every fix is accepted [m]. Assumed value for an antenna oscillation of 7 deg."""
+    """Position innovation up to which every fix is accepted [m]. Assumed value: antenna height 2 m, tilt 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
     """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an antenna that oscillates at 15
     deg/s."""

@@ -238,7 +238,7 @@ def wheel_scale(mean: Vector, pitch: float, load_transfer: float) -> float:
 
 @jit
 def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean (16,) and covariance with the states excess sideslip (`sigma` [rad]) and mounting error 0 added."""
+    """Return mean (16,) and covariance with the added states excess sideslip (`sigma` [rad]) and mounting error (0)."""
     longer, P = np.zeros(N + 2), np.zeros((N + 2, N + 2))
     for i in range(N):
         longer[i] = mean[i]

@@ -164,11 +164,11 @@ class PoseEstimator(StateEstimator):
     yaw_rate_filter_s: NonNegative = 0.15
     """Time constant for filtering the EKF's yaw rate; 0 disables the filter [s]. Assumed value (0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis in the filter [m]. Value from section V-A of the paper."""
+    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Value from the paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
-    """Standard deviation of an RTK-float position per axis in the filter [m]. Assumed value, as for the receiver."""
+    """Standard deviation of an RTK-float position per axis [m] in the filter. Assumed value of the receiver model."""
     gnss_velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis in the filter [m/s]. Assumed value, as for the receiver."""
+    """Standard deviation of the GNSS velocity per axis [m/s] in the filter. Assumed value of the receiver model."""
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01

@@ -206,7 +206,7 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] at a cylinder `pressure` [Pa]; a positive pressure pushes to the left."""
+    """Return the flow [m3/s] against a cylinder `pressure` [Pa]; a positive pressure pushes the wheels to the left."""
     if law.supply <= 0.0 or flow == 0.0:
         return flow
     against = pressure if flow > 0.0 else -pressure
