@@ -27,7 +27,7 @@ class PdIsgn(Conventional):
     alpha: Positive = 0.02
     """Rate of the integral [rad/s]. Assumed value, tuned; 0.02 with `gains = "paper"`, as for `T2Fnn`."""
     delta_s: Positive = 0.05
-    """Smoothing width of the sign function [rad]. Value from the paper."""
+    """Smoothing width of the sign function [rad]. Paper."""
     tunable: ClassVar = {**Conventional.tunable, "alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 

@@ -38,7 +38,7 @@ class T2Fnn(Spec):
     alpha: Positive = 0.02
     """Learning rate [rad/s], with a lower bound from Theorem 1. Assumed value, tuned; 0.02 with `gains = "paper"`."""
     delta_s: Positive = 0.05
-    """Smoothing width of the sign function [rad]. Value from the paper."""
+    """Smoothing width of the sign function [rad]. Paper."""
     rules_1: int = Field(3, ge=1, le=50)
     """Number of fuzzy sets of the first input [-]. Assumed value (2-9)."""
     rules_2: int = Field(3, ge=1, le=50)
@@ -73,7 +73,7 @@ class T2Fnn(Spec):
     type_1: ClassVar[bool] = False
     """Whether the lower fuzzy sets equal the upper sets; the weight q is then constant and has no effect."""
     floor: Positive = 0.001
-    """Minimum magnitude of denominators in the learning laws, in the unit of each denominator. Value from the paper."""
+    """Minimum magnitude of denominators in the learning laws [unit of the denominator]. Paper."""
     input_bound: Positive = 1e6
     """Magnitude at which inputs are clipped, the paper's B_x [unit of the input]. Assumed value to prevent overflow."""
 

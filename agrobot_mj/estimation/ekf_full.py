@@ -76,7 +76,7 @@ class EkfFull(StateEstimator):
     pitch_walk_deg_rt_s: NonNegative = 0.015
     """Random walk of the pitch error [deg/sqrt(s)]. Assumed value for 0.1 deg in the ruts of a bend."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Value from the paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Paper, section V-A."""
     gnss_correlated_fraction: Fraction = 0.3
     """Correlated fraction of the variance of an RTK-fixed position [-]. Assumed value of the receiver model."""
     gnss_correlation_time_s: Positive = 30.0

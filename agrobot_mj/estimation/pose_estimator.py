@@ -164,7 +164,7 @@ class PoseEstimator(StateEstimator):
     yaw_rate_filter_s: NonNegative = 0.15
     """Time constant for filtering the EKF's yaw rate; 0 disables the filter [s]. Assumed value (0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
-    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Value from the paper, section V-A."""
+    """Standard deviation of an RTK-fixed position per axis [m] in the filter. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
     """Standard deviation of an RTK-float position per axis [m] in the filter. Assumed value of the receiver model."""
     gnss_velocity_sigma_m_s: Positive = 0.03

@@ -27,7 +27,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.linkage import UPRIGHT, Linkage
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
-FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Value from section V-B of the paper.
+FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
 LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
@@ -56,7 +56,7 @@ class Valve(Spec):
     gain_right_l_min_v: Positive = 2.8
     """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less than to the left."""
     pump_flow_l_min: Positive = 12.0
-    """Pump flow [l/min], at which the valve saturates in both directions. Source: Paper, section V-B."""
+    """Pump flow [l/min], at which the valve saturates in both directions. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
     """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0

@@ -115,13 +115,13 @@ class TractorParameters(Spec):
     axle_pivot_radii: Annotated[float, Field(ge=-0.5, le=1.5)] = 0.18
     """Height of the front axle's pivot above the wheel centres, divided by their radius [-]. Assumed value (0-0.3)."""
     steer_limit_deg: Positive = Field(45.0, le=60.0)
-    """Maximum angle of the virtual front wheel of the bicycle model [deg]. Source: Paper, section V-B."""
+    """Maximum angle of the virtual front wheel of the bicycle model [deg]. Paper, section V-B."""
     antenna_height_m: Annotated[float, Field(ge=0, le=20)] = 2.0
-    """Height of the GNSS antenna above level ground [m]. Source: Paper, section V-A."""
+    """Height of the GNSS antenna above level ground [m]. Paper, section V-A."""
     antenna_ahead_m: AntennaPlace = 0.0
-    """Distance of the GNSS antenna ahead of the rear axle [m]. Source: Paper, section V-A; up to 1 on a cab roof."""
+    """Distance of the GNSS antenna ahead of the rear axle [m]. Paper, section V-A; up to 1 on a cab roof."""
     antenna_left_m: AntennaPlace = 0.0
-    """Lateral offset of the GNSS antenna [m], left positive. Source: Paper, section V-A; up to 0.5 on a cab roof."""
+    """Lateral offset of the GNSS antenna [m], left positive. Paper, section V-A; up to 0.5 on a cab roof."""
     hitch_behind_m: Annotated[float, Field(ge=0, le=10)] = 0.55
     """Distance of the hitch behind the rear axle [m]. Assumed value (0.45-0.7)."""
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35

@@ -50,11 +50,11 @@ class Potentiometer(Sensor):
     """Name of the sensor's random stream."""
 
     resolution_deg: Positive = 1.0
-    """Resolution to which each sample is rounded [deg]. Value from section V-B of the paper."""
+    """Resolution to which each sample is rounded [deg]. Paper, section V-B."""
     noise_sigma_deg: NonNegative = 0.5
     """Standard deviation of the white noise of a sample [deg], which reduces rounding errors. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
-    """Number of evenly spaced samples per tick, the last at its end [-]. Value from section V-B of the paper."""
+    """Number of evenly spaced samples per tick, the last at its end [-]. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
     """Window length of the Savitzky-Golay filter, an odd number of samples [-]. Assumed value (11-31)."""
     savgol_polyorder: int = Field(3, ge=0)
