@@ -156,7 +156,7 @@ def names(text: str, option: str) -> list[str]:
 
 
 def seconds(text: str) -> list[float]:
-    """Return the times [s] in a comma-separated list."""
+    """Return the numbers in a comma-separated list of times [s]."""
     try:
         times = [float(name) for name in names(text, "--at")]
     except ValueError:

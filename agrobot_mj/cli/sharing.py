@@ -14,7 +14,7 @@ PAGE, POSTER = "share.html", "poster.png"  # Files written by `report --share`
 
 
 def recording_of(folder: Path) -> Path:
-    """Return the recording of a run or comparison. Raises `ScenarioError` for a folder without one."""
+    """Return the recording of a run or comparison. Raises `ScenarioError` for a folder without a recording."""
     from agrobot_mj.simulation.storage import RECORDING
 
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)

@@ -35,7 +35,7 @@ _plugins: dict[Path, str] = {}  # Digest of each plugin file at the time of load
 
 
 class Identity(NamedTuple):
-    """Digests of the five parts of an identity."""
+    """Digests of the five parts that identify a run."""
 
     scenario: str  # Digest of the resolved scenario, including machine files and gains
     files: str

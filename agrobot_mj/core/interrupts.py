@@ -43,7 +43,7 @@ MOST_HELD = 2  # Maximum number of delayed signals per signal number: a second s
 
 
 class _State:
-    """State of the open blocks in the main thread."""
+    """State of the blocks of the main thread that currently delay signals."""
 
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0

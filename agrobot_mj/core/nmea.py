@@ -40,7 +40,7 @@ def checksum(text: str) -> str:
 
 
 def sentence(*fields: object) -> bytes:
-    """Return the complete NMEA sentence with these fields."""
+    """Return the complete NMEA sentence with the given fields."""
     text = ",".join(map(str, fields))
     return f"${text}*{checksum(text)}\r\n".encode("ascii")
 

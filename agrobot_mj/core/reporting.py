@@ -15,7 +15,7 @@ class Reporting(Spec):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns added to the log."""
+        """Columns that the part adds to the log."""
         return ()
 
     def report(self, state: Any) -> Sequence[float]:

@@ -120,7 +120,7 @@ def _sample_at(samples: Matrix, k: int) -> Sample:
 
 @jit
 def _along(a: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """Return the path point `ds` [m] from a sample; `first` marks the first sample of the path."""
+    """Return the path point `ds` [m] after a sample; `first` states whether it is the first sample of the path."""
     curvature = 0.0 if a.s + ds < 0.0 and first else a.curvature  # straight before the start
     direction = -1.0 if a.direction < 0 else 1.0
     x, y, yaw = along_arc((a.x, a.y, a.yaw), curvature, direction * ds)

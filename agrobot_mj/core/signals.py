@@ -13,11 +13,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 TICK_S = 0.05
-"""Sampling period of sensors and controllers [s]. Paper, T_s."""
+"""Sampling period of sensors and controllers, T_s in the paper [s]."""
 ROUNDING_S = 1e-6
 """Tolerance in comparisons of times: well above rounding errors and well below a tick [s]."""
 NEUTRAL_V = 6.0
-"""Valve voltage that causes no flow [V]. Paper: range 0-12 V."""
+"""Valve voltage that causes no flow [V]. The paper gives the range 0-12 V."""
 
 WHEELS = ("fl", "fr", "rl", "rr")
 """Order of the wheels in all arrays: front left, front right, rear left, rear right."""

@@ -15,7 +15,7 @@ class FromFile(Timed):
     """Base class of paths along the lines of a file; subclasses define `file`, `max_bytes` and `course`."""
 
     reads_file: ClassVar[bool] = True
-    """Always True: the course is read from a file."""
+    """Whether the path reads a file: always True."""
     suffixes: ClassVar[tuple[str, ...]] = ()
     """Accepted endings of the file name, or an empty tuple for any ending."""
     max_bytes: ClassVar[int]

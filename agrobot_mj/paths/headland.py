@@ -24,7 +24,7 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
 
 ROUNDING = 1e-9
-"""Tolerance of rounding errors in a comparison of distances between passes, divided by the distance [-]."""
+"""Relative tolerance for rounding errors when distances between passes are compared [-]."""
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 

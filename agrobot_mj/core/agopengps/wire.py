@@ -25,7 +25,7 @@ class Rejected(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """Valid frame with a message for other modules."""
+    """Valid frame with a message that the package does not decode."""
 
     source: int
     number: int

@@ -45,7 +45,7 @@ STEEPEST_DEG = 40.0  # Maximum slope grade that the panel can set [deg]
 
 
 class NextStart(NamedTuple):
-    """Settings that need a new start."""
+    """Settings that require a new start of the drive."""
 
     grade_deg: float  # Grade of the slope [deg]; level ground becomes a slope
     tyre: str = ""  # Kind of the tyre law, or an empty string to keep the law

@@ -24,7 +24,7 @@ class Keys(NamedTuple):
     seen: float = -1e9
 
     def at(self, now: float) -> "Keys":
-        """Return the keys pressed at time `now` [s]. There are none if the last message is older than `STALE_S`."""
+        """Return the keys pressed at time `now` [s], or none if the last message is older than `STALE_S`."""
         return self if now - self.seen < STALE_S else Keys()
 
     @property
@@ -108,7 +108,7 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Continue with the inputs of a session state that has been restored."""
+        """Continue with the inputs in the restored state of the session."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

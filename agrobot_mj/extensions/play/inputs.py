@@ -35,7 +35,7 @@ class PlayTable(NamedTuple):
     given: Sequence[PlayInput]
 
     def at(self, tick: int) -> PlayInput:
-        """Return the input of a tick. Before the first row, it is the default input."""
+        """Return the input of a tick, which is the default input before the first row."""
         k = bisect_right(self.ticks, tick) - 1
         return self.given[k] if k >= 0 else PlayInput()
 

@@ -65,7 +65,7 @@ class Press(messages.Event):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True)
 class Restart(messages.Event):  # type: ignore[misc, unused-ignore]
-    """Message that requests a new start."""
+    """Message that requests a new start of the drive."""
 
     settings: NextStart
 

@@ -61,7 +61,7 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_restart(self, restart: Restart) -> None:
-        """Store the request of a new start."""
+        """Store the request for a new start of the drive."""
         self.presses.append(restart)
 
     @messages.handler
@@ -89,7 +89,7 @@ class Play:
         self.rolls: list[float] = []
 
     def restart(self, settings: NextStart) -> None:
-        """Save the drive and start another one with these settings."""
+        """Save the current drive and start a new drive with these settings."""
         before = self.session
         try:
             self.start(restarted(before.base, settings))
