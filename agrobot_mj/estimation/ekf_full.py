@@ -222,8 +222,9 @@ class EkfFull(StateEstimator):
             heading_sigma=radians(self.heading_sigma_deg),
             sideslip_walk=radians(self.sideslip_walk_deg_rt_s),
             sideslip_sigma=radians(self.initial_sideslip_sigma_deg),
-            turn_offset_walk=self.turn_offset_walk_m_rt_m,
+            cg_arm=tractor.cg_to_rear_axle,
             load_transfer=tractor.cg_height_m / (tractor.wheelbase_m - tractor.cg_to_rear_axle),
+            turn_offset_walk=self.turn_offset_walk_m_rt_m,
             roll=0.0 if self.terrain_compensation else radians(self.roll_deg_s2_m),
         )
 

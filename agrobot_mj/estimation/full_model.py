@@ -25,8 +25,8 @@ step. After the first two-antenna heading there are two more states: the excess 
 and the mounting error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of
 innovation, Jacobian and variance:
 
-  gyro = omega + b_g,    wheel speed = (1 + k - s p) v / cos(pitch), p = `pull`,
-  0 = omega - v tan(delta - b_s) / L,
+  gyro = omega + b_g,    wheel speed = (1 + k - s p (1 + 1.1 (f^2 + p^2) / g^2)) v / cos(pitch),
+  p = (g sin(pitch) - l_r f kappa) / load,    0 = omega - v tan(delta - b_s) / L,
   fix = (x, y) + sigma g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
   its heading = psi + m
   at a standstill 0 = v, 0 = omega
@@ -72,6 +72,7 @@ class FullLevels(NamedTuple):
     """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
     turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
     load_transfer: float = 0.0  # CG height divided by the distance of the CG from the front axle [-]
+    cg_arm: float = 0.0  # Distance l_r of the CG ahead of the rear axle [m]
     roll: float = 0.0  # Outward roll in a bend divided by the specific side force [rad s2/m], without compensation
 
 
@@ -221,19 +222,23 @@ def process_noise(levels: FullLevels, dt: float, correlation_time: float, n: int
 
 
 @jit
-def pull(pitch: float, load_transfer: float) -> float:
-    """Return gravity along the ground, forward, times level load over actual load of the rear axle [m/s2].
+def braking(pitch: float, v: float, side: SideLoad, levels: FullLevels) -> float:
+    """Return the braking force of the rear tyres per mass and relative load, times tyre softening [m/s2].
 
-    The rear axle carries cos(pitch) - load_transfer sin(pitch) of its load on level ground. Slip is proportional to
-    the pull per load, so that a tractor slips more per pull downhill, where the load moves to the front.
+    The force balances gravity along the ground and the component l_r f kappa of the side force of the front tyres,
+    which the steering angle turns backward. The rear axle carries cos(pitch) - load_transfer sin(pitch) of its load on
+    level ground. The combined force softens the tyres.
     """
-    return GRAVITY * sin(pitch) / max(cos(pitch) - load_transfer * sin(pitch), LEAST_LOAD)
+    force = v * v * side.bend + side.gravity
+    load = max(cos(pitch) - levels.load_transfer * sin(pitch), LEAST_LOAD)
+    braked = (GRAVITY * sin(pitch) - levels.cg_arm * force * side.bend) / load
+    return braked * (1.0 + SOFTENING * (force * force + braked * braked) / (GRAVITY * GRAVITY))
 
 
 @jit
-def wheel_scale(mean: Vector, pitch: float, load_transfer: float) -> float:
-    """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, slip on a climb and slope."""
-    return float((1.0 + mean[K] - mean[S] * pull(pitch, load_transfer)) / cos(pitch))
+def wheel_scale(mean: Vector, pitch: float, braked: float) -> float:
+    """Return wheel speed divided by horizontal rear-axle speed [-], from scale error, slip and slope."""
+    return float((1.0 + mean[K] - mean[S] * braked) / cos(pitch))
 
 
 @jit

@@ -30,7 +30,6 @@ from agrobot_mj.estimation.full_model import (
     Y,
     course,
     course_slopes,
-    pull,
     wheel_scale,
 )
 
@@ -71,6 +70,7 @@ class MotionReadings(NamedTuple):
     gyro: float = nan  # Yaw rate measured by the gyro [rad/s]
     wheel: float = nan  # Measured wheel speed along the ground [m/s]
     pitch: float = 0.0  # Pitch of the tractor [rad]
+    braked: float = 0.0  # Relative braking force of the rear tyres [m/s2], see `braking`
     cruise: float = 0.0  # Low-pass filtered speed of the tractor [m/s]
     standing: bool = False  # Whether the tractor is at standstill
 
@@ -82,7 +82,6 @@ class MotionNoise(NamedTuple):
     steer: float  # Variance of the yaw rate derived from the steering angle [rad2/s2]
     gyro: float  # Variance of the yaw rate from the gyro [rad2/s2]
     wheel: float  # Variance of the wheel speed [m2/s2]
-    load_transfer: float  # CG height divided by the distance of the CG from the front axle [-]
 
 
 @jit
@@ -102,8 +101,8 @@ def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, 
         H[k, OMEGA] = H[k, B_G] = 1.0
         y[k], R[k, k], k = m.gyro - (omega + mean[B_G]), noise.gyro, k + 1
     if isfinite(m.wheel):
-        scale, along = wheel_scale(mean, m.pitch, noise.load_transfer), m.cruise / cos(m.pitch)
-        H[k, V], H[k, K], H[k, S] = scale, along, -along * pull(m.pitch, noise.load_transfer)
+        scale, along = wheel_scale(mean, m.pitch, m.braked), m.cruise / cos(m.pitch)
+        H[k, V], H[k, K], H[k, S] = scale, along, -along * m.braked
         y[k], R[k, k], k = m.wheel - scale * v, noise.wheel, k + 1
     if m.standing:
         H[k, V] = H[k + 1, OMEGA] = 1.0

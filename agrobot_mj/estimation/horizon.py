@@ -34,8 +34,8 @@ from agrobot_mj.estimation.full_model import (
     V,
     X,
     Y,
+    braking,
     course_slopes,
-    pull,
     sideslip,
     steady_gain,
     wheel_scale,
@@ -179,13 +179,11 @@ def present(core: Core, levels: FullLevels, waiting: Matrix, last: Inputs, dt: f
     gain_omega = steady_gain(levels.walks[4], levels.gyro_sigma, dt)
     for k in range(ticks):
         inputs = _inputs(waiting, k)
-        v += (
-            gain_v * (inputs.wheel / wheel_scale(mean, inputs.pitch, levels.load_transfer) - v)
-            if isfinite(inputs.wheel)
-            else 0.0
-        )
+        side = SideLoad(side_of(inputs), bend)
+        scale = wheel_scale(mean, inputs.pitch, braking(inputs.pitch, v, side, levels))
+        v += gain_v * (inputs.wheel / scale - v) if isfinite(inputs.wheel) else 0.0
         omega += gain_omega * (inputs.gyro - mean[B_G] - omega) if isfinite(inputs.gyro) else 0.0
-        chi = psi + sideslip(mean, v, SideLoad(side_of(inputs), bend)) + 0.5 * omega * dt
+        chi = psi + sideslip(mean, v, side) + 0.5 * omega * dt
         if not core.search.active:
             x, y = x + v * dt * cos(chi), y + v * dt * sin(chi)
         psi += omega * dt
@@ -208,16 +206,16 @@ def _of_pose(covariance: Matrix) -> Matrix:
 def _extrapolated(core: Core, levels: FullLevels, moved: tuple[float, float], last: Inputs, time: float) -> Matrix:
     """Return the covariance of x, y and heading after dead reckoning over `moved` [m] in `time` [s], shape (3, 3)."""
     east, north = moved
-    slopes = course_slopes(core.mean, SideLoad(side_of(last), core.smooth.bend))
+    side = SideLoad(side_of(last), core.smooth.bend)
+    slopes, braked = course_slopes(core.mean, side), braking(last.pitch, core.mean[V], side, levels)
     G = np.zeros((3, slopes.size))
     for state in range(slopes.size):
         G[0, state], G[1, state] = -north * slopes[state], east * slopes[state]
     G[0, V] = G[1, V] = 0.0  # measured by the waiting wheel speeds
     G[0, X], G[1, Y], G[2, PSI] = 1.0, 1.0, 1.0
-    by_scale = -1.0 / (wheel_scale(core.mean, last.pitch, levels.load_transfer) * cos(last.pitch))
-    slip = -pull(last.pitch, levels.load_transfer)
+    by_scale = -1.0 / (wheel_scale(core.mean, last.pitch, braked) * cos(last.pitch))
     G[0, K], G[1, K] = by_scale * east, by_scale * north
-    G[0, S], G[1, S] = slip * G[0, K], slip * G[1, K]
+    G[0, S], G[1, S] = -braked * G[0, K], -braked * G[1, K]
     G[0, B_G], G[1, B_G], G[2, B_G] = 0.5 * north * time, -0.5 * east * time, -time
     P = times(times(G, core.covariance), G.T)
     for state, walk in ((0, levels.walks[0]), (1, levels.walks[0]), (2, levels.walks[2])):

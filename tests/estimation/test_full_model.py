@@ -29,10 +29,10 @@ from agrobot_mj.estimation.full_model import (
     V,
     X,
     Y,
+    braking,
     course,
     process_noise,
     propagate_mean,
-    pull,
     steady_gain,
     transition,
 )
@@ -80,7 +80,7 @@ def test_transition_equals_finite_differences(state, side):
 
 SIDE = SideLoad(-1.7, 0.1)
 FIX = FixNumbers(3.1, -2.2, 0.4, 0.9, np.nan, 0.0, 0.0, 0.03**2, 0.0, np.nan)
-SLIDING = MotionNoise(1.4, 0.02**2, 0.002**2, 0.02**2, 0.6)
+SLIDING = MotionNoise(1.4, 0.02**2, 0.002**2, 0.02**2)
 
 
 def motion(state, **measured):
@@ -354,8 +354,14 @@ def test_steering_potentiometer_offset_is_estimated():
 
 
 @pytest.mark.parametrize("pitch", [-0.25, -0.05, 0.0, 0.1, 0.3])
-def test_slip_is_proportional_to_gravity_per_load_of_the_rear_axle(pitch):
-    """Moments of the weight about the front contact give the load of the rear axle, level and on a slope."""
-    ahead, height = 0.87, 0.55
-    level, load = ahead, cos(pitch) * ahead - sin(pitch) * height
-    assert pull(pitch, height / ahead) == pytest.approx(9.81 * sin(pitch) * level / load, rel=1e-3)
+@pytest.mark.parametrize("bend", [0.0, 0.1, -0.15])
+def test_braking_force_and_load_of_the_rear_axle_balance_the_tractor(pitch, bend):
+    """Moments about the front contact give the load of the rear axle; front and rear side forces balance the yaw."""
+    mass, wheelbase, arm, height, v = 750.0, 1.4, 0.53, 0.55, 1.2
+    weight, side = mass * 9.81, mass * v * v * bend
+    level, load = (weight * (cos(p) * (wheelbase - arm) - sin(p) * height) / wheelbase for p in (0.0, pitch))
+    steered = (side * arm / wheelbase) * (wheelbase * bend)
+    force = (weight * sin(pitch) - steered) * level / load / weight
+    expected = 9.81 * force * (1.0 + 1.1 * (force**2 + (side / weight) ** 2))
+    levels = LEVELS._replace(cg_arm=arm, load_transfer=height / (wheelbase - arm))
+    assert braking(pitch, v, SideLoad(0.0, bend), levels) == pytest.approx(expected, rel=1e-3, abs=1e-9)
