@@ -41,8 +41,8 @@ class CascadeLaw(GuidanceLaw):
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the compact tractor tips at 6.8 m/s2."""
     scheduled_above_m_s: Positive | None = None
     """Speed above which the gains of the yaw controller are inversely proportional to the speed [m/s], because the yaw
-    rate per steering angle is u / L. Default: null (constant gains and unlimited turns, as in the paper), or 1.5 with
-    tuned gains. Assumed value (1.2-2)."""
+    rate per steering angle is u / L. Default: null (constant gains and unlimited turn rate, as in the paper), or 1.5
+    with tuned gains. Assumed value (1.2-2)."""
     speed_network: SpeedNetwork | None = None
     """Additional network for speed control. Default: none, as in the paper's experiments."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}

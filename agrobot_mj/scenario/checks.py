@@ -33,7 +33,7 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
 
 
 def prefixed(table: str, text: str) -> str:
-    """Prefix an error message with the key of a table. A message that starts with a key extends the prefix."""
+    """Prefix an error message with the key of a table. A key at the start of the message is joined with a dot."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 

@@ -163,7 +163,7 @@ class GnssState(NamedTuple):
 
 
 class Gnss(Sensor):
-    """RTK-GNSS receiver, the keys of `[sensors.gnss]`."""
+    """RTK-GNSS receiver, configured by `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
     """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Value from section V-A

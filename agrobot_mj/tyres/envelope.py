@@ -112,7 +112,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the first position after `-reach` at which a line crosses grid lines, and the crossing interval [m]."""
+    """Return the position of the first crossing of a grid line after `-reach`, and the distance of crossings [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing

@@ -83,7 +83,7 @@ class LogPart(NamedTuple):
     run: Callable[[Job], Finding]
     file: str  # Name of the JSON file
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
-    """Function that returns the names of the other files for a scenario."""
+    """Function that returns the names of the additional files of a log of a scenario."""
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:

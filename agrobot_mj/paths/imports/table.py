@@ -34,7 +34,7 @@ NAMES = {
 }
 """Accepted names of each column, without prefixes and units, in lower case."""
 PREFIX = re.compile(r"^(?:(?:field|pose|pos|position|point|translation|transform|fix|gps|odom|location|utm|local)_)+")
-"""Pattern of words before a name, as in field.pose.position.x of recordings in ROS."""
+"""Pattern for the prefix of a column name, as in field.pose.position.x of ROS recordings."""
 KNOWN = {name: key for key, names in NAMES.items() for name in names}
 COMMENTS, MOST_TITLES = ("#", "%"), 50  # First characters of comments, and maximum number of rows above the numbers
 UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}

@@ -141,7 +141,7 @@ def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
 def attached(
     hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
 ) -> Attached:
-    """Return the inputs of the compiled loop for an implement or, if None, for no implement."""
+    """Return the inputs of the compiled loop for an implement, or for a tractor without one if None."""
     axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
     uneven, step = draught_pattern(hitched.unevenness if hitched else Unevenness(), seed)

@@ -127,7 +127,7 @@ class Assembly(NamedTuple):
 def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = True) -> None:
     """Read the motion of each body in `wheels`, step its tyre, and write the wrench into `xfrc_applied`.
 
-    The report is complete after the `last` step of a tick.
+    The contact report is complete after the `last` step of a tick.
     """
     c = v.root_com
     for i in range(wheels.size):

@@ -35,7 +35,7 @@ class Trail:
         self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the segments that end in the log rows from `first`; `times` (n,) are the times of these rows."""
+        """Send the segments that end at log row `first` or later; `times` (n,) are the times of these rows."""
         if first == 0:
             stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
         ends = np.arange(self.sent + self.piece, first + len(times), self.piece)

@@ -86,7 +86,7 @@ def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
 
 
 def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the course along a polyline with rounded corners, or None if a bend is too tight or it reverses."""
+    """Return the course along a polyline with rounded corners, or None if a bend is too tight or the line reverses."""
     try:
         course = rounded(points, closed, rounding(rig))
     except ValueError:

@@ -59,7 +59,7 @@ class Pattern(NamedTuple):
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths in the evaluated directions and, of these, the smallest length."""
+    """Return the pattern with the fewest swaths over the evaluated directions, and the least length among equals."""
     found = (pattern(area, angle, width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.angle, width, sections)

@@ -1,4 +1,4 @@
-"""Readers for files of this program (run folder, `link.parquet`) and for tables with free columns (CSV, Parquet)."""
+"""Readers for files of this program (run folder, `link.parquet`) and tables with arbitrary columns (CSV, Parquet)."""
 
 import re
 from math import isnan
