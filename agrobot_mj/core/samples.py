@@ -30,10 +30,6 @@ class Sample(NamedTuple):
     turned: float = 0.0  # Accumulated absolute heading change from the start [rad]
     direction: float = 0.0  # Direction of travel: 1 forward, -1 reverse, 0 unknown [-]
 
-    def offset(self, x: float, y: float) -> float:
-        """Return the signed distance of (x, y) [m] from the osculating circle, positive left [m]."""
-        return _offset(self, x, y)
-
 
 @shared
 def _offset(a: Sample, x: float, y: float) -> float:

@@ -124,9 +124,8 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
         core, wheel, rows, used = _with_fix(f, core, inputs, at_foot(fix, core.lever), sway, dt)
         slip = core.slip
     standing = smooth.standing >= STANDING_TICKS
-    motion = MotionReadings(
-        inputs.steer, inputs.gyro, wheel, inputs.pitch, _braking(f, core, inputs), smooth.cruise, standing
-    )
+    braked = braking(inputs.pitch, core.mean[V], SideLoad(side_of(inputs), smooth.bend), f.levels)
+    motion = MotionReadings(inputs.steer, inputs.gyro, wheel, inputs.pitch, braked, smooth.cruise, standing)
     s, g, w = f.levels.steer_sigma, f.levels.gyro_sigma, f.levels.wheel_sigma
     mean, P = corrected(
         core.mean, core.covariance, motion, MotionNoise(f.levels.wheelbase, s * s, g * g, w * w), rows, used
@@ -178,12 +177,6 @@ def _crab(core: Core, inputs: Inputs) -> float:
 
 
 @jit
-def _braking(f: FullFilter, core: Core, inputs: Inputs) -> float:
-    side = SideLoad(side_of(inputs), core.smooth.bend)
-    return braking(inputs.pitch, core.mean[V], side, f.levels)
-
-
-@jit
 def _curvature(f: FullFilter, mean: Vector, inputs: Inputs) -> float:
     """Return the path curvature from the steering angle or, if missing, from the yaw rate [1/m]."""
     if isfinite(inputs.steer):
@@ -210,7 +203,7 @@ def _with_fix(
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
     crab = with_crab(core, fix, side, gap)
     seen, wheel = _checked_wheels(f, core, inputs, fix, side)
-    slip = _slip(f, core, inputs, seen.speed, wheel, dt)
+    slip = _slip(f, core, inputs.pitch, side, seen.speed, wheel, dt)
     rows, used = no_fix(mean.size), (False, False, False)
     if search.active:
         mean, P = at_fix(mean, P, fix, noise)
@@ -254,10 +247,10 @@ def _ground_speed(core: Core, fix: Fix, side: SideLoad) -> float:
 
 
 @jit
-def _slip(f: FullFilter, core: Core, inputs: Inputs, speed: float, wheel: float, dt: float) -> WheelSlip:
+def _slip(f: FullFilter, core: Core, pitch: float, side: SideLoad, speed: float, wheel: float, dt: float) -> WheelSlip:
     if abs(speed) < SLIPPING_SPEED or core.search.active or not isfinite(wheel):
         return WheelSlip(0.0, 0.0, core.slip.memory)
-    scale = wheel_scale(core.mean, inputs.pitch, _braking(f, core, inputs))
+    scale = wheel_scale(core.mean, pitch, braking(pitch, core.mean[V], side, f.levels))
     s_v, s_w = f.levels.velocity_sigma, f.levels.wheel_sigma
     variance = (s_v * s_v + s_w * s_w) / (speed * speed)
     return core.slip.after(wheel / (scale * speed) - 1.0, variance, core.covariance[K, K], dt)

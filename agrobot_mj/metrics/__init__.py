@@ -10,7 +10,6 @@ from agrobot_mj.metrics.passes import PassAccuracy
 from agrobot_mj.metrics.progress import DrivenShare, commanded_progress, progress_of
 from agrobot_mj.metrics.safety import BrakedDrift, Safety
 from agrobot_mj.metrics.tracking import Acquisition, ImplementErrors, NetworkShare, Tracking, errors
-from agrobot_mj.paths.route import SampledRoute
 
 METRICS: list[Metric] = [
     DrivenShare(),
@@ -29,9 +28,9 @@ LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}  # Units of metrics by the suffix of their names
 
 
-def metrics(log: LogLike, outcome: str | None = None, route: SampledRoute | None = None) -> dict[str, Any]:
+def metrics(log: LogLike, outcome: str | None = None, view: RunView | None = None) -> dict[str, Any]:
     """Return all metrics of a run as JSON values, starting with `outcome` if given."""
-    view, found = RunView(log, route), {} if outcome is None else {"outcome": outcome}
+    view, found = view or RunView(log), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
         values = metric.evaluate(view)
         if not (isinstance(values, dict) and values.keys() <= metric.names):

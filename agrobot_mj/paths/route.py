@@ -85,7 +85,7 @@ class SampledRoute:
 
     def sampled(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
         """Sample the path up to time `t` [s] and arc length `s` [m]. Return the samples, the time and arc length of the
-        start of each leg, (legs, 2), and the arc length of the last sample, or infinity if it is at the last leg's end.
+        start of each leg, (legs, 2), and the arc length of the last sample, or infinity if the path ends before `s`.
         """
         self._grow(until=t + CHUNK_S, beyond=s)
         legs = np.column_stack((self._leg_times, self._leg_starts))
@@ -95,12 +95,12 @@ class SampledRoute:
         """Sample the path as far as the arc length `s` [m]; return whether this added samples."""
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
-    def search(self, x: float, y: float, near: float, t: float, window: float = WINDOW_M) -> tuple[int, bool]:
+    def search(self, x: float, y: float, near: float, t: float) -> tuple[int, bool]:
         """Return the index of the sample nearest to (x, y) [m] and whether it is inside the search range."""
         low, high = self.leg(t)
         near = min(max(near, low), high)
-        self._grow(beyond=near + window)
-        return _search(self._samples, x, y, near, low, high, window)
+        self._grow(beyond=near + WINDOW_M)
+        return _search(self._samples, x, y, near, low, high, WINDOW_M)
 
     def number_at(self, t: float) -> int:
         """Return the index of the last sample that the reference has passed at time `t` [s]."""

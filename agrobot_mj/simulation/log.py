@@ -19,7 +19,7 @@ from agrobot_mj.core.errors import suggestion
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.long_array import PIECE, LongArray
 from agrobot_mj.core.signals import Array, Column, Vector
-from agrobot_mj.paths.route import SampledRoute
+from agrobot_mj.metrics.base import RunView
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, table
@@ -129,7 +129,8 @@ class Log:
     ruts: RutMap | None = None  # Ruts at the end of the run, or None on rigid ground
     learned: Learned = field(default_factory=dict)
     """Learned values of guidance law and steering loop, or an empty mapping if there is no learning."""
-    route: SampledRoute | None = None  # Sampled path of the scenario, if it has been sampled
+    view: RunView | None = field(default=None, repr=False, compare=False)
+    """View of the log from which `metrics` was computed, with positions relative to the path, if available."""
 
     @cached_property
     def signals(self) -> pa.Table:

@@ -324,28 +324,22 @@ class Simulation:
     def _log(self, wall_s: float) -> Log:
         plant, outcome = self.loop.plant, self.outcome or "aborted"
         log = Log(
-            self.scenario,
-            self.rows,
-            plant.scene,
-            outcome,
-            wall_s,
-            ruts=plant.ruts(),
-            learned=self.loop.learned(),
-            route=self._measured,
+            self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
         )
-        found = metrics(log, route=self._measured)
+        view = RunView(log, self._measured)
+        found = metrics(log, view=view)
         numbers = {
             "outcome": outcome,
             **({"stop_reason": self.reason} if self.reason else {}),
             **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.sensors.rejected)) else {}),
             **found,
-            **diagnosis(log, RunView(log, self._measured), found),
+            **diagnosis(log, view, found),
             "physics_warnings": plant.warnings(),
             "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
             "wall_s": wall_s,
             "identity": self.identity,
         }
-        return replace(log, metrics=numbers)
+        return replace(log, metrics=numbers, view=view)
 
 
 OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_measured", "_guard", "_broken_off"}

@@ -79,7 +79,7 @@ def drive(
 
         def drove_of(log: Log) -> FieldDrive:
             if not drives:
-                drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices))
+                drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices, log.view))
             return drives[0]
 
         said = print_hints([scenario], quiet)

@@ -36,6 +36,7 @@ class FieldDrive:
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
+    view: RunView | None = None  # View of the log with positions relative to the path, if it has been computed
 
     @cached_property
     def motion(self) -> ImplementMotion:
@@ -56,7 +57,7 @@ class FieldDrive:
 
     def _travelled(self) -> Array:
         """Return the arc length of the CG along the plan at each tick [m]."""
-        beside = RunView(self.log, self.log.route).cg_on_path
+        beside = (self.view or RunView(self.log)).cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
         dt = beside.time - timed.times[k]

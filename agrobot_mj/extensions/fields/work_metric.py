@@ -38,7 +38,7 @@ class FieldWork(Metric):
         whole = shapely.from_wkt(plan.ground)
         sections = max((len(one.sections) for one in plan.passes), default=1)
         rig = outline_of(log.scenario, plan.width, plan.overlap)
-        drive = FieldDrive(log, plan, whole, inside_laps(whole, plan), rig, Boom(plan.width, sections))
+        drive = FieldDrive(log, plan, whole, inside_laps(whole, plan), rig, Boom(plan.width, sections), view=view)
         try:
             found = areas(drive.coverage)["field"]
         except ScenarioError:  # the run ended before the implement moved
