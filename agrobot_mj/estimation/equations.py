@@ -40,7 +40,7 @@ def posterior(x: Array, P: Array, H: Array, y: Array, R: Array) -> tuple[Vector,
 
 @jit
 def tick(x: Array, P: Array, F: Array, Q: Array, y: Array, H: Array, R: Array) -> tuple[Vector, Matrix, float]:
-    """Return mean, covariance and NIS [-] after a step, which predicts P and then corrects the predicted mean `x`."""
+    """Predict P, then correct it and the predicted mean `x` by a measurement; return mean, covariance and NIS [-]."""
     return posterior(x, prior(P, F, Q), H, y, R)
 
 

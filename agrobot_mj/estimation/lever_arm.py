@@ -28,7 +28,7 @@ class Lever(NamedTuple):
     swing: tuple[float, float] = (0.0, 0.0)  # Filtered rate of the offset [m/s], east and north
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Return the lever arm `dt` [s] later for the new `offset` [m]; its rate is filtered with `filter_s` [s]."""
+        """Return the lever arm after `dt` [s], at the new `offset` [m]; its rate is filtered over `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
         if isnan(last_east):

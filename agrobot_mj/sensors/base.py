@@ -74,7 +74,7 @@ class CompiledSensor(Sensor):
     law: ClassVar[Callable[..., tuple[Any, Any]]]
     """Compiled function: parameters, values, addresses of random streams and motion -> new values and reading."""
     absent: ClassVar[Any] = nan
-    """Reading of a tractor that does not have the sensor."""
+    """Reading if the tractor does not have the sensor."""
 
     enabled: bool = False
     """Whether the sensor is present."""

@@ -70,7 +70,7 @@ class DualAntenna(Spec):
     """Constant mounting error of the heading [deg], left positive. Assumed value (up to 1 before calibration)."""
 
     def parameters(self, dt: float) -> DualAntennaLaw:
-        """Return the parameters of `antenna_heading` for ticks of length `dt` [s]."""
+        """Return the parameters of the kernel `antenna_heading` for ticks of length `dt` [s]."""
         return DualAntennaLaw(
             enabled=self.enabled,
             baseline=self.baseline_m,

@@ -55,7 +55,7 @@ class Gyro(CompiledSensor, OptionalSensor):
     """Random walk of the bias [deg/s/sqrt(s)]. Assumed value (0.001-0.01; maximum for a MEMS gyro during warm-up)."""
 
     def parameters(self, dt: float) -> GyroLaw:
-        """Return the parameters of `gyro_rate` for ticks of length `dt` [s]."""
+        """Return the parameters of the kernel `gyro_rate` for ticks of length `dt` [s]."""
         return GyroLaw(self.axes == "body", self.sigma_deg_s, self.bias_deg_s, self.bias_walk_deg_s_rt_s * sqrt(dt))
 
     def init(self, seed: int) -> Noise:

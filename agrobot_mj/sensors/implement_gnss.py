@@ -64,7 +64,7 @@ class ImplementGnss(CompiledSensor):
     """Correlation time of the error [s]. Assumed value (30-300)."""
 
     def parameters(self, dt: float) -> ImplementGnssLaw:
-        """Return the parameters of `implement_fix` for ticks of length `dt` [s]."""
+        """Return the parameters of the kernel `implement_fix` for ticks of length `dt` [s]."""
         share = self.correlated_fraction
         return ImplementGnssLaw(self.sigma_m, sqrt(share), sqrt(1.0 - share), shares(dt, self.correlation_time_s))
 

@@ -176,7 +176,7 @@ class Imu(CompiledSensor):
         return found if self.enabled else ()
 
     def parameters(self, dt: float) -> ImuLaw:
-        """Return the parameters of `attitude` for ticks of length `dt` [s]."""
+        """Return the parameters of the kernel `attitude` for ticks of length `dt` [s]."""
         keep = exp(-dt / self.time_constant_s) if self.time_constant_s else 0.0
         return ImuLaw(
             dt=dt,

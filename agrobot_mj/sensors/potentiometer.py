@@ -85,7 +85,7 @@ class Potentiometer(Sensor):
         return stream(seed, self.place)
 
     def parameters(self, steps: int) -> PotentiometerLaw:
-        """Return the parameters of `rounded_mean` for ticks with `steps` physics steps."""
+        """Return the parameters of the kernel `rounded_mean` for ticks with `steps` physics steps."""
         counts, sigma = self.degrees_per_unit / self.resolution_deg, self.noise_sigma_deg / self.resolution_deg
         return PotentiometerLaw(*_resampling(steps, self.samples), self.weights, counts, sigma)
 
@@ -119,7 +119,7 @@ class SteeringPotentiometer(Potentiometer):
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Error at 45 deg with opposite signs for left and right angles, from levers of unequal length [deg]."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Measured angle in straight travel [deg], due to a wrong centre in the on-board computer."""
+    """Steering angle measured in straight travel [deg]; not 0 if the centre set in the on-board computer is wrong."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Measured angle divided by the true angle when steering left [-], from a wrong scale in the on-board computer."""
     scale_right: Annotated[float, Field(ge=0.2, le=5)] = 1.0

@@ -89,7 +89,7 @@ class WheelSpeed(SpeedSensor):
     """Speed below which the sensor returns zero [m/s]. Assumed value: several pulses per second."""
 
     def parameters(self, dt: float) -> SpeedLaw:
-        """Return the parameters of `wheel_speed` for ticks of length `dt` [s]."""
+        """Return the parameters of the kernel `wheel_speed` for ticks of length `dt` [s]."""
         kept = shares(dt, self.slip_time_s)
         return SpeedLaw(self.sigma_m_s, 1.0 + self.scale_error, self.slip_sigma, kept, self.least_speed_m_s)
 
@@ -112,6 +112,6 @@ class RadarSpeed(SpeedSensor):
     """Speed below which the sensor returns zero [m/s]. Assumed value (0.1-0.5)."""
 
     def parameters(self, dt: float) -> SpeedLaw:
-        """Return the parameters of `radar_speed` for ticks of length `dt` [s]."""
+        """Return the parameters of the kernel `radar_speed` for ticks of length `dt` [s]."""
         kept = shares(dt, self.ground_time_s)
         return SpeedLaw(self.sigma_m_s, 1.0 + self.scale_error, self.ground_sigma, kept, self.least_speed_m_s)
