@@ -9,7 +9,7 @@ import inspect
 import re
 import sys
 from collections.abc import Iterator, Mapping
-from functools import cache
+from functools import cache, lru_cache
 from itertools import pairwise
 from math import isclose, prod
 from operator import attrgetter
@@ -158,8 +158,13 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
         part.__dict__[name] = value
 
 
-def members(annotation: Any) -> dict[str, type[Spec]]:
+def members(annotation: Any) -> Mapping[str, type[Spec]]:
     """Return the classes in an annotation by `kind`, or by class name for a class without kinds."""
+    return _members(annotation)
+
+
+@lru_cache(maxsize=4096)  # a search of the schema asks for the same annotations thousands of times
+def _members(annotation: Any) -> Mapping[str, type[Spec]]:
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         kind = annotation.model_fields.get("kind")
         return dict.fromkeys(
@@ -167,7 +172,7 @@ def members(annotation: Any) -> dict[str, type[Spec]]:
         )
     found: dict[str, type[Spec]] = {}
     for argument in get_args(annotation):
-        found.update(members(argument))
+        found.update(_members(argument))
     return found
 
 

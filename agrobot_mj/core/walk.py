@@ -4,7 +4,7 @@ Several kinds of a table may define the same key, so that a dotted key can belon
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from functools import lru_cache
 from typing import NamedTuple
@@ -80,7 +80,7 @@ class Key(NamedTuple):
     name: str
 
     @property
-    def kinds(self) -> dict[str, type[Spec]]:
+    def kinds(self) -> Mapping[str, type[Spec]]:
         """Classes of the table under the key, by kind, or an empty mapping if the table has no kinds."""
         tables = members(self.owner.model_fields[self.name].annotation)
         return tables if all("kind" in table.model_fields for table in tables.values()) else {}

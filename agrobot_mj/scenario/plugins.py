@@ -49,6 +49,12 @@ def register(member: Member, name: str | None = None) -> Member:
     A sensor becomes the table `[sensors.NAME]`. By default the name is the class name in lower case with underscores. A
     metric is evaluated in every run.
     """
+    _rebuild(Scenario, _added(member, name), {})
+    return member
+
+
+def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
+    """Add a class to its family and return the classes whose validators must be rebuilt. Raises like `register`."""
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a string")
     if not issubclass(member, Spec):
@@ -68,16 +74,17 @@ def register(member: Member, name: str | None = None) -> Member:
         raise ScenarioError(
             f"register: {member.__name__}: the class has a key that TOML cannot represent ({error})"
         ) from None
+    changed = set[type[Spec]]()
     if issubclass(member, Sensor):
-        _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
+        changed = _add_sensor(name or re.sub(r"(?<!^)(?=[A-Z])", "_", member.__name__).lower(), member, default)
     elif isinstance(default, Metric):
         _add_metric(default)
     elif isinstance(registry := getattr(member, "registry", None), list):
         _add_listed(default, registry)
     else:
-        _add_kind(member)
+        changed = _add_kind(member)
     take_in(member.__module__, member)
-    return member
+    return changed
 
 
 def _left_open(member: type[Spec]) -> list[str]:
@@ -94,17 +101,17 @@ def _left_open(member: type[Spec]) -> list[str]:
     return found
 
 
-def _add_sensor(name: str, member: type[Spec], default: Spec) -> None:
+def _add_sensor(name: str, member: type[Spec], default: Spec) -> set[type[Spec]]:
     there = Sensors.model_fields.get(name)
     if there and not _same(there.annotation, member):
         raise _taken(f"sensors.{name}", there.annotation, f"another name for {member.__name__}")
     field = FieldInfo.from_annotated_attribute(member, default)
     field.description = inspect.getdoc(member)
     Sensors.model_fields[name] = field
-    _rebuild(Scenario, {Sensors}, {})
+    Sensors.model_rebuild(force=True)
     Scenario.model_fields["sensors"].default = Sensors()
-    Scenario.model_rebuild(force=True)
     compact.cache_clear()
+    return {Sensors}
 
 
 def _add_metric(metric: Metric) -> None:
@@ -124,7 +131,7 @@ def _add_listed(default: Any, registry: list[Any]) -> None:
     registry[:] = [default, *others]
 
 
-def _add_kind(member: type[Spec]) -> None:
+def _add_kind(member: type[Spec]) -> set[type[Spec]]:
     field = member.model_fields.get("kind")
     kind = field.default if field and get_args(field.annotation) == (field.default,) else None
     if not isinstance(kind, str):
@@ -139,7 +146,7 @@ def _add_kind(member: type[Spec]) -> None:
         if there and not _same(there, member):
             raise _taken(f"{family[0].dotted}.kind {kind!r}", there)
         field.annotation = _with_member(field.annotation, member, there)
-    _rebuild(Scenario, {key.owner for key in family}, {})
+    return {key.owner for key in family}
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
@@ -247,16 +254,17 @@ def _absent(file: Path) -> list[Path]:
 @cache
 def load_installed() -> None:
     """Register the kinds, sensors and metrics of extensions and of installed plugins. Raises `ScenarioError`."""
+    changed = set[type[Spec]]()
     for entry in installed("plugins"):
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
             with taking_in_imports():
                 found = entry.load()
             take_in(entry.module)
-            if isinstance(found, tuple):
-                for member in found:
-                    register(member)
-            else:
-                _register_all([found] if inspect.isclass(found) else vars(found).values())
+            if not isinstance(found, tuple):
+                found = _public_members([found] if inspect.isclass(found) else vars(found).values())
+            for member in found:
+                changed |= _added(member)
+    _rebuild(Scenario, changed, {})  # once for all members, because a rebuild takes 50 ms
 
 
 @contextmanager
@@ -286,15 +294,15 @@ def _run(path: Path) -> ModuleType:
     finally:
         sys.dont_write_bytecode = written
     take_in(name)
-    _register_all(vars(module).values())
+    for member in _public_members(vars(module).values()):
+        register(member)
     return module
 
 
-def _register_all(parts: Iterable[Any]) -> None:
-    """Register all public sensors and kinds in the namespace of a module that are not defined in the package."""
-    for part in list(parts):
-        if not inspect.isclass(part) or not issubclass(part, Spec) or part.__name__.startswith("_"):
-            continue
-        kind = getattr(part.model_fields.get("kind"), "default", None)
-        if (issubclass(part, Sensor) or isinstance(kind, str)) and not part.__module__.startswith("agrobot_mj."):
-            register(part)
+def _public_members(parts: Iterable[Any]) -> list[type[Spec]]:
+    """Return the public sensors and kinds in the namespace of a module that are not defined in the package."""
+    specs = [part for part in parts if inspect.isclass(part) and issubclass(part, Spec)]
+    own = [part for part in specs if not part.__name__.startswith("_")]
+    own = [part for part in own if not part.__module__.startswith("agrobot_mj.")]
+    kinds = [getattr(part.model_fields.get("kind"), "default", None) for part in own]
+    return [part for part, kind in zip(own, kinds, strict=True) if issubclass(part, Sensor) or isinstance(kind, str)]

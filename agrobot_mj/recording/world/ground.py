@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
-from scipy.spatial import cKDTree
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.transport.timeline import Index
@@ -140,6 +139,8 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
     """Return a mask of the subdivided tiles, shape (rows, columns), and their number of segments in x and y."""
     if ground.is_plane and not ground.surface.friction.size:
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
+    from scipy.spatial import cKDTree  # slow import (0.2 s), needed only for uneven ground
+
     tiles = np.indices((field.rows, field.columns)).reshape(2, -1).T
     x, y = field.points(tiles, (1, 1))
     middles = np.column_stack([x.mean(axis=(1, 2)), y.mean(axis=(1, 2))])

@@ -3,10 +3,10 @@
 The uncertainty ellipse is a line on the ground, at 3 sigma of the estimated position of the rear-axle centre R.
 """
 
+import mujoco
 import numpy as np
 import rerun as rr
 from rerun.components import FillMode, RotationQuatBatch, Translation3DBatch
-from scipy.spatial.transform import Rotation
 
 from agrobot_mj.core.signals import WHEELS, Array
 from agrobot_mj.plants.scene import Scene
@@ -46,11 +46,14 @@ class Belief:
             return
         centres = on_ground(self.ground, np.column_stack([x, y])[there], LIFT_M)
         axes, frames = ellipses(*(v[there] for v in p))
-        tilted = _laid(frames, *slopes(self.ground, x[there], y[there], REACH_M))
+        rotations = _laid(frames, *slopes(self.ground, x[there], y[there], REACH_M))
+        quaternions = np.empty((len(rotations), 4))
+        for quaternion, rotation in zip(quaternions, rotations, strict=True):
+            mujoco.mju_mat2Quat(quaternion, rotation.ravel())
         shapes = rr.Ellipsoids3D.columns(
             centers=centres.astype(np.float32),
             half_sizes=np.column_stack([SIGMAS * axes, np.full(len(axes), THICKNESS_M)]).astype(np.float32),
-            quaternions=Rotation.from_matrix(tilted).as_quat().astype(np.float32),
+            quaternions=quaternions[:, [1, 2, 3, 0]].astype(np.float32),
         )
         send(stream, BELIEF, times[there], shapes)
 

@@ -12,10 +12,10 @@ import numpy as np
 import rerun as rr
 from contourpy import contour_generator
 from rerun.components import FillMode
-from scipy.spatial.transform import Rotation
 
 from agrobot_mj.core.signals import TICK_S, Array
 from agrobot_mj.paths import sample
+from agrobot_mj.plants.mujoco.clearance import rotation_of
 from agrobot_mj.plants.scene import Geom, Mesh, Scene
 from agrobot_mj.recording.world.ground import ROUGH_LIFT_M, ground_mesh, on_ground, smooth_corners
 from agrobot_mj.recording.world.names import REFERENCE
@@ -75,8 +75,7 @@ def followed(scene: Scene) -> str:
 
 
 def _surface(geom: Geom, mesh: Mesh) -> rr.Mesh3D:
-    w, x, y, z = geom.quat
-    placed = Rotation.from_quat([x, y, z, w]).apply(mesh.vertices) + geom.pos
+    placed = mesh.vertices @ rotation_of(np.array(geom.quat)).T + geom.pos
     corners = placed[mesh.triangles]
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = np.zeros_like(placed)
