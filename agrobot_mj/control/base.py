@@ -10,6 +10,8 @@ from collections.abc import Mapping, Sequence
 from math import atan, nan
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.learned import Learned
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Column, Command, Estimate, PathPoint, Reference, Vector
@@ -58,7 +60,7 @@ class Situation(NamedTuple):
     """Inputs of a guidance law at one tick."""
 
     t: float  # Time since the start of the run [s]
-    estimate: Estimate  # Estimated pose of the CG, speed, yaw rate and covariance
+    estimate: Held[Estimate]  # Estimated pose of the CG, speed, yaw rate and covariance
     reference: Reference  # Reference on the path at time `t`
     route: Route  # Path of the run
     machine: TractorParameters  # Parameters of the tractor
@@ -67,6 +69,14 @@ class Situation(NamedTuple):
     implement: tuple[float, float] = (nan, nan)
     """Measured east and north position of the implement's working point [m], or NaN if not measured."""
     towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
+
+    def fetched(self) -> "Situation":
+        """Return the situation with the estimate as a named tuple, with a read-only covariance."""
+        estimate = fetched(self.estimate)
+        if estimate is self.estimate:
+            return self
+        estimate.covariance.flags.writeable = False
+        return self._replace(estimate=estimate)
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Return the maximum absolute steering angle [rad] for a given maximum lateral acceleration."""

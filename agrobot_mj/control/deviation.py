@@ -7,9 +7,10 @@ import numpy as np
 
 from agrobot_mj.control.base import SLOWEST_M_S, Route
 from agrobot_mj.core.geometry import to_heading, wrap
-from agrobot_mj.core.kernels import jit, shared
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, jit, shared
 from agrobot_mj.core.samples import curvatures_at, nearest_point
-from agrobot_mj.core.signals import Matrix, PathPoint, Reference, Vector
+from agrobot_mj.core.signals import Estimate, Matrix, PathPoint, Reference, Vector
 
 MAX_STEER_BIAS = radians(10.0)  # Maximum absolute value of the compensated steering bias [rad]
 FADING_M, FADING_ANGLE = 0.3, radians(20.0)
@@ -41,15 +42,9 @@ class Followed(NamedTuple):
 
 
 class Situated(NamedTuple):
-    """Numbers of a `Situation` for kernels, and the range in which the nearest path point is searched."""
+    """Parts of a `Situation` for kernels, and the range in which the nearest path point is searched."""
 
-    x: float
-    y: float
-    yaw: float
-    speed: float
-    yaw_rate: float
-    aligned: bool
-    steer_bias: float  # Fields of `Estimate`
+    estimate: Held[Estimate]
     steer: float  # Measured steering angle [rad]
     low: float
     high: float  # Arc lengths of the start and end of the current leg [m]
@@ -100,7 +95,7 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
     """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and at its preview."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
-    s, preview, leg = place.s, abs(seen.speed) * limits.preview_s, (seen.low, seen.high)
+    s, preview, leg = place.s, abs(fetched(seen.estimate).speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):
         distances[k] = _behind(s, direction * lag * length, leg)
         distances[n + k] = _behind(s + preview, direction * lag * length, leg)
@@ -119,10 +114,11 @@ def deviated(
     seen: Situated,
 ) -> PathDeviation:  # fmt: skip
     """Return the deviation from the path, with the curvatures at `lookback`."""
-    (l_r, L), n, u = rolling, len(LOOKBACK), max(abs(seen.speed), SLOWEST_M_S)
+    (l_r, L), n, e = rolling, len(LOOKBACK), fetched(seen.estimate)
+    u = max(abs(e.speed), SLOWEST_M_S)
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
-    known = limits.compensates and not isnan(seen.steer_bias)
-    bias = min(max(seen.steer_bias, -MAX_STEER_BIAS), MAX_STEER_BIAS) if known else 0.0
+    known = limits.compensates and not isnan(e.steer_bias)
+    bias = min(max(e.steer_bias, -MAX_STEER_BIAS), MAX_STEER_BIAS) if known else 0.0
     limit = min(limits.steer_limit, atan(limits.wheelbase * limits.lateral_acceleration / (u * u)))
     return PathDeviation(
         place,
@@ -131,7 +127,7 @@ def deviated(
         direction * u,
         place.yaw - beta,
         place.offset,
-        wrap(seen.yaw - place.yaw + beta),
+        wrap(e.yaw - place.yaw + beta),
         atan(L * tan(beta) / l_r),
         atan(L * tan(later) / l_r),
         bias,
@@ -147,7 +143,8 @@ def deviated_on(
 
     `last` is the last direction of travel, or 0.
     """
-    place = nearest_point(samples, seen.x, seen.y, seen.near, seen.low, seen.high)
+    e = fetched(seen.estimate)
+    place = nearest_point(samples, e.x, e.y, seen.near, seen.low, seen.high)
     direction = direction_of(r, last, place)
     curvatures, most = curvatures_at(samples, lookback(limits, place, direction, seen, rolling[0]))
     return deviated(limits, place, direction, rolling, curvatures, seen), most
@@ -186,8 +183,8 @@ def followed(
     near the path, because the limited steering rate makes an approach at higher speed less accurate. The tractor slows
     down while the wheels turn to their command and, at a large angle to the path, at large steering angles.
     """
-    command = min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
-    along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - seen.x, r.y - seen.y)[0]
+    e, command = fetched(seen.estimate), min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
+    along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
     astray = max(abs(deviation.cross_track) / FADING_M, abs(deviation.heading) / FADING_ANGLE)
     ahead = limits.saturation * tanh(limits.gain * lead) * deviation.direction
     near = min(max(2.0 - astray, 0.0), 1.0)

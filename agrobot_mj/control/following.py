@@ -84,18 +84,18 @@ class Following(GuidanceLaw):
     def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
         """Return the new state, and the command with the limited steering angle and the speed."""
         route: Any = situation.route
-        e, t, law, memory = situation.estimate, situation.t, state.law, state.memory
+        t, law, memory = situation.t, state.law, state.memory
         if law is None:
             law, memory = self._law(situation.machine), self.begun(memory, situation.machine)
         near, (low, high) = route.passed(t) if state.s is None else state.s, route.leg(t)
-        seen = Situated(e.x, e.y, e.yaw, e.speed, e.yaw_rate, e.aligned, e.steer_bias, situation.steer, low, high, near)
+        seen = Situated(held(situation.estimate), situation.steer, low, high, near)
         last, r = (state.direction, nan if state.speed is None else state.speed), situation.reference
         while type(law) is not FollowingLaw and hasattr(route, "around"):
             after, found, most = self.compiled(law, memory, last, route.around(max(near, low)), seen, r, dt)
             if not route.grows(most):  # the curvatures ahead required no further samples
                 break
         else:
-            limits = fetched(law).limits
+            limits, situation = fetched(law).limits, situation.fetched()
             deviation = self._deviation(limits, last[0], situation, seen)
             after, wanted = self.steering(memory, deviation, situation, dt)
             found = _followed(limits, deviation, r, seen, wanted, last[1], dt)
@@ -131,8 +131,8 @@ class Following(GuidanceLaw):
 
     def _deviation(self, limits: CommandLimits, last: float, situation: Situation, seen: Situated) -> PathDeviation:
         """Return the deviation from a route without samples, or for a law that is not compiled."""
-        route, rolling = situation.route, self.rolling(situation)
-        place = route.nearest(seen.x, seen.y, seen.near, situation.t)
+        route, rolling, e = situation.route, self.rolling(situation), situation.estimate
+        place = route.nearest(e.x, e.y, seen.near, situation.t)
         direction = direction_of(situation.reference, last, place)
         curvatures = route.curvatures(_lookback(limits, place, direction, seen, rolling[0]))
         return _deviated(limits, place, direction, rolling, curvatures, seen)

@@ -136,10 +136,10 @@ def _tick(
     dt: float,
 ) -> tuple[LqrState, Followed, float]:
     """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
-    p = fetched(p)
-    deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, seen.speed))
+    p, e = fetched(p), fetched(seen.estimate)
+    deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, e.speed))
     limits = p.approach, p.integral
-    memory, wanted = steering(limits, memory, deviation, seen.speed, seen.aligned, seen.steer, dt)
+    memory, wanted = steering(limits, memory, deviation, e.speed, e.aligned, seen.steer, dt)
     return memory, followed(p.limits, deviation, r, seen, wanted, last[1], dt), most
 
 

@@ -26,7 +26,7 @@ from agrobot_mj.control.evidence import (
 )
 from agrobot_mj.core.kernels import jit
 from agrobot_mj.core.reporting import Reporting
-from agrobot_mj.core.signals import Fix
+from agrobot_mj.core.signals import Estimate, Fix
 from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -186,26 +186,13 @@ else:
 """Values of the keys of `SupervisorLimits`, followed by minimum turning radius and wheelbase of the tractor [m]."""
 
 
-class Judged(NamedTuple):
-    """Estimated state that the monitors check, as numbers for compiled kernels; see `Estimate`."""
-
-    x: float  # East coordinate of the CG [m]
-    y: float  # North coordinate of the CG [m]
-    speed: float  # Velocity of the rear axle along the course [m/s]
-    yaw_rate: float  # Yaw rate [rad/s]
-    aligned: bool  # Whether the estimator has determined the yaw
-    fix_age: float  # Age of the newest fix that the estimator has accepted [s]
-    sigma: float  # Standard deviation of the estimated position [m]
-    nis: float  # Smoothed normalised innovation squared (NIS) of the fix positions [-]
-
-
 Checks = tuple[tuple[float, float, float], ...]
 """Signal, limit, and maximum duration above the limit [s], one tuple for each monitor; an unavailable signal is NaN."""
 
 
 @jit
 def checks(
-    most: Limits, w: MonitorSignals, e: Judged, m: Sensed, fix: Fix, steer: float, reckoned: tuple[float, float]
+    most: Limits, w: MonitorSignals, e: Estimate, m: Sensed, fix: Fix, steer: float, reckoned: tuple[float, float]
 ) -> Checks:
     """Return signal, limit and maximum duration of all monitors, in order of priority.
 
@@ -234,14 +221,14 @@ def over(check: tuple[float, float, float], time: float, dt: float) -> float:
 
 
 @jit
-def _of_estimate(most: Limits, w: MonitorSignals, e: Judged) -> Checks:
+def _of_estimate(most: Limits, w: MonitorSignals, e: Estimate) -> Checks:
     acquired = w.closest <= most.max_cross_track_m
     aligning = most.max_realigning_s if w.tracked else most.max_aligning_s
     farthest = most.max_cross_track_m if acquired else w.closest + CLOSER_M + STRAYING_M + TURNED_AWAY * most.radius
     return (
         (w.fix_age, most.max_fix_age_s, 0.0),
-        (e.sigma, most.max_sigma_m, 0.0),
-        (e.nis, most.max_nis, 0.0),
+        (e.position_sigma, most.max_sigma_m, 0.0),
+        (e.nis_mean, most.max_nis, 0.0),
         (w.offset if w.tracked else 0.0, farthest, 0.0),
         (0.0 if acquired else w.closing_s, most.max_acquiring_s, 0.0),
         (w.aligning_s, aligning, 0.0),
@@ -249,7 +236,7 @@ def _of_estimate(most: Limits, w: MonitorSignals, e: Judged) -> Checks:
 
 
 @jit
-def _of_motion(most: Limits, w: MonitorSignals, e: Judged, m: Sensed) -> Checks:
+def _of_motion(most: Limits, w: MonitorSignals, e: Estimate, m: Sensed) -> Checks:
     u, agreed = abs(e.speed), _agreed_speed(w.evidence, m)
     return (
         (degrees(abs(w.mismatch)), most.max_steer_mismatch_deg, most.steer_mismatch_s),
@@ -272,7 +259,7 @@ def _of_fixes(most: Limits, proof: Evidence, m: Sensed, fix: Fix, reckoned: tupl
 
 
 @jit
-def _of_turns(most: Limits, w: MonitorSignals, e: Judged, m: Sensed, steer: float) -> Checks:
+def _of_turns(most: Limits, w: MonitorSignals, e: Estimate, m: Sensed, steer: float) -> Checks:
     angle, turning = degrees(steer), _required_angle(most, e, m.gyro)
     tolerated = most.max_angle_mismatch_deg + most.max_angle_mismatch_share * max(abs(angle), abs(turning))
     course = most.max_course_mismatch_deg * max(1.0, SWAYING_M_S / max(abs(e.speed), COURSE_M_S))
@@ -289,7 +276,7 @@ def _wheel_lag(most: Limits, speed: float) -> float:
 
 
 @jit
-def _unseen_turn(most: Limits, e: Judged, m: Sensed, gyro: GyroEvidence) -> float:
+def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> float:
     """Return the yaw-rate change since the gyro value last changed, computed from the steering angle [deg/s]."""
     if m.t - gyro.t < most.max_repeat_s:
         return 0.0
@@ -297,7 +284,7 @@ def _unseen_turn(most: Limits, e: Judged, m: Sensed, gyro: GyroEvidence) -> floa
 
 
 @jit
-def _required_angle(most: Limits, e: Judged, gyro: float) -> float:
+def _required_angle(most: Limits, e: Estimate, gyro: float) -> float:
     """Return the steering angle that corresponds to the measured (or estimated) yaw rate [deg], or NaN at low speed."""
     rate = e.yaw_rate if isnan(gyro) else gyro
     return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan

@@ -16,7 +16,7 @@ from typing import ClassVar, Literal, NamedTuple
 from agrobot_mj.control.base import AngleLoop
 from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, jit, shared
-from agrobot_mj.core.signals import NEUTRAL_V, Command, Reference
+from agrobot_mj.core.signals import NEUTRAL_V, Command, Estimate, Reference
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
@@ -316,16 +316,16 @@ class LoopsState(NamedTuple):
 
 @jit
 def loops_step(
-    p: Held[LoopsLaw], s: LoopsState, w: Wishes, speed: float, steer: float, pedal: float, dt: float
+    p: Held[LoopsLaw], s: LoopsState, w: Wishes, estimate: Held[Estimate], steer: float, pedal: float, dt: float
 ) -> tuple[LoopsState, tuple[float, float, float]]:
     """Return the new state, the voltages of steering and pedal valve [V], and the applied brake fraction [-].
 
-    The command may bypass one or both loops. `speed` [m/s] is estimated; `steer` [rad] and `pedal` [-] are measured.
+    The command may bypass one or both loops. `steer` [rad] and `pedal` [-] are measured.
     """
     p, brake = fetched(p), brake_after(s.brake, w, dt)
     share = 1.0 if brake.standing_s >= STANDSTILL_S else 0.0
     if share == 0.0 and isnan(w.pedal):
-        driven, pedal_voltage = speed_step(p.speed, s.speed, w.speed, speed, pedal, dt)
+        driven, pedal_voltage = speed_step(p.speed, s.speed, w.speed, fetched(estimate).speed, pedal, dt)
     else:
         driven, pedal_voltage = pedal_step(p.speed, s.speed, 0.0 if share else w.pedal, pedal, dt)
     steering, steer_voltage = steering_step(p.steering, s.steering, w.steer, steer, dt)

@@ -106,10 +106,10 @@ def _tick(
     dt: float,
 ) -> tuple[StanleyState, Followed, float]:  # fmt: skip
     """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
-    p = fetched(p)
+    p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, (p.gains.rear, p.gains.wheelbase))
-    pose, rates = (seen.x, seen.y, seen.yaw), (seen.speed, seen.yaw_rate)
-    memory, wanted = steering(p.gains, memory, deviation, pose, rates[0], rates[1], seen.aligned, seen.steer, dt)
+    pose, rates = (e.x, e.y, e.yaw), (e.speed, e.yaw_rate)
+    memory, wanted = steering(p.gains, memory, deviation, pose, rates[0], rates[1], e.aligned, seen.steer, dt)
     return memory, followed(p.limits, deviation, r, seen, wanted, last[1], dt), most
 
 

@@ -19,7 +19,6 @@ from agrobot_mj.control.monitors import (
     CLOSER_M,
     CUTTING,
     REASONS,
-    Judged,
     Limits,
     MonitorSignals,
     SupervisorLimits,
@@ -111,15 +110,15 @@ class Supervisor(SupervisorLimits):
         """
         if not self.enabled:
             return state, command
+        estimate, situation = held(situation.estimate), situation.fetched()
         e, (m, fix, quality), machine = situation.estimate, seen(measured), situation.machine
         limits, watched = state.limits or held(self.limits(machine)), state.watched or held(MonitorSignals())
         nearest = situation.route.nearest(e.x, e.y, state.shown[1], situation.t)
         reckoning = state.reckoning.after(m, fix, quality, machine, self.gyro_axes == "body", dt, situation.towed)
-        judged = Judged(e.x, e.y, e.speed, e.yaw_rate, e.aligned, e.fix_age, e.position_sigma, e.nis_mean)
         wanted = Wanted(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
         reckoned = reckoning.distance, reckoning.sigma
         watched, shown, over_s, first, signal, cut = _watched(
-            limits, watched, state.over_s, nearest, judged, m, fix, quality, situation.steer, wanted, reckoned, dt
+            limits, watched, state.over_s, nearest, estimate, m, fix, quality, situation.steer, wanted, reckoned, dt
         )
         mode, reason, pedal, steer = state.mode, state.reason, state.pedal, state.steer
         if mode is not Mode.STOPPING:
@@ -194,15 +193,15 @@ class Wanted(NamedTuple):
 
 @stage
 def _watched(
-    most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix,
-    quality: int, steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
+    most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, estimate: Held[Estimate],
+    m: Sensed, fix: Fix, quality: int, steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
     """Return the monitor signals after a tick, and for each monitor the weighted time above its limit [s].
 
     The second result is `SupervisorState.shown`. The last results are the index of the first monitor that requires a
     stop, or -1, its signal, and whether a monitor cuts the power of the pedal valve.
     """
-    most = fetched(most)
+    most, e = fetched(most), fetched(estimate)
     w = _observed(most, fetched(w), nearest, e, m, fix, quality, steer, wanted, dt)
     found = checks(most, w, e, m, fix, steer, reckoned)
     after, first, signal, cut = np.zeros(len(found)), -1, nan, False
@@ -218,7 +217,7 @@ def _watched(
 
 @jit
 def _observed(
-    most: Limits, w: MonitorSignals, nearest: PathPoint, e: Judged, m: Sensed, fix: Fix, quality: int, steer: float,
+    most: Limits, w: MonitorSignals, nearest: PathPoint, e: Estimate, m: Sensed, fix: Fix, quality: int, steer: float,
     wanted: Wanted, dt: float,
 ) -> MonitorSignals:  # fmt: skip
     evidence, first = w.evidence.after(m, fix, quality), isnan(w.readings[0])

@@ -136,7 +136,8 @@ def declared(hint: Any) -> types.Type:
         return types.Array(from_dtype(np.dtype(get_args(kind)[0])), len(get_args(shape)), "C")
     if get_origin(hint) is tuple:
         return types.BaseTuple.from_types([declared(part) for part in get_args(hint)])
-    return types.BaseTuple.from_types([declared(part) for part in get_type_hints(hint).values()], hint)
+    parts = get_type_hints(hint, include_extras=True).values()
+    return types.BaseTuple.from_types([declared(part) for part in parts], hint)
 
 
 def held(value: T, as_it_is: bool = False) -> T:

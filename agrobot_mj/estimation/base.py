@@ -8,7 +8,8 @@ fix and the smoothed normalised innovation squared (NIS). SI units and radians.
 from math import exp, sqrt
 from typing import Any, NamedTuple
 
-from agrobot_mj.core.kernels import kernel_method, shared
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched, kernel_method, shared
 from agrobot_mj.core.reporting import Reporting
 from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
@@ -62,7 +63,10 @@ def largest_sigma(covariance: Array) -> float:
 
 
 class StateEstimator(Reporting):
-    """Base class of the estimators. Subclasses define `init` and `update`; `columns` and `report` add log columns."""
+    """Base class of the estimators; `columns` and `report` add log columns.
+
+    Subclasses define `init` and `update` or, if compiled, `updated`.
+    """
 
     kind: str
 
@@ -77,6 +81,11 @@ class StateEstimator(Reporting):
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
+        state, estimate = self.updated(state, measurement, dt)
+        return state, fetched(estimate)
+
+    def updated(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
+        """Return the result of `update` with a reference to the estimate."""
         raise NotImplementedError
 
 

@@ -90,14 +90,14 @@ def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 @stage
 def _tick(
     s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
-) -> tuple[Held[PoseState], Estimate]:
+) -> tuple[Held[PoseState], Held[Estimate]]:
     """Return the result of `PoseEstimator.update`."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
     found = corrected(model, state.pose_covariance, now.fix)
     after, estimate = finished(s, state, now, found, m, float(found[0][BIAS]), dt)
-    return held(after), estimate
+    return held(after), held(estimate)
 
 
 class BiasEkf(FixEkf):

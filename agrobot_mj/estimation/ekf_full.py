@@ -23,7 +23,7 @@ from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, Readings, StateEs
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
-from agrobot_mj.estimation.horizon import NO_TILT, Errors, Horizon, Settings, estimated
+from agrobot_mj.estimation.horizon import NO_TILT, Horizon, Logged, Settings, estimated
 from agrobot_mj.estimation.wheel_slip import WheelSlip
 from agrobot_mj.machine.tractor import TractorParameters
 
@@ -46,8 +46,7 @@ class FullState(NamedTuple):
     horizon: Horizon  # Filter state at the newest fix, and newer measurements
     health: Health  # Diagnostics that do not need the true state
     tilt: SmoothedTilt = NO_TILT  # Smoothed roll and pitch of the last tick, or NaN before the first tick
-    estimate: Estimate | None = None  # Estimate at the last tick, or None before the first tick
-    errors: Errors = (nan,) * 6  # Logged errors and counts of the last tick, or NaN before the first tick
+    logged: Logged = (nan,) * 11  # Values of the columns after the last tick, or NaN before the first tick
 
 
 class EkfFull(StateEstimator):
@@ -237,25 +236,21 @@ class EkfFull(StateEstimator):
         tight = _fix_noise(s, fixed, lean, self.gnss_correlation_time_s)
         return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
-    def update(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s], computed from its measurement."""
+    def updated(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Held[Estimate]]:
+        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s] with a measurement."""
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
-        core, seen_t, queue, tilt, health, estimate, errors = estimated(
+        core, seen_t, queue, tilt, health, estimate, logged = estimated(
             *(state.settings, horizon.held, horizon.waiting, state.tilt, state.health),
             *(Readings.of(m), ticks, fix, m.quality, dt),
         )
-        estimate.covariance.flags.writeable = False
         horizon = horizon.after(core, seen_t, queue, ticks)
-        return FullState(state.settings, horizon, health, tilt, estimate, errors), estimate
+        return FullState(state.settings, horizon, health, tilt, logged), estimate
 
     def report(self, state: FullState) -> tuple[float, ...]:
         """Return the log values named by `columns` after a tick."""
-        e = state.estimate
-        if e is None:
-            return (nan,) * len(self.columns)
-        return e.fix_age, e.position_sigma, e.nis_mean, float(e.aligned), e.sideslip, *state.errors
+        return state.logged
 
 
 def _fix_noise(sigma: float, fraction: float, lean: float, correlation_time: float) -> FixNoise:

@@ -111,17 +111,16 @@ class Present(NamedTuple):
     covariance: Matrix  # Covariance of x, y and heading, shape (3, 3)
 
 
-Errors = tuple[float, float, float, float, float, float]
-"""Estimated errors: gyro bias [rad/s], mounting error [rad], wheel-speed error [-]; numbers of rejected positions,
-rejected velocities and restarts."""
+Logged = tuple[float, float, float, float, float, float, float, float, float, float, float]
+"""Values of `EkfFull.columns`."""
 
 
 @stage
 def estimated(
     s: Held[Settings], core: Held[Core], waiting: Matrix, tilt: SmoothedTilt, health: Health, m: Readings, ticks: int,
     fix: Fix, quality: int, dt: float,
-) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Estimate, Errors]:  # fmt: skip
-    """Return core, time of its newest fix, queue, tilt, health, estimate and errors at the end of a tick.
+) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Held[Estimate], Logged]:  # fmt: skip
+    """Return core, time of its newest fix, queue, tilt, health, estimate and logged values at the end of a tick.
 
     The core is the filter state; it advances by the first `ticks` measurements of the queue, the last one with the fix.
     """
@@ -159,9 +158,10 @@ def estimated(
         health.nis,
     )
     r, mount = core.rejections, core.mean[MOUNT] if core.mean.size > N else nan
-    counts = float(r.positions), float(r.velocities), float(r.restarts)
-    errors = (core.mean[B_G], mount, core.mean[K], counts[0], counts[1], counts[2])
-    return held(core), core.seen.t, queue, tilt, health, estimate, errors
+    e, counts = estimate, (float(r.positions), float(r.velocities), float(r.restarts))
+    own = (e.fix_age, e.position_sigma, e.nis_mean, 1.0 if e.aligned else 0.0, e.sideslip)
+    logged = (*own, core.mean[B_G], mount, core.mean[K], *counts)
+    return held(core), core.seen.t, queue, tilt, health, held(estimate), logged
 
 
 @jit

@@ -219,7 +219,7 @@ class PoseEstimator(StateEstimator):
             pose=np.array((x, y, yaw, *further)),
             pose_covariance=np.diag(np.square((s, s, s_yaw, *sigmas))),
         )
-        compiled = self.backend == "compiled" and is_compiled(self, "update", "pose_filter", "steer_bias")
+        compiled = self.backend == "compiled" and is_compiled(self, "updated", "pose_filter", "steer_bias")
         law, filters = getattr(pose_filter, "law", None), None if compiled else (velocity_kf, pose_filter)
         return EstimatorState(held(self._settings(tractor)), law and held(law), held(numbers), filters)
 
@@ -237,8 +237,8 @@ class PoseEstimator(StateEstimator):
             velocity_walk=self.velocity_walk_m_s_rt_s,
         )
 
-    def update(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[EstimatorState, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s], computed from its measurement."""
+    def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
+        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s] with a measurement."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
         if filters is None:
@@ -252,4 +252,4 @@ class PoseEstimator(StateEstimator):
         found: Any = pose_filter.step(before.pose, before.pose_covariance, (now.speed, m.steer, dt), foot, now.sigma)
         bias = self.steer_bias(found[0])
         after, estimate = finished(s, before, now, found, m, nan if bias is None else bias, dt)
-        return EstimatorState(settings, law, held(after), filters), estimate
+        return EstimatorState(settings, law, held(after), filters), held(estimate)

@@ -133,7 +133,7 @@ class Suite:
 
     def __init__(self, sensors: Sensors, dt: float) -> None:
         """Prepare the sensors for ticks of length `dt` [s]."""
-        self.sensors, self.dt = sensors, dt
+        self.columns, self.dt = sensors.columns, dt
         compiled, self.others = _split(sensors)
         self.compiled: dict[str, Any] = compiled
         self.gnss, self.steering_pot, self.pedal_pot = compiled["gnss"], compiled["steering_pot"], compiled["pedal_pot"]
@@ -193,11 +193,6 @@ class Suite:
         measured = steer_angle, pedal_place, readings["gyro"], imu.roll, imu.pitch, readings["wheel_speed"]
         measurement = Measurement(t, *gnss, *measured, readings)
         return SensorState(state.generators, values, delivery, states, readings, lines, sound), measurement
-
-    @property
-    def columns(self) -> tuple[Column, ...]:
-        """Columns that the sensors add to the log."""
-        return self.sensors.columns
 
     def report(self, state: SensorState) -> tuple[float, ...]:
         """Return the values of `columns` after a tick."""

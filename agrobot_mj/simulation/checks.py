@@ -8,14 +8,14 @@ fix that is not a number, count as missing, see `Reception`.
 from collections.abc import Callable, Collection, Sequence
 from math import degrees, inf, isfinite, nan, radians
 from operator import itemgetter
-from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin
+from typing import Any, Generic, NamedTuple, TypeVar, cast, get_args, get_origin
 
 import numpy as np
 
 from agrobot_mj.core.contracts import check_type, check_update, one_line
 from agrobot_mj.core.errors import NotFiniteError, ScenarioError
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched
+from agrobot_mj.core.kernels import fetched, stage
 from agrobot_mj.core.signals import (
     NOMINAL,
     Array,
@@ -122,7 +122,12 @@ class Stage(Generic[Message]):
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
         """Return the new state and the message of a stage with state."""
-        state, message = check_update(self._found(arguments), self.message, *self.names, self.method)
+        found = self._found(arguments)
+        if self.method == "updated":  # by a compiled estimator
+            if _is_finite(found[1]):
+                return cast(tuple[Any, Message], found)
+            found = found[0], fetched(found[1])
+        state, message = check_update(found, self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return state, self.passed(message)
 
@@ -141,6 +146,16 @@ class Stage(Generic[Message]):
             if isinstance(error, NotFiniteError) or not numbers:
                 raise
             raise NotFiniteError(f"{self.maker} failed: {error}") from error
+
+
+@stage
+def _is_finite(estimate: Held[Estimate]) -> bool:
+    """Return whether the numbers of an estimate that must be finite are finite."""
+    e = fetched(estimate)
+    total = e.x + e.y + e.yaw + e.speed + e.yaw_rate + e.rear_x + e.rear_y + e.sideslip
+    for variance in e.covariance.flat:
+        total += variance
+    return isfinite(total)
 
 
 class Reception(NamedTuple):

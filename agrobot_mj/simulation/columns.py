@@ -16,7 +16,7 @@ import numpy as np
 from agrobot_mj.control.base import YAW_COLUMNS
 from agrobot_mj.core.geometry import to_heading
 from agrobot_mj.core.held import Held
-from agrobot_mj.core.kernels import fetched, stage
+from agrobot_mj.core.kernels import fetched, held, stage
 from agrobot_mj.core.signals import (
     NO_FIX,
     WHEELS,
@@ -37,7 +37,7 @@ class Tick(NamedTuple):
 
     truth: Held[Truth]
     measured: Measurement
-    estimate: Estimate
+    estimate: Held[Estimate]
     reference: Reference
     z_ref: float  # Height of the ground below the reference [m]
     command: Command  # Command of the guidance law
@@ -163,7 +163,7 @@ class Here(NamedTuple):
 
 _LINES = (
     "def _written(out, truth, fix, estimate, reference, drive, actuation, others):",
-    "    truth, r = fetched(truth), reference",
+    "    truth, estimate, r = fetched(truth), fetched(estimate), reference",
     "    quality, steer_measured, pedal_measured, z_ref, speed_ref, steer_ref, pedal_ref, saturated, faults = others",
     "    ahead, left = to_heading(r.yaw, r.x - truth.x, r.y - truth.y)",
     "    p, dx, dy = estimate.covariance, truth.rear_x - estimate.rear_x, truth.rear_y - estimate.rear_y",
@@ -175,7 +175,7 @@ _LINES = (
 _SCOPE: dict[str, Any] = {"__name__": __name__, "fetched": fetched, "to_heading": to_heading}
 _SCOPE |= {"Here": Here, "ABSENT": nan}
 exec(compile("\n".join(_LINES), __file__, "exec"), _SCOPE)
-_KINDS: tuple[Any, ...] = (Vector, Held[Truth], Fix, Estimate, Reference, Drive, tuple[float, float, float])
+_KINDS: tuple[Any, ...] = (Vector, Held[Truth], Fix, Held[Estimate], Reference, Drive, tuple[float, float, float])
 _write: Any = _SCOPE["_written"]
 _names = (*_write.__code__.co_varnames[:8], "return")
 _write.__annotations__ = dict(zip(_names, (*_KINDS, GenericAlias(tuple, (float,) * 9), Here), strict=True))
@@ -186,7 +186,7 @@ def row(k: Tick) -> tuple[Vector, Here]:
     """Return the values of `COLUMNS` for a tick, with NaN for columns that a stage reports, and part of the truth."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
-    here = _write(values, k.truth, m.fix or NO_FIX, k.estimate, k.reference, k.drive, k.actuation, others)
+    here = _write(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)
     return values, here
 
 

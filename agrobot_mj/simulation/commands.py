@@ -5,6 +5,7 @@ from math import atan, isfinite
 from agrobot_mj.core.contracts import check_argument
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.geometry import to_heading
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import Command
 from agrobot_mj.simulation.checks import ABSURD_STEER, limited
 from agrobot_mj.simulation.loop import Loop
@@ -29,7 +30,7 @@ def command_of(loop: Loop, given: dict[str, float], speed: float | None) -> Comm
     if kind == "steer_voltage":
         return Command(situation.steer, along, value)
     if kind == "yaw_rate":
-        u = situation.estimate.speed
+        u = fetched(situation.estimate).speed
         value /= u if abs(u) > LEAST_SPEED else (LEAST_SPEED if u >= 0 else -LEAST_SPEED)
     machine = situation.machine
     angle = value if kind == "steer" else atan(machine.wheelbase_m * value)

@@ -13,6 +13,7 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 from agrobot_mj.control.base import Situation
+from agrobot_mj.control.following import Following
 from agrobot_mj.control.pid import BrakeState, SpeedState
 from agrobot_mj.control.supervisor import Mode, Supervisor, SupervisorState
 from agrobot_mj.core.held import Held
@@ -34,6 +35,7 @@ from agrobot_mj.core.signals import (
     Reference,
     Truth,
 )
+from agrobot_mj.estimation.base import StateEstimator
 from agrobot_mj.faults import Script, loadings
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
@@ -107,7 +109,10 @@ class Loop:
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script, self.towed = Script(s.fault, s.seed), s.implement.towed(s.tractor)
         self.suite = Suite(s.sensors, TICK_S)
-        self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only)
+        method = "updated" if type(s.estimator).update is StateEstimator.update else "update"
+        self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only, method)
+        self.fetches = type(self.guidance).update is not Following.update
+        """Whether the guidance law needs the estimate as a named tuple, not as a reference."""
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
@@ -177,7 +182,8 @@ class Loop:
         The steering valve remains closed while the brake holds a tractor that follows a path.
         """
         state = self.stages
-        state.guidance, command = self.law.update(state.guidance, situation, TICK_S)
+        seen = situation.fetched() if self.fetches else situation
+        state.guidance, command = self.law.update(state.guidance, seen, TICK_S)
         if state.brake.share and self.guidance.follows_path and self._stands(command, situation.reference):
             command = command._replace(steer=situation.steer, steer_voltage=NEUTRAL_V)
         # an antenna on the implement swings with the hitch angle, for which the supervisor accounts

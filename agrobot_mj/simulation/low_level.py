@@ -1,32 +1,14 @@
 """Low-level loops of a run: brake, speed loop and steering loop in one compiled call per tick."""
 
-from typing import Any, Protocol
+from typing import Any
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.pid import (
-    BrakeState,
-    LoopsLaw,
-    LoopsState,
-    SpeedState,
-    SteeringLoop,
-    SteeringState,
-    clip,
-    loops_step,
-    wishes_of,
-)
+from agrobot_mj.control.pid import LoopsLaw, LoopsState, SteeringLoop, SteeringState, clip, loops_step, wishes_of
 from agrobot_mj.core.kernels import held, stage
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Measurement
 from agrobot_mj.scenario.schema import Scenario
 
 _run = stage(loops_step)
-
-
-class LoopStates(Protocol):
-    """Owner of the states of the low-level loops."""
-
-    speed: SpeedState
-    steering: Any
-    brake: BrakeState
 
 
 class LowLevelLoops:
@@ -40,13 +22,13 @@ class LowLevelLoops:
         self.speed, self.steering, self.idle = s.speed, loop, inner.init()
         self.law = held(LoopsLaw(s.speed.parameters(), inner.parameters()))
 
-    def drive(self, states: LoopStates, measured: Measurement, situation: Situation, command: Command) -> Drive:
+    def drive(self, states: Any, measured: Measurement, situation: Situation, command: Command) -> Drive:
         """Return the valve voltages and the brake, and update `states`; the command may bypass one or both loops."""
         reference, other = situation.reference, self.other
         wishes = wishes_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering
         before, steer = LoopsState(states.speed, steering, states.brake), measured.steer
-        after, drive = _run(self.law, before, wishes, situation.estimate.speed, steer, measured.pedal, TICK_S)
+        after, drive = _run(self.law, before, wishes, held(situation.estimate), steer, measured.pedal, TICK_S)
         states.speed, steering, states.brake = after
         if other is None:
             states.steering = steering

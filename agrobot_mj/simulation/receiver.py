@@ -13,6 +13,8 @@ from math import isfinite, tan
 from typing import NamedTuple
 
 from agrobot_mj.core.geometry import from_heading, to_level, wrap
+from agrobot_mj.core.held import Held
+from agrobot_mj.core.kernels import fetched
 from agrobot_mj.core.signals import Estimate, Measurement
 
 SLOWLY_S = 3.0
@@ -45,9 +47,10 @@ class MountedReceiver(NamedTuple):
         fix = fix._replace(x=fix.x - dx, y=fix.y - dy, vx=fix.vx + rate * dy, vy=fix.vy - rate * dx)
         return measured._replace(fix=fix)
 
-    def after(self, measured: Measurement, estimate: Estimate, dt: float) -> "MountedReceiver":
+    def after(self, measured: Measurement, estimate: Held[Estimate], dt: float) -> "MountedReceiver":
         """Return the receiver after `dt` [s], with the heading integrated."""
         if self.arm == (0.0, 0.0):
             return self
+        estimate = fetched(estimate)
         yaw = self.yaw + dt * (self.yaw_rate(measured) + wrap(estimate.yaw - self.yaw) / SLOWLY_S)
         return self._replace(yaw=wrap(yaw), speed=estimate.speed, t=measured.t)

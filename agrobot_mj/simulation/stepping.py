@@ -293,7 +293,7 @@ class Simulation:
     @property
     def situation(self) -> Situation:
         """Inputs of the guidance law at the present time."""
-        return self._seen()[1]
+        return self._seen()[1].fetched()
 
     @property
     def truth(self) -> Truth:

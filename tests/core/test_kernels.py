@@ -217,3 +217,26 @@ def test_a_stage_returns_a_reference_and_frees_unused_states():
     finally:
         _nrt_python.memsys_disable_stats()
     assert after.alloc - before.alloc == after.free - before.free == 40
+
+
+class Scaling(NamedTuple):
+    pair: Held[Pair]
+    by: float
+
+
+@stage
+def scaled_in(scaling: Scaling) -> float:
+    return scaling.by * fetched(scaling.pair).numbers[1]
+
+
+def test_a_stage_frees_the_held_state_of_a_named_tuple():
+    assert scaled_in(Scaling(held(Pair(2.0, np.array([1.0, 4.0]))), 3.0)) == 12.0
+
+    def work():
+        state = held(Pair(2.0, np.array([1.0, 4.0])))
+        for by in range(20):
+            state, _ = scaled(state, 0.5)
+            assert scaled_in(Scaling(state, float(by))) == by * fetched(state).numbers[1]
+
+    if not config.DISABLE_JIT:
+        assert arrays_lost(work) == 0

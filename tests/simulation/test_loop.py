@@ -6,12 +6,14 @@ from inspect import getsource
 
 import numpy as np
 import pytest
+from numba import config
 
-from agrobot_mj import load_scenario, run
+from agrobot_mj import Simulation, load_scenario, run
 from agrobot_mj.control import Controller
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.geometry import to_heading
-from agrobot_mj.core.signals import NOMINAL, Command
+from agrobot_mj.core.held import Reference
+from agrobot_mj.core.signals import NOMINAL, Command, Estimate
 from agrobot_mj.core.spec import every
 from agrobot_mj.paths import Path
 from agrobot_mj.plants import MujocoPlant, Plant
@@ -299,6 +301,7 @@ def decided(change_truth=None, change_estimate=None, change_measured=None):
     for _ in range(40):
         loop.advance(loop.tick().drive)
     measured, situation = loop.sense()
+    situation = situation.fetched()
     if change_truth:
         loop.seen = loop.truth._replace(**change_truth(loop.truth))
     if change_measured:
@@ -326,3 +329,13 @@ def test_control_loops_respond_to_estimate_and_sensors():
     pressed = decided(change_measured=lambda m: {"pedal": m.pedal + 0.05})
     assert pressed[2] < pedal_voltage - 0.2
     assert pressed[:2] == (pedal_ref, steer_voltage)
+
+
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+def test_only_compiled_laws_get_a_reference_to_the_estimate():
+    for law in ("lqr", "kinematic"):
+        sim = Simulation("figure_eight", {"guidance.kind": law, "plant.kind": "bicycle", "duration_s": 1.0})
+        sim.step()
+        assert type(sim.loop.now()[1].estimate) is Reference
+        assert type(sim.situation.estimate) is type(sim.estimate) is Estimate
+        assert sim.loop.fetches == (law == "kinematic")
