@@ -76,7 +76,7 @@ class Situation(NamedTuple):
         if estimate is self.estimate:
             return self
         estimate.covariance.flags.writeable = False
-        return self._replace(estimate=estimate)
+        return Situation(self.t, estimate, *self[2:])  # faster than `_replace`
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
         """Return the maximum absolute steering angle [rad] for a given maximum lateral acceleration."""
