@@ -23,6 +23,6 @@ def test_replacing_a_page_block_by_itself_leaves_the_page_unchanged(page, name):
     assert len(other) - len(text) == len(r"other \1 content") - len(block(text, name))
 
 
-def test_error_names_a_missing_page_block():
+def test_error_names_the_generated_block_missing_from_a_page():
     with pytest.raises(SystemExit, match="the page has no block <!-- costs -->"):
         put("<!-- costs -->\n1\n", "costs", "2")

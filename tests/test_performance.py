@@ -109,7 +109,7 @@ def test_performance_page_has_a_block_for_each_part():
         assert block(text, name).startswith("|")
 
 
-def test_tick_table_times_every_part_of_a_tick():
+def test_tick_table_contains_the_time_of_every_part_of_a_tick():
     rows = bench.tick_parts(load_scenario("figure_eight", {"duration_s": 1.0})).splitlines()[2:]
     microseconds = {row.split("|")[1].strip(): float(row.split("|")[2]) for row in rows}
     assert microseconds.keys() == {*bench.PARTS, "other", "sum"}

@@ -57,7 +57,7 @@ def arrays_lost(work):
 
 @compiled
 @pytest.mark.parametrize("tyre", [tyre() for tyre in every(Tyre)], ids=lambda tyre: tyre.kind)
-def test_kernels_lose_no_arrays(tyre):
+def test_kernels_do_not_leak_arrays(tyre):
     """Both grounds, every tyre, all loads; the count sees a lost array where there is one."""
     kept, making = [], jit(tripled)
     making(1.0)

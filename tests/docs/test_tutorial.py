@@ -149,7 +149,7 @@ def test_slope_example_runs_and_writes_a_recording(walk):
     assert int(re.findall(r"(\d+) bytes", said)[0]) > 10_000
 
 
-def test_full_estimator_removes_the_drift_in_the_law_comparison(walk):
+def test_full_estimator_removes_drift_from_comparison_of_guidance_laws(walk):
     folder, _, full = walk
     laws, levelled = rows(folder / "runs" / "laws"), rows(folder / "runs" / "levelled")
     assert [(row["guidance"], row["seed"]) for row in laws] == [(g, s) for g in ("stanley", "lqr") for s in (1, 2)]

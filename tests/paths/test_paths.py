@@ -228,7 +228,7 @@ def test_pose_equals_the_integral_of_speed_and_curvature(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", [path for path in TIMED if path.motion.course.cusps.any()], ids=repr)
-def test_reference_stops_at_each_cusp_within_its_deceleration(path: Any) -> None:
+def test_reference_stops_at_each_cusp_within_the_deceleration_limit(path: Any) -> None:
     motion, course = path.motion, path.motion.course
     turns = np.flatnonzero(np.diff(course.directions)) + 1
     assert turns.size > 0

@@ -106,7 +106,7 @@ def test_figure_eight_with_clothoids_keeps_radius_and_straights():
     assert hypot(*eight.at(eight.turns_s[0][1])[:2]) == pytest.approx(0, abs=1e-9)
 
 
-def test_clothoid_lead_in_of_a_circle_starts_straight_and_joins_it():
+def test_clothoid_lead_in_starts_straight_and_joins_the_circle():
     circle = Circle(transition="clothoid", radius_m=5.0)
     first = circle.turns_s[0][0]
     assert circle.at(0).curvature == pytest.approx(0.0, abs=1e-12)

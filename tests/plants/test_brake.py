@@ -199,7 +199,7 @@ def test_every_law_holds_the_braked_tractor_without_creep(law):
 
 
 @pytest.mark.parametrize("law", ["kinematic", "stanley", OBSERVING])
-def test_valve_stays_closed_while_the_brake_holds_a_path_follower(law):
+def test_steering_valve_stays_closed_while_the_brake_holds_the_tractor(law):
     slope = {"kind": "slope", "grade_deg": 8.5, "direction_deg": 25.0}
     restarted = {"path": PAUSED["path"] | {"cusp_pause_s": 32.0}, "duration_s": 43.0, "terrain": slope}
     log = run(load_scenario("straight_line", PAUSED | restarted | {"guidance.kind": law}))

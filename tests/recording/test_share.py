@@ -35,7 +35,7 @@ def test_shared_page_contains_recording_viewer_and_poster(eight, tmp_path):
     assert re.findall(r'<(?:script|link|img)[^>]*(?:src|href)="(?!data:)', page) == []
 
 
-def test_missing_web_viewer_is_an_error_that_names_its_program(monkeypatch):
+def test_missing_web_viewer_raises_an_error_that_names_the_program(monkeypatch):
     monkeypatch.setattr(share, "RERUN", (sys.executable, "-c", "raise SystemExit(3)"))
     with pytest.raises(OSError, match="the web viewer of rerun-sdk did not start") as caught:
         share.viewer_files()

@@ -213,7 +213,7 @@ def test_the_gyro_is_absent_by_default():
     assert isnan(record(Sensors(), 1)[0].gyro)
 
 
-def test_an_enabled_gyro_has_its_noise_and_bias():
+def test_enabled_gyro_has_the_configured_noise_and_bias():
     gyro, n = Gyro(enabled=True, sigma_deg_s=0.2, bias_deg_s=0.5), 2000
     log = record(Sensors(gyro=gyro), n, state_of=lambda k: truth(yaw_rate=radians(3.0)))
     readings = np.degrees([m.gyro for m in log])

@@ -84,7 +84,7 @@ def test_errors_over_different_path_sections_are_not_compared(call, tmp_path):
     assert page.count("<h2>Ranking on segment") == 3
 
 
-def test_sweep_shows_no_errors_for_runs_that_stand_still(call, plugin, tmp_path):
+def test_sweep_shows_no_tracking_errors_for_stationary_runs(call, plugin, tmp_path):
     file, still = plugin
     (tmp_path / "mine.toml").write_text(
         f'base = "lane_change"\n[set]\nduration_s = 9\n"plant.kind" = "bicycle"\n[axes]\n'

@@ -48,7 +48,7 @@ def test_sweep_file_written_by_a_comparison_gives_the_same_results(call, driven,
     assert found == [(f"bicycle-{row['guidance']}", row["seed"], row["xte_rms"]) for row in compared]
 
 
-def test_failing_run_of_a_comparison_is_a_row_and_others_continue(call, driven, tmp_path):
+def test_failed_run_of_a_comparison_is_listed_and_other_runs_continue(call, driven, tmp_path):
     variants = ("--variant", "hard: guidance.kind=fragile, guidance.level=0.9", "--guidance", "lqr")
     command = ("compare", "circle", "--plugin", "laws.py", *variants, "--plants", "bicycle", *BICYCLE)
     status, out, err = call(*command)

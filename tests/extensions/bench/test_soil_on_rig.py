@@ -89,7 +89,7 @@ def test_soil_law_without_rig_equals_the_published_formula(ply, wheel, load):
 @pytest.mark.parametrize(
     ("cone_index_kpa", "front", "rear"), [(450.0, 5.0, 8.9), (1200.0, 7.4, 15.0), (1800.0, 9.3, 20.0)]
 )
-def test_cornering_stiffness_per_cone_index_equals_the_documented_value(cone_index_kpa, front, rear):
+def test_cornering_stiffness_at_each_cone_index_equals_documentation(cone_index_kpa, front, rear):
     """The values [kN/rad] of docs/reference/models.md, for tyres that sink in by a quarter of their section height."""
     soil = Soil(cone_index_kpa=cone_index_kpa)
     stiffnesses = [STATIC[wheel] / (0.25 * 0.75 * SIZES[wheel][0]) for wheel in (FRONT, REAR)]

@@ -279,7 +279,7 @@ def test_episode_can_be_saved_and_branched():
     assert isinstance(env.sim, Simulation)
 
 
-def test_gymnasium_finds_the_environment_and_package_imports_without_it():
+def test_environment_is_registered_and_package_imports_without_gymnasium():
     done = python(
         "import sys, agrobot_mj, agrobot_mj.cli.app, agrobot_mj.simulation.stepping\n"
         "assert 'gymnasium' not in sys.modules\n"
@@ -415,7 +415,7 @@ def test_copies_of_an_environment_are_independent(way):
     assert on(three) == expected
 
 
-def test_wrapped_environments_and_vectors_can_be_copied():
+def test_wrapped_environments_and_vector_environments_can_be_copied():
     made = gymnasium.make(ENV_ID, **FAST)
     made.reset(seed=3)
     vector = FollowPathVector(2, **FAST)

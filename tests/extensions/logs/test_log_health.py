@@ -88,7 +88,7 @@ def test_steering_centre_is_reported_for_bursts_too_short_for_a_fit():
     assert "the steering centre in this log is 370" in lines[-1]
 
 
-def test_antenna_distance_ahead_of_the_axle_is_reported():
+def test_log_health_reports_antenna_offset_ahead_of_the_axle():
     columns = field_log(DRIVEN, counts=counts_about(432), ahead=1.8)
     assert "the antenna is about 1.8 m ahead of the rear axle, but the map has 0" in lines_of(columns)[-1]
     position = {"ahead_m": 1.8}

@@ -42,7 +42,7 @@ def test_twin_keys_contain_the_identified_sensor_errors(calibrated):
     UTILITY.changed({key: each.value for key, each in keys.items()})
 
 
-def test_latency_above_that_of_the_receiver_is_written_as_a_fault(calibrated):
+def test_latency_above_receiver_latency_becomes_a_fault(calibrated):
     (fault,) = twin_faults(calibrated)
     assert fault["kind"] == "heading_delay"
     assert fault["delay_s"] == pytest.approx(LATE_ROWS * TICK_S, abs=TICK_S)

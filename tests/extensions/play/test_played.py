@@ -95,7 +95,7 @@ def test_law_selected_off_the_line_returns_to_the_line(tmp_path):
     assert log.column("x")[-1] > log.column("x")[160] + 15.0
 
 
-def test_speed_of_the_input_table_replaces_the_speed_of_the_law(tmp_path):
+def test_speed_in_the_input_table_overrides_the_speed_of_guidance(tmp_path):
     (tmp_path / "inputs.csv").write_text(LINE + "0,1,0,0.8\n")
     keys = played(tmp_path / "inputs.csv", [{"kind": "kinematic"}], duration_s=15.0)
     log = run(load_scenario("straight_line", keys))

@@ -45,5 +45,5 @@ def test_excessively_large_search_is_rejected_before_building_cases(budget, seed
         )
 
 
-def test_search_of_ordinary_size_is_accepted():
+def test_search_of_typical_size_is_accepted():
     check_size(read_tuning("surfaces"), 64, 20)

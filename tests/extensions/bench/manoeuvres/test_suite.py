@@ -125,7 +125,7 @@ def test_numbers_and_first_paragraphs_are_formatted():
     assert opening("Words\nwrap\n\n    a = b\n\nend.\n\nMore.") == "Words\nwrap\n\n```\na = b\n```\n\nend."
 
 
-def test_line_of_antenna_offset_over_tilt_passes_through_the_measurements():
+def test_fit_of_antenna_offset_against_tilt_passes_the_measurements():
     """20.8 cm on 10 degrees with linear tyres, at the gains of the drives."""
     line, mark = figures.antenna_lean({"pd, paper's sensors": {"linear": [(10.0, 0.208)]}}).axes[0].lines[:2]
     assert np.interp(10.0, *line.get_data()) == pytest.approx(mark.get_ydata()[0], abs=0.5)

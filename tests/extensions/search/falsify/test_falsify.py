@@ -53,7 +53,7 @@ def planted(a, b, c=0.0):
     return 0.05 + 0.02 * (a + b) + 0.23 * max(a * b, 0.0) / 0.25
 
 
-def test_interaction_missed_by_single_key_limits_is_found():
+def test_failure_from_combined_keys_is_found_when_each_single_key_passes():
     found = search(planted)
     assert found.verdict == "falsified"
     assert found.mildest.failed == found.mildest.runs == CONFIRMED
