@@ -44,7 +44,7 @@ from agrobot_mj.tyres.bearing import FIRM
 AIM_RATIO, AIM_RECOMMENDED_RATIO, AIM_RECORDING = 1.35, 2.0, 0.05
 """Targets [-]: closed loop divided by bare steps, the same for the recommended stack, relative cost of recording."""
 AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
-"""Targets for simulated divided by processor time [-]: standard steps, `physics = "fast"`, recommended stack."""
+"""Minimum simulated time per processor time [-]: standard steps, `physics = "fast"`, and the recommended stack."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
 """Targets of physics with tyres divided by bare steps, on firm and on soft ground [-]; grid nodes per side."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}

@@ -71,7 +71,7 @@ class PanelledGroup(TyperGroup):
                     formatter.write_dl(self._rows(names, [*shown], formatter))
 
     def _rows(self, names: Sequence[str], aligned: Sequence[str], formatter: Any) -> list[tuple[str, str]]:
-        """Return the names of commands, padded to the longest one of `aligned`, with their short descriptions."""
+        """Return the help rows of commands: each name, padded to the longest name in `aligned`, and its description."""
         width = max(map(len, aligned))
         limit = formatter.width - width - 6
         return [(f"{name:{width}}", self.commands[name].get_short_help_str(limit)) for name in names]

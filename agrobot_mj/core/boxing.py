@@ -1,8 +1,8 @@
 """Conversion of kernel results to Python objects in C, without Python code that a signal handler could interrupt.
 
 Numba runs Python code to find the class of a named tuple and the type of an array, and to create a named tuple. A
-handler that raises an exception there (KeyboardInterrupt) causes a null pointer and a segmentation fault. Here the
-classes are constants of the kernel, `tuple.__new__` creates the tuples, and the Python code runs once per array type.
+signal handler that raises KeyboardInterrupt in this code causes a segmentation fault. Here the classes are constants
+of the kernel, and `tuple.__new__` creates the tuples. Only the first conversion of an array type runs Python code.
 """
 
 from functools import lru_cache

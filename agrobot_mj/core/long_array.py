@@ -24,7 +24,7 @@ _TOLD: set[str] = set()  # Folders for which a message about missing disk space 
 
 
 class LongArray:
-    """Array of shape (rows, *shape); unwritten rows are undefined. Raises the errors of `make_room`."""
+    """Array of shape (rows, *shape); unwritten rows are undefined. Raises the same errors as `make_room`."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None

@@ -23,8 +23,8 @@ from agrobot_mj.core.errors import shortened
 INCH = 0.0254  # Length of an inch [m]
 KGF_MM = 9806.65  # Stiffness of 1 kgf/mm [N/m]
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
-"""Ratio of section height to section width for inch codes without a ratio, and for codes with `L` or a rim in half
-inches [-]. Assumed values: 0.82-0.91 from 9.5-24 to 20.8-38, 0.67-0.72 from 11L-15 to 28L-26."""
+"""Ratio of section height to section width [-] for inch codes without a ratio, and for codes with `L` or a rim in half
+inches. Assumed values; tyres from 9.5-24 to 20.8-38 have 0.82-0.91, tyres from 11L-15 to 28L-26 have 0.67-0.72."""
 USUAL_DEFLECTION = 0.20
 """Ratio of deflection to section height [-], which determines the pressure if none is given. Assumed value: 0.17-0.28
 from published loaded radii."""
@@ -40,7 +40,7 @@ RANGES = {
     "rim diameter": (0.1, 1.6, "m"),
     "diameter": (0.2, 3.0, "m"),
 }
-"""Minimum, maximum and unit of the dimensions in a code. Assumed value: from garden tractors to harvesters."""
+"""Minimum, maximum and unit of each dimension in a tyre code. Assumed values: garden tractors to harvesters."""
 
 _NUMBER = r"(\d{1,4}(?:\.\d{1,2})?)"
 _FAMILIES = {

@@ -70,7 +70,7 @@ class Bend(NamedTuple):
 
     @property
     def tangent(self) -> float:
-        """Distance from the start of the bend to the corner rounded by the bend [m], for angles below pi."""
+        """Distance from the start of the bend to the corner that the bend rounds [m], for angles below pi."""
         ahead, aside = self.centre
         return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
 

@@ -54,7 +54,7 @@ class Potentiometer(Sensor):
     noise_sigma_deg: NonNegative = 0.5
     """Standard deviation of the white noise of a sample [deg], which reduces rounding errors. Assumed value (0.2-1)."""
     samples: int = Field(100, ge=1, le=1000)
-    """Number of evenly spaced samples per tick, the last at its end [-]. Paper, section V-B."""
+    """Number of evenly spaced samples per tick [-], with the last one at the end of the tick. Paper, section V-B."""
     savgol_window: int = Field(21, ge=1)
     """Window length of the Savitzky-Golay filter, an odd number of samples [-]. Assumed value (11-31)."""
     savgol_polyorder: int = Field(3, ge=0)

@@ -60,7 +60,7 @@ class Eso(Following):
         return EsoState(self.inner.memory())
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return slip length and effective wheelbase of the inner law [m]."""
+        """Return the slip length (CG to the point without sideslip) and effective wheelbase of the inner law [m]."""
         return self.inner.rolling(situation)
 
     def steering(

@@ -105,7 +105,7 @@ class PathNetwork(Spec):
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
-        """Return the state with traces advanced by `dt` [s] for the rule weights `w`."""
+        """Return the state after the filter of the rule weights `w` advances by `dt` [s]."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:

@@ -23,8 +23,8 @@ JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
 """Terms of the maximum plausible distance between two fixes: constant [m], factors on the recorded speed and on the
 typical error of the fix speed [-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Always plausible heading change between two values [rad], and maximum yaw rate of a tractor [rad/s]. Assumed values.
-"""
+"""Limit of plausible heading changes between two values: a constant [rad] plus a yaw rate [rad/s] times the interval.
+Assumed values."""
 AWAY_S = 5.0
 """Maximum time after which positions return from a temporary jump [s]; longer jumps are permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9

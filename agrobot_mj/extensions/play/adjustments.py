@@ -70,7 +70,7 @@ def tyre_kind(scenario: Scenario) -> str:
 
 
 def restarted(scenario: Scenario, settings: NextStart) -> Scenario:
-    """Return a scenario with these settings. Raises `ScenarioError`."""
+    """Return the scenario with these settings. Raises `ScenarioError` if a setting is invalid."""
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):
         keys["terrain.grade_deg"] = settings.grade_deg

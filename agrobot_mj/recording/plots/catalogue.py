@@ -146,7 +146,7 @@ NEGATED = ("tau_n",)  # Columns plotted with the opposite sign in a comparison
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Unit of a plot by unit of the log column, for plots that do not define a unit."""
+"""Plotted unit for each unit of a log column, for plots that do not define a unit."""
 REPORTED = "reported/"  # Path prefix of the plots of log columns that are not listed in the catalogue
 
 

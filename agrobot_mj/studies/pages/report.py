@@ -66,7 +66,7 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Draw errors of successful runs and their median versus each parameter in `numeric`; `drawn` ones are random."""
+    """Plot errors of successful runs and their median over the parameters `numeric`; `drawn` ones vary randomly."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")

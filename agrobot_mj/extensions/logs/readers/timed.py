@@ -21,7 +21,7 @@ FIRST = 20  # Number of lines at the start of a file from which the format is re
 
 
 class TimedLines(LogReader):
-    """Reader for lines with an ISO time and a sentence or JSON object: position, speed, heading, steering counts."""
+    """Reader for lines of ISO time and NMEA sentence or JSON object, with position, speed, heading, steering counts."""
 
     kind: Literal["lines"] = "lines"
 

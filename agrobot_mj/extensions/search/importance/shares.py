@@ -50,7 +50,7 @@ class Influence(NamedTuple):
     deviation: float
     """Standard deviation over the points of the design [unit of the metric], after averaging over seeds."""
     noise: float | None
-    """Fraction of the variance that is caused by seeds, after averaging over the seeds [-], or None with one seed."""
+    """Fraction of the variance of the seed means that is caused by the seeds [-], or None with one seed."""
     unexplained: float | None  # Maximum variance fraction not due to regression or noise [-], or None for Sobol
     flaws: tuple[str, ...]  # Reasons why the intervals are unreliable. In this case there is no ranking.
     shares: tuple[Share, ...]
@@ -133,11 +133,11 @@ FEWEST = 64  # Minimum number of samples for reliable intervals. With 16 samples
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
-    """Return Sobol fractions of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
+    """Return Sobol indices of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
 
     `noise` is the fraction of the variance of `values` that is due to seeds. Each total index includes this fraction.
-    It is subtracted from the estimate and from the lower end, but not from the upper end, because noise may depend on a
-    draw.
+    The fraction is subtracted from the estimate and from the lower bound. The upper bound includes the fraction,
+    because the noise may depend on the keys.
     """
     sobol, d = required("SALib.analyze.sobol", "studies", "importance"), len(keys)
     problem = {"num_vars": d, "names": list(keys), "bounds": [[0.0, 1.0]] * d}
