@@ -34,8 +34,7 @@ MOST_STEPS = 1e8
 """Maximum duration divided by the median time step: a year at 3 Hz. Longer durations contain a wrong time."""
 NAME = b"name"  # Key of the log's name in the table metadata
 PARQUET = b"PAR1"  # First bytes of a Parquet file
-
-
+CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of a character that text does not contain
 NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")  # Pattern of a finite number in a CSV cell
 
 
@@ -181,10 +180,11 @@ def _header(path: Path) -> tuple[list[str], str]:
     """Return the column names of a CSV file, and its delimiter: the most frequent of comma, semicolon and tab."""
     with path.open("rb") as stream:
         line = stream.readline(MOST_HEADER_BYTES)
-    try:
-        text = line.decode("utf-8-sig").strip("\r\n")
-    except UnicodeDecodeError:
-        raise FieldLogError(f"{path.name}: the file is not valid UTF-8; save it as UTF-8") from None
+    text = line.decode("utf-8-sig", errors="replace").strip("\r\n")
+    if "\ufffd" in text:  # not UTF-8: units such as a degree sign, of a spreadsheet program
+        text = line.decode("cp1252", errors="replace").strip("\r\n")
+    if CONTROL.search(text):
+        raise FieldLogError(f"{path.name}: the first line has control characters; export the file as CSV in UTF-8")
     if "\r" in text:
         raise FieldLogError(f"{path.name}: the lines end with a carriage return only; save it with LF or CR LF")
     if not text.strip():

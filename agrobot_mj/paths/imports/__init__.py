@@ -6,7 +6,7 @@ in metres, and `cleaned` removes points that a tractor cannot follow.
 
 from agrobot_mj.paths.imports.cleaning import cleaned
 from agrobot_mj.paths.imports.plane import local_shapes
-from agrobot_mj.paths.imports.reading import READERS, read_shapes
+from agrobot_mj.paths.imports.reading import READERS, read_shapes, text_type
 from agrobot_mj.paths.imports.shapes import LocalShapes, Polyline, ShapeFile
 
-__all__ = ["READERS", "LocalShapes", "Polyline", "ShapeFile", "cleaned", "local_shapes", "read_shapes"]
+__all__ = ["READERS", "LocalShapes", "Polyline", "ShapeFile", "cleaned", "local_shapes", "read_shapes", "text_type"]

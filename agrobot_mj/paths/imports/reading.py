@@ -56,12 +56,16 @@ def _decoded(data: bytes) -> str:
     )
 
 
-def _read_text(text: str, readers: Readers) -> ShapeFile:
+def text_type(text: str, readers: Readers = READERS) -> str:
+    """Return the type of a text file with positions, or an empty string for a table or an unknown type."""
     head = text[:HEAD_CHARACTERS]
-    for recognises, read in readers.values():
-        if recognises(head):
-            return read(text)
-    if head.lstrip().startswith("<"):
+    return next((name for name, (recognises, _) in readers.items() if recognises(head)), "")
+
+
+def _read_text(text: str, readers: Readers) -> ShapeFile:
+    if name := text_type(text, readers):
+        return readers[name][1](text)
+    if text.lstrip().startswith("<"):
         raise ValueError(f"the file is XML of an unknown type; convert it to one of {', '.join(readers)}")
     return read_table(text)
 

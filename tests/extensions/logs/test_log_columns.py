@@ -113,7 +113,11 @@ def test_damaged_parquet_page_is_reported_with_its_column(write):
 
 @pytest.mark.parametrize(
     ("content", "told"),
-    [(b"", "has no header line"), (b"PAR1", "is not a valid Parquet file"), (b"PK\3\4\xff", "is not valid UTF-8")],
+    [
+        (b"", "has no header line"),
+        (b"PAR1", "is not a valid Parquet file"),
+        (b"PK\3\4\xff", "has control characters; export"),
+    ],
 )
 def test_path_that_is_not_a_file_is_rejected(tmp_path, content, told):
     file = tmp_path / "log.parquet"
@@ -150,6 +154,12 @@ def test_csv_with_any_common_delimiter_is_read(tmp_path, delimiter):
     assert found["v"] == pytest.approx(2 * T, abs=1e-3)
 
 
+def test_csv_header_of_a_spreadsheet_in_a_windows_code_page_is_read(tmp_path):
+    file = tmp_path / "log.csv"
+    file.write_bytes("t;Lenkwinkel [°];Text\n0;1.5;süd\n1;2.5;süd\n".encode("cp1252"))
+    assert read_columns(file, ["Lenkwinkel [°]"])["Lenkwinkel [°]"] == pytest.approx([1.5, 2.5])
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
     [
@@ -157,7 +167,7 @@ def test_csv_with_any_common_delimiter_is_read(tmp_path, delimiter):
         (b"t,v\n1,2\n3\n", "cannot be read as CSV"),
         (b"t,v,v\n1,2,3\n", "more than one column 'v'"),
         (b"t,v\n1,two\n", "'v' holds text"),
-        (b"\xff\xfet\x00", "UTF-8"),
+        (b"\xff\xfet\x00", "control characters; export the file as CSV in UTF-8"),
         (b"t,v\r1,2\r3,4\r", "the lines end with a carriage return only"),
     ],
 )

@@ -4,7 +4,10 @@
 from `LogReader`, registered like any other kind. It takes precedence over the readers of the package.
 """
 
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
+from shutil import copyfileobj
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -12,7 +15,7 @@ import pyarrow as pa
 from agrobot_mj.core.contracts import one_line
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.resources import absence
-from agrobot_mj.core.table_columns import FieldLogError, Source, column_names
+from agrobot_mj.core.table_columns import CONTROL, FieldLogError, Source, check_size, column_names, loaded
 from agrobot_mj.extensions.logs.maps import UNKNOWN, LogMap, known_map, lacking, si_tables
 from agrobot_mj.extensions.logs.readers.agopenweb import AgOpenWebRecorder
 from agrobot_mj.extensions.logs.readers.base import HEAD_BYTES, QUANTITIES, Head, LogReader, ReadLog, Samples
@@ -20,7 +23,7 @@ from agrobot_mj.extensions.logs.readers.can import CanText
 from agrobot_mj.extensions.logs.readers.isoxml import TaskData
 from agrobot_mj.extensions.logs.readers.mcap import Ros2Bag
 from agrobot_mj.extensions.logs.readers.nmea import NmeaText
-from agrobot_mj.extensions.logs.readers.own import CONTROL, FreeColumns, LinkRecord, RunFolder
+from agrobot_mj.extensions.logs.readers.own import FreeColumns, LinkRecord, RunFolder
 from agrobot_mj.extensions.logs.readers.sentences import found_in
 from agrobot_mj.extensions.logs.readers.timed import TimedLines
 
@@ -52,28 +55,46 @@ class OpenedLog(NamedTuple):
 def open_log(path: Path) -> OpenedLog:
     """Read a file or folder with the first reader that recognises it. Raises `FieldLogError` or `ScenarioError`."""
     head = _head(path)
+    if head.data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        return _of_utf16(path)
     for reader in READERS:
         if reader.recognises(head):
             return _opened(path, reader.kind, _checked(reader, reader.read(path)))
-    if path.is_dir():
-        raise FieldLogError(
-            f"{path}: the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"
-        )
+    raise FieldLogError(f"{path if path.is_dir() else path.name}: {_reason(head)}")
+
+
+def _of_utf16(path: Path) -> OpenedLog:
+    """Read a text file in UTF-16 from a temporary copy in UTF-8."""
+    check_size(path)
+    with TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        with (
+            path.open(encoding="utf-16", errors="replace", newline="") as text,
+            copy.open("w", encoding="utf-8", newline="") as out,
+        ):
+            copyfileobj(text, out)
+        found = open_log(copy)
+        return found._replace(source=loaded(found.source))
+
+
+def _reason(head: Head) -> str:
+    """Return the reason why no reader recognises a file or folder, and the fix."""
+    name = head.path.name
+    if head.path.is_dir():
+        return "the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"
     if next(found_in(head.data), None):
-        raise FieldLogError(f"{path.name}: the NMEA sentences have no valid checksum; enable checksums in the receiver")
-    if head.data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise FieldLogError(f"{path.name}: the text is in UTF-16; save it as UTF-8")
-    if b"<gpx" in head.data or b"<kml" in head.data:
-        raise FieldLogError(
-            f"{path.name}: a track has no wheel angle and no speed; use it as a path, with --set path.kind=waypoints "
-            f"--set path.file={path.name}, or record a log (docs/extensions/logs/record.md)"
+        return "the NMEA sentences have no valid checksum; enable checksums in the receiver"
+    if (kind := head.text_type) and (kind != "GeoJSON" or b'"coordinates"' in head.data):
+        return (
+            f"{kind} files contain no wheel angle and no speed; use the file as a path, with --set path.kind=waypoints "
+            f"--set path.file={name}, or record a log (docs/extensions/logs/record.md)"
         )
-    if CONTROL.search(head.data):
-        raise FieldLogError(f"{path.name}: the file is binary, of an unknown format; record NMEA, or convert it to CSV")
+    if b"\x1b[" in head.data:
+        return "the file is a recording of a terminal screen; record the output of the receiver (gpspipe -r)"
+    if CONTROL.search(head.data.decode(errors="replace")):
+        return "the file is binary, of an unknown format; record NMEA, or convert it to CSV"
     kinds = ", ".join(reader.kind for reader in READERS)
-    raise FieldLogError(
-        f"{path.name}: the format is unknown (supported: {kinds}); export it as CSV in UTF-8 with a header line"
-    )
+    return f"the format is unknown (supported: {kinds}); export it as CSV in UTF-8 with a header line"
 
 
 def _head(path: Path) -> Head:

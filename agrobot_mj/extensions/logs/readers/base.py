@@ -19,6 +19,7 @@ from agrobot_mj.core.errors import shortened
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.core.table_columns import NAME, FieldLogError, Source, check_size
+from agrobot_mj.paths.imports import text_type
 
 QUANTITIES = (
     Column("t", "s", "time since the first value"),
@@ -62,6 +63,11 @@ class Head(NamedTuple):
         """Complete lines of text in the data, without line ends."""
         text = self.data.decode("utf-8-sig", errors="replace").splitlines()
         return text[:-1] if len(self.data) == HEAD_BYTES else text
+
+    @property
+    def text_type(self) -> str:
+        """Type of a text file with positions only, such as KML, or an empty string."""
+        return text_type(self.data.decode("utf-8-sig", errors="replace"))
 
 
 class ReadLog(NamedTuple):

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from agrobot_mj.core.errors import shortened
-from agrobot_mj.core.nmea import NO_FIX
+from agrobot_mj.core.nmea import NO_FIX, fields_of
 from agrobot_mj.core.table_columns import FieldLogError, check_size
 from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Head, LogReader, ReadLog, Samples
-from agrobot_mj.extensions.logs.readers.sentences import KINDS, Quantities, Sentence, found_in
+from agrobot_mj.extensions.logs.readers.sentences import KINDS, SENTENCE, Quantities, Sentence, found_in
 
 RESET_S = 60.0
 """Time difference to the preceding sentence above which the clock of a sentence without a fix is not yet set [s]."""
@@ -28,8 +28,8 @@ class NmeaText(LogReader):
     kind: Literal["nmea"] = "nmea"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the start of a file contains a supported sentence with a valid checksum."""
-        return any(found.fields for found in found_in(head.data))
+        """Return whether the start of a file contains any sentence with a valid checksum."""
+        return any(fields_of(match[0]) for match in SENTENCE.finditer(head.data))
 
     def read(self, path: Path) -> ReadLog:
         """Return the values of all supported sentences. Sentences with an invalid checksum are omitted and counted."""

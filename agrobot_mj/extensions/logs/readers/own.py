@@ -13,10 +13,9 @@ from agrobot_mj.core.agopengps.position import read as read_position
 from agrobot_mj.core.agopengps.traffic import MOST, SCHEMA, read_traffic
 from agrobot_mj.core.agopengps.wire import decode
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.core.table_columns import FieldLogError, column_names, is_parquet
+from agrobot_mj.core.table_columns import CONTROL, FieldLogError, column_names, is_parquet
 from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Samples
 
-CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # Pattern of a byte that text does not contain
 DECIMAL = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?")  # Pattern of a number that is no column name
 
 
@@ -80,9 +79,10 @@ class FreeColumns(LogReader):
             return True
         first = head.lines[0] if head.lines else ""
         return (
-            not CONTROL.search(head.data)
-            and not first.startswith(("$", "\x1b"))
-            and any(mark in first for mark in ",;\t")
+            any(mark in first for mark in ",;\t")
+            and not first.startswith(("$", "<", "\x1b"))
+            and not CONTROL.search(first)
+            and not head.text_type
         )
 
     def read(self, path: Path) -> ReadLog:

@@ -5,8 +5,9 @@ from math import pi, radians
 import numpy as np
 import pytest
 
-from agrobot_mj.core.table_columns import FieldLogError
+from agrobot_mj.core.table_columns import FieldLogError, read_columns
 from agrobot_mj.extensions.logs.readers import open_log
+from agrobot_mj.extensions.logs.readers.base import HEAD_BYTES
 
 EAST, LATITUDE = 2.5e-5, 50.877  # Degrees of longitude a second, some 1.8 m, and latitude
 BOARD = "$PAOGI,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,90.00,-2.50,0.0,5.0"
@@ -19,6 +20,11 @@ def checked(text):
     for character in text[1:]:
         total ^= ord(character)
     return f"{text}*{total:02X}"
+
+
+def drive(sentences=20):
+    """Lines of a receiver that drives east."""
+    return [checked(f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0") for k in range(sentences)]
 
 
 @pytest.fixture
@@ -182,11 +188,22 @@ def test_positions_without_a_quality_need_the_status_of_rmc(tmp_path):
 
 REASONS = {
     "binary": (bytes([0xB5, 0x62, 1, 7, 92, 0]) * 50, "the file is binary, of an unknown format; record NMEA"),
-    "a terminal": (b"\x1b[?25l time, lat, lon\n1,52.3,6.7\n" * 9, "the format is unknown"),
-    "UTF-16": ("time,lat,lon\n1,52.3,6.7\n".encode("utf-16"), "the text is in UTF-16; save it as UTF-8"),
-    "a track": (
-        b'<?xml version="1.0"?>\n<gpx version="1.1"></gpx>\n',
-        "use it as a path, with --set path.kind=waypoints",
+    "a terminal": (
+        b"\x1b[?25l time, lat, lon\n1,52.3,6.7\n" * 9,
+        "a recording of a terminal screen; record the output",
+    ),
+    "UTF-16": ("time,lat,lon\n1,52.3,6.7\n".encode("utf-16"), "the columns are unknown; describe their meaning"),
+    "GPX": (b'<?xml version="1.0"?>\n<gpx version="1.1"></gpx>\n', "GPX files contain no wheel angle .* use the file"),
+    "KML in one line": (
+        b'<kml xmlns="http://www.opengis.net/kml/2.2"><coordinates>6.7,52.3 6.8,52.3</coordinates></kml>',
+        "KML files contain no wheel angle and no speed; use the file as a path, with --set path.kind=waypoints",
+    ),
+    "GeoJSON": (b'{"type": "Point", "coordinates": [6.7, 52.3]}', "GeoJSON files contain no wheel angle and no speed"),
+    "a field": (b"$Boundary\nFalse\n3\n1,2,0\n", "AgOpenGPS files contain no wheel angle and no speed"),
+    "JSON": (b'{"class": "TPV", "lat": 52.3, "lon": 6.7}\n' * 9, "the format is unknown"),
+    "a variometer": (
+        b"$LXWP0,N,13.3,21.0,0.03,0.03,0.03,0.03,0.03,0.03,,,*6F\r\n",
+        "contains no sentences with a time",
     ),
     "unknown columns": (b"time,lat,lon\n1,52.3,6.7\n" * 9, "--map map.toml; twin --describe lists its content"),
     "no names": (b"1.06,0.07,0.15\n2.28,0.12,0.29\n" * 9, "the first line has the number 1.06; write the column"),
@@ -201,6 +218,39 @@ def test_unknown_receiver_log_is_rejected_with_its_reason(tmp_path, name):
     (tmp_path / "log").write_bytes(content)
     with pytest.raises(FieldLogError, match=text):
         open_log(tmp_path / "log").checked_map()
+
+
+@pytest.mark.parametrize("codec", ["utf-16", "utf-16-be"])
+def test_logs_in_utf_16_are_read(tmp_path, codec):
+    mark = "" if codec == "utf-16" else "\ufeff"
+    (tmp_path / "log").write_bytes((mark + "\r\n".join(drive())).encode(codec))
+    log = open_log(tmp_path / "log")
+    assert (log.name, log.reader, log.source["quality"].to_pylist()) == ("log", "nmea", [4] * 20)
+    rows = "".join(f"{k / 10},{2 * k},südlich\n" for k in range(20))
+    (tmp_path / "log.csv").write_bytes(f"{mark}t,Winkel [°],wo\n{rows}".encode(codec))
+    log = open_log(tmp_path / "log.csv")
+    assert (log.name, log.reader) == ("log.csv", "columns")
+    assert log.source["Winkel [°]"].to_pylist() == list(range(0, 40, 2))
+
+
+def test_csv_of_rostopic_with_null_bytes_in_a_text_is_read(tmp_path):
+    rows = b"".join(b"%d,0\x00\x00\x00,%d.5\n" % (15 * 10**17 + k * 10**8, k) for k in range(20))
+    (tmp_path / "bag.txt").write_bytes(b"%time,field.stn_id,field.speed\n" + rows)
+    log = open_log(tmp_path / "bag.txt")
+    assert log.reader == "columns"
+    assert read_columns(log.source, ["field.speed"])["field.speed"] == pytest.approx(np.arange(20) + 0.5)
+
+
+def test_sentences_in_a_colored_terminal_recording_are_read(tmp_path):
+    (tmp_path / "typescript").write_text("\x1b[2J\x08" + "\r\n".join(f"\x1b[32m{line}\x1b[0m" for line in drive()))
+    assert open_log(tmp_path / "typescript").source["quality"].to_pylist() == [4] * 20
+
+
+def test_sentences_after_many_of_another_instrument_are_read(tmp_path):
+    other = checked("$LXWP0,Y,13.0,21.3,0.02,0.02,0.02,0.02,0.02,0.02,,,") + "\r\n"
+    (tmp_path / "flight").write_text(other * (1 + HEAD_BYTES // len(other)) + "\r\n".join(drive()))
+    log = open_log(tmp_path / "flight")
+    assert (log.reader, log.source["quality"].to_pylist()) == ("nmea", [4] * 20)
 
 
 @pytest.mark.parametrize(("mode", "quality"), [("RRRR", 4), ("FRNN", 4), ("FDAN", 5), ("DANN", 2), ("ANNN", 1)])
