@@ -34,6 +34,9 @@ TELL := while IFS= read -r line; do case "$$line" in "Collecting "*) n=$$(($$n +
 PIP = $(call TICK,installing: `du -sm $(dir $(1)).. | cut -f1` MB so far,:); \
 	{ PYTHONUNBUFFERED=1 $(1) -m pip install --progress-bar off $(2) || echo FAILED; } | { n=0; $(TELL); }; status=$$?; kill $$ticker; exit $$status
 
+# Python writes the bytecode of imported modules itself, in less time than pip needs for all modules.
+COMPILE := $(if $(PYTHONDONTWRITEBYTECODE),,--no-compile)
+
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PIP_NO_INPUT := 1
 
@@ -46,7 +49,7 @@ help: ## Show these verbs
 install: $(STAMP) ## Make .venv with the locked versions
 
 demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
-	@echo "Comparing four runs of four minutes each; the first time this takes `$(call ABOUT,$(PY),110)`, mostly for compiling."
+	@echo "Comparing four runs of four minutes each; the first time this takes `$(call ABOUT,$(PY),65)`, mostly for compiling."
 	@$(call TICK,loading,[ ! -e $(DEMO) ]); \
 		$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO); \
 		status=$$?; kill $$ticker 2>/dev/null; exit $$status
@@ -169,8 +172,8 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(PY) -m pip --version >/dev/null 2>&1 || { \
 		echo "1/3 Making the virtual environment $(VENV) with `$(PYTHON) --version`."; \
 		$(call TICK,making,:); $(PYTHON) -m venv --clear $(VENV); status=$$?; kill $$ticker; exit $$status; }
-	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes `$(call ABOUT,$(PY),45)` after the download."
-	@$(call PIP,$(PY),--require-hashes --only-binary :all: -r requirements.lock)
+	@echo "2/3 Installing the locked versions into $(VENV); the first time this takes `$(call ABOUT,$(PY),30)` after the download."
+	@$(call PIP,$(PY),$(COMPILE) --require-hashes --only-binary :all: -r requirements.lock)
 	@echo "3/3 Installing agrobot_mj itself, editable."
 	@$(PY) -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@

@@ -14,7 +14,8 @@ import stat
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,13 @@ from numba import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from platformdirs import user_cache_path
 
+from agrobot_mj.core.locks import locked
+
 KEPT = 8  # Maximum number of package versions whose caches are kept on disk
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "estimation", "paths")
 """Folders of the package with kernels or constants used by kernels."""
 MAKES_KERNELS = b"agrobot_mj.core.kernels import"  # Text that identifies files with kernels outside `PARTS`
+PATIENCE_S = 120.0  # Maximum time to wait for another process that compiles the same function [s]
 CHECKSUM = 4  # Length of the checksum [bytes]
 
 
@@ -160,6 +164,20 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             return work()
         except OSError:
             return None
+
+    @contextmanager
+    def compiling(self) -> Iterator[None]:
+        """Lock a function without compiled code, so that other processes wait for its code instead of compiling it."""
+        handle, index = None, Path(self._cache_file._index_path)
+        if not index.exists():
+            with suppress(OSError):
+                (lock := index.with_suffix(".lock")).touch()
+                handle = locked(lock, PATIENCE_S)
+        try:
+            yield
+        finally:
+            if handle is not None:
+                os.close(handle)
 
     def _discard(self) -> None:
         for file in Path(self._cache_path).glob(f"{self._impl.filename_base}.*nb[ic]"):

@@ -3,6 +3,7 @@
 import copyreg
 import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import cache, wraps
 from types import UnionType
 from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -108,7 +109,9 @@ def stage(function: F) -> F:
 def _entry(compiled: Any, *kinds: types.Type) -> Callable[..., Any]:
     """Return the compiled function for arguments of these types, without numba's type dispatch."""
     _KEPT.append(compiled)  # the machine code is freed with its dispatcher
-    return cast(Callable[..., Any], compiled.compile(kinds))
+    cached = isinstance(compiled._cache, PackageCache)
+    with compiled._cache.compiling() if cached else nullcontext():
+        return cast(Callable[..., Any], compiled.compile(kinds))
 
 
 _KEPT: list[Any] = []

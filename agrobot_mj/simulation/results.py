@@ -13,18 +13,13 @@ import os
 import re
 import secrets
 import shlex
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from agrobot_mj.core.errors import ScenarioError
-
-try:
-    from fcntl import LOCK_EX, LOCK_NB, flock
-except ImportError:  # pragma: no cover - Windows has no such locks; simultaneous runs are not detected
-    flock = None  # type: ignore[assignment]
+from agrobot_mj.core.locks import locked
 
 MARK = ".agrobot-mj"  # File name of the mark: a comment line, then one name per line
 HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
@@ -44,7 +39,12 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
     check_folder(folder, names := tuple(names))
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
-    handle = _locked(folder, PATIENCE_S if shared else 0.0)
+    try:
+        handle = locked(folder, PATIENCE_S if shared else 0.0)
+    except TimeoutError:
+        raise ScenarioError(
+            f"--out {folder}: another run is writing to this folder; wait for it to end, or specify another folder"
+        ) from None
     try:
         marked = owned(folder) is not None
         claim(folder, (name for name in names if name.endswith("/")))
@@ -203,25 +203,3 @@ def _remove_half_written(folder: Path) -> None:
                 for name in files:
                     if (match := _STALE.fullmatch(name)) and match["part"]:
                         Path(top, name).unlink(missing_ok=True)
-
-
-def _locked(folder: Path, patience: float) -> int | None:
-    """Lock `folder`, waiting up to `patience` [s]; return its descriptor, or None on a file system without locks."""
-    if flock is None:  # pragma: no cover
-        return None
-    handle, deadline = os.open(folder, os.O_RDONLY), time.monotonic() + patience
-    while True:
-        try:
-            flock(handle, LOCK_EX | LOCK_NB)
-        except BlockingIOError:
-            if time.monotonic() < deadline:
-                time.sleep(0.1)
-                continue
-            os.close(handle)
-            raise ScenarioError(
-                f"--out {folder}: another run is writing to this folder; wait for it to end, or specify another folder"
-            ) from None
-        except OSError:
-            os.close(handle)
-            return None
-        return handle

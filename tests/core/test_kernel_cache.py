@@ -1,6 +1,7 @@
 """The cache of compiled kernels: damaged files are compiled again, and a user without home has one."""
 
 import sys
+from threading import Thread
 
 import pytest
 from numba import config, njit
@@ -84,3 +85,24 @@ def test_user_without_home_folder_gets_a_private_temporary_cache(tmp_path, monke
     assert private.stat().st_mode & 0o777 == 0o700
     private.chmod(0o777)  # others could write code there, which would be run
     assert kernel_cache._cache() is None
+
+
+@pytest.mark.parametrize(("patience", "hits"), [(60.0, 1), (0.2, 0)])
+def test_kernel_waits_for_code_from_another_process(folder, monkeypatch, patience, hits):
+    monkeypatch.setattr(kernel_cache, "PATIENCE_S", patience)
+    one, other = fresh(), fresh()
+
+    def load():
+        with other._cache.compiling():
+            other(0.31, 0.02)
+
+    waiting = Thread(target=load)
+    with one._cache.compiling():
+        waiting.start()
+        waiting.join(0.5 if hits else 60.0)
+        assert waiting.is_alive() is bool(hits)
+        one(0.31, 0.02)
+    waiting.join(60.0)
+    assert sum(other.stats.cache_hits.values()) == hits
+    with one._cache.compiling(), one._cache.compiling():  # code exists: nothing is locked
+        pass

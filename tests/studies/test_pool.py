@@ -54,3 +54,18 @@ def test_error_names_shared_memory_that_cannot_be_written(monkeypatch):
     monkeypatch.setattr(multiprocessing.synchronize.SemLock, "__init__", refuse)
     with pytest.raises(ScenarioError, match=r"shared memory, on Linux in /dev/shm: Read-only file system; .*one job"):
         list(pool.spread(abs, [-1, -2], workers=2))
+
+
+def test_first_and_last_item_start_together():
+    """They differ most, so that the workers of a comparison compile different kernels at the same time."""
+    order = []
+
+    def submit(function, work):
+        order.append(work)
+        done = Future()
+        done.set_result(None)
+        return done
+
+    done = [work for work, _ in pool.stream(SimpleNamespace(submit=submit), print, iter(range(6)), 4)]
+    assert order == [0, 3, 1, 2, 4, 5]
+    assert sorted(done) == list(range(6))

@@ -133,7 +133,9 @@ def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
     """Yield each work item with its completed future. At most `window` items are submitted in advance."""
-    running = {_handed_out(executor, function, work): work for work in islice(todo, window)}
+    first = list(islice(todo, window))
+    first[1:1] = first[2:] and [first.pop()]  # the first and last item differ most: workers compile different kernels
+    running = {_handed_out(executor, function, work): work for work in first}
     while running:
         for future in wait(running, return_when=FIRST_COMPLETED).done:
             yield running.pop(future), future
