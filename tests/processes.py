@@ -4,6 +4,8 @@ They are used for tests of things that last as long as a process, such as regist
 the start itself, of signals, or of pools start Python, which takes one or two seconds.
 """
 
+import contextlib
+import io
 import multiprocessing
 import os
 import runpy
@@ -16,6 +18,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+
+from agrobot_mj import cli
 
 SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["agrobot_mj.cli.runs", "agrobot_mj.recording", "driven"])
@@ -43,6 +47,19 @@ def free_ports():
 def command(folder, *arguments, before=None):
     """Run `agrobot-mj` with arguments in a folder; its process calls `before()` first."""
     return _done(folder, runpy.run_module, "agrobot_mj", ["agrobot-mj", *arguments], before)
+
+
+def in_process(arguments):
+    """Output of a command that succeeds, in this process."""
+    output, given = io.StringIO(), sys.argv
+    sys.argv = ["agrobot-mj", *arguments]
+    try:
+        with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as leaving:
+            cli.main()
+    finally:
+        sys.argv = given
+    assert not leaving.value.code, arguments
+    return output.getvalue()
 
 
 def program(folder, code, *arguments):

@@ -12,10 +12,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from processes import free_ports
+from processes import free_ports, in_process
 from removed import needs_all
 from test_commands import SHORT
-from test_tutorial import in_process
 
 from agrobot_mj import load_scenario
 

@@ -1,7 +1,5 @@
 """docs/tutorial.md is true: a stranger walks it, command by command, in shorter runs; in full with `-m slow`."""
 
-import contextlib
-import io
 import json
 import os
 import re
@@ -12,11 +10,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from processes import command, free_ports
+from processes import command, free_ports, in_process
 from removed import needs_all
 from told import without_progress
-
-from agrobot_mj import cli
 
 pytestmark = needs_all
 ROOT = Path(__file__).parents[2]
@@ -27,19 +23,6 @@ COMMANDS = [shlex.split(line)[1:] for line in LINES if line.startswith("agrobot-
 (SCRIPT,) = (code for code in re.findall(r"^```python\n(.*?)```", TEXT, re.S | re.M) if "read_table" in code)
 FULL_S, SHORT_S = {"meadow.toml": 40, "circle": 105}, {"meadow.toml": 2, "circle": 20}
 """Durations of the page's scenarios [s]."""
-
-
-def in_process(arguments):
-    """Output of a command that succeeds, in this process."""
-    output, given = io.StringIO(), sys.argv
-    sys.argv = ["agrobot-mj", *arguments]
-    try:
-        with contextlib.redirect_stdout(output), pytest.raises(SystemExit) as leaving:
-            cli.main()
-    finally:
-        sys.argv = given
-    assert not leaving.value.code, arguments
-    return output.getvalue()
 
 
 def on_one_core():

@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
-from test_tutorial import in_process
+from processes import in_process
 
 from agrobot_mj.extensions.search.commands import COMMANDS
 
