@@ -47,6 +47,7 @@ def run(
     from agrobot_mj.simulation.results import results
     from agrobot_mj.simulation.run import run as run_scenario
     from agrobot_mj.simulation.storage import can_record, files_of_run, write_log
+    from agrobot_mj.studies.engine.workers import compiling_beside
 
     scenario = load_scenario(source, overrides(sets))
     folder = results_folder(out, f"{scenario.name}-{scenario.hash8}")
@@ -54,7 +55,7 @@ def run(
     waiting = ExitStack()
     watchers = (*(() if quiet else (Progress(waiting.close),)), *recordings(folder, recorded, live))
     said = print_hints([scenario], quiet)
-    with waiting, results(folder, files_of_run(scenario)), stop_on_signals() as stopped:
+    with waiting, results(folder, files_of_run(scenario)), stop_on_signals() as stopped, compiling_beside(scenario):
         waiting.enter_context(elapsed(f"{scenario.name}: starting, which compiles the first time", quiet))
         log = run_scenario(scenario, watchers, lambda: bool(stopped))
         write_log(log, folder, recorded=recorded)

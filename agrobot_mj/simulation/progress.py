@@ -119,23 +119,25 @@ def span(seconds: float) -> str:
 
 
 class Progress:
-    """Progress bar of one run. `began` is called after the kernels are loaded, when the run begins."""
+    """Progress bar of one run. `began` is called after the first ticks, when all kernels are compiled."""
 
     def __init__(self, began: Callable[[], None] = lambda: None) -> None:
-        self.bar, self.rows, self.began = bar(), Rows(0, 0, 0), began
+        self.bar, self.rows, self.began, self.name = bar(), Rows(0, 0, 0), began, ""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Show an empty bar."""
-        self.began()
-        self.rows = rows
-        if self.bar:
-            self.bar.start()
-            self.number = self.bar.add_task(scenario.name or "run", total=rows.ticks)
+        """Note the run; the bar follows with the first rows."""
+        self.rows, self.name = rows, scenario.name or "run"
 
     def advance(self, first: int) -> None:
-        """Update the bar."""
-        if self.bar:
-            self.bar.update(self.number, completed=self.rows.filled)
+        """Show or update the bar."""
+        if first == 0:
+            self.began()
+        if not self.bar:
+            return
+        if not self.bar.tasks:
+            self.bar.start()
+            self.number = self.bar.add_task(self.name, total=self.rows.ticks)
+        self.bar.update(self.number, completed=self.rows.filled)
 
     def finish(self, log: Log) -> None:
         """Remove the bar."""

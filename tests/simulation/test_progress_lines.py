@@ -100,10 +100,12 @@ def test_run_prints_the_elapsed_time_only_while_it_starts(call, monkeypatch, tmp
     def slow(scenario, watchers, stopped):
         time.sleep(0.2)
         watchers[0].start(scenario, None, Rows(1, 0, 0))
-        time.sleep(0.2)
+        time.sleep(0.2)  # the first tick compiles
+        watchers[0].advance(0)
+        time.sleep(0.4)
         raise ScenarioError("circle: stopped")
 
-    monkeypatch.setattr(progress, "SILENCE_S", 0.15)
+    monkeypatch.setattr(progress, "SILENCE_S", 0.3)
     monkeypatch.setattr("agrobot_mj.simulation.run.run", slow)
     status, _, err = call("run", "circle", "--no-rrd", "--out", str(tmp_path / "out"))
     assert (status, err.splitlines()) == (

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from agrobot_mj import load_scenario
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.studies.engine import workers as pool
 
@@ -69,3 +70,22 @@ def test_first_and_last_item_start_together():
     done = [work for work, _ in pool.stream(SimpleNamespace(submit=submit), print, iter(range(6)), 4)]
     assert order == [0, 3, 1, 2, 4, 5]
     assert sorted(done) == list(range(6))
+
+
+@pytest.mark.parametrize(("files", "cores", "begun"), [((), 2, 1), (("run_steps.nbi",), 2, 0), ((), 1, 0)])
+def test_worker_compiles_only_with_an_empty_cache_and_a_free_core(monkeypatch, tmp_path, files, cores, begun):
+    submitted, ended = [], []
+    for name in files:
+        (tmp_path / name).touch()
+    executor = SimpleNamespace(submit=lambda function, task: submitted.append(task))
+    monkeypatch.setattr(pool, "CACHE", tmp_path)
+    monkeypatch.setattr(pool, "cores", lambda: cores)
+    monkeypatch.setattr(pool, "_executor", lambda workers, scratch: executor)
+    monkeypatch.setattr(pool, "_stop", lambda executor, at_once: ended.append(at_once))
+    with pool.compiling_beside(load_scenario("side_slope_10")):
+        assert (len(submitted), ended) == (begun, [])
+    assert ended == [True] * begun
+    assert all(
+        pool.perform(task._replace(overrides={**task.overrides, "duration_s": 0.1})).row["error"] is None
+        for task in submitted
+    )

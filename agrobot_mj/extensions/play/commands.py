@@ -38,6 +38,7 @@ def play(
     from agrobot_mj.extensions.play.session import drivable
     from agrobot_mj.scenario.loading import load_scenario
     from agrobot_mj.simulation.progress import elapsed
+    from agrobot_mj.studies.engine.workers import compiling_beside
 
     scenario = load_scenario(source, overrides(sets))
     said = print_hints([scenario], quiet)
@@ -57,6 +58,7 @@ def play(
     tell("placing the tractor; the first start takes up to a minute for compilation")
     options = PlayOptions(port, network, seconds, not no_rrd)
     with ExitStack() as waiting, stop_on_signals() as stopped, redirect_stdout(io.StringIO()):
+        waiting.enter_context(compiling_beside(scenario))
         waiting.enter_context(elapsed(f"{scenario.name}: placing the tractor", quiet))
         drives = drive(driven, folder, options, lambda: bool(stopped), ready)
     rows = [

@@ -61,6 +61,13 @@ def rotation_of(quat: Array) -> Array:
     return matrix.reshape(3, 3)
 
 
+def quat_of(rotation: Array) -> Array:
+    """Return the quaternion w x y z of a rotation matrix, shape (4,)."""
+    quat = np.empty(4)
+    mujoco.mju_mat2Quat(quat, rotation.ravel())
+    return quat
+
+
 @kernel
 def is_clear(c: Clearance, qpos: Array) -> bool:
     """Return whether a tractor at `qpos` (position and quaternion first) cannot touch the ground, or False for NaN."""

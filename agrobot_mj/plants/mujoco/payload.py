@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from agrobot_mj.core.signals import Array, PointMass
-from agrobot_mj.plants.mujoco.clearance import rotation_of
+from agrobot_mj.plants.mujoco.clearance import quat_of, rotation_of
 from agrobot_mj.plants.mujoco.model import is_physical_inertia, steiner
 from agrobot_mj.plants.mujoco.views import CHASSIS
 
@@ -102,6 +102,4 @@ class Chassis:
         mass, centre, inertia = with_payload(self.bare, payload)
         principal, axes = np.linalg.eigh(inertia)
         axes[:, 2] *= np.linalg.det(axes)  # right-handed
-        quat = np.zeros(4)
-        mujoco.mju_mat2Quat(quat, axes.ravel())
-        return [np.array(mass), centre, principal, quat]
+        return [np.array(mass), centre, principal, quat_of(axes)]

@@ -3,13 +3,13 @@
 from math import atan, atan2, ceil, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.signals import WHEELS, Array, Reference, Truth
 from agrobot_mj.machine import Machine
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
+from agrobot_mj.plants.mujoco.clearance import quat_of
 from agrobot_mj.plants.mujoco.stepping import Oil, TractorMotion
 from agrobot_mj.terrain import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import FRICTION_USE, LOAD
@@ -32,13 +32,11 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
         front, left = points[:2].mean(axis=0) - points[2:].mean(axis=0), points[2] - points[3]
         normal = np.cross(front, left)
         rotation = _facing(normal / np.linalg.norm(normal), start.yaw)
-    quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, rotation.ravel())
     place = np.array([start.x, start.y, 0.0]) - rotation @ cg
     place[2] = points[2:, 2].mean()
     across = (points[0] - points[1]) @ rotation
     limit = np.radians(tractor.axle_pivot_limit_deg)
-    return np.concatenate([place, quat]), float(np.clip(np.arctan2(across[2], across[1]), -limit, limit))
+    return np.concatenate([place, quat_of(rotation)]), float(np.clip(np.arctan2(across[2], across[1]), -limit, limit))
 
 
 def _facing(normal: Array, yaw: float) -> Array:

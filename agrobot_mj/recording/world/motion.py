@@ -3,12 +3,12 @@
 The uncertainty ellipse is a line on the ground, at 3 sigma of the estimated position of the rear-axle centre R.
 """
 
-import mujoco
 import numpy as np
 import rerun as rr
 from rerun.components import FillMode, RotationQuatBatch, Translation3DBatch
 
 from agrobot_mj.core.signals import WHEELS, Array
+from agrobot_mj.plants.mujoco.clearance import quat_of
 from agrobot_mj.plants.scene import Scene
 from agrobot_mj.recording.transport.timeline import Times, partitioned, send
 from agrobot_mj.recording.world.events import Events
@@ -46,10 +46,8 @@ class Belief:
             return
         centres = on_ground(self.ground, np.column_stack([x, y])[there], LIFT_M)
         axes, frames = ellipses(*(v[there] for v in p))
-        rotations = _laid(frames, *slopes(self.ground, x[there], y[there], REACH_M))
-        quaternions = np.empty((len(rotations), 4))
-        for quaternion, rotation in zip(quaternions, rotations, strict=True):
-            mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+        tilted = _laid(frames, *slopes(self.ground, x[there], y[there], REACH_M))
+        quaternions = np.array([quat_of(rotation) for rotation in tilted])
         shapes = rr.Ellipsoids3D.columns(
             centers=centres.astype(np.float32),
             half_sizes=np.column_stack([SIGMAS * axes, np.full(len(axes), THICKNESS_M)]).astype(np.float32),

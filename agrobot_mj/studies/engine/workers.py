@@ -23,7 +23,9 @@ from typing import TYPE_CHECKING, TypeVar
 from agrobot_mj.core.errors import ScenarioError, required
 from agrobot_mj.core.identity import code_text, differing
 from agrobot_mj.core.interrupts import deferring, held_back
+from agrobot_mj.core.kernel_cache import CACHE
 from agrobot_mj.scenario.plugins import load_plugins, loaded_files
+from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
 
 AHEAD = 2
@@ -112,6 +114,23 @@ def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: in
     """Yield each work item with its result, as `Pool.spread` does, from a temporary pool of processes."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
+
+
+@contextmanager
+def compiling_beside(scenario: Scenario) -> Iterator[None]:
+    """Compile with an empty cache in two processes: a worker drives the scenario on the bicycle model and flat ground,
+    which compiles all but the physics, until the end of the block or its own end."""
+    if CACHE is None or any(CACHE.rglob("*.nbi")) or cores() < 2:
+        yield
+        return
+    with TemporaryDirectory(prefix="agrobot-mj-", ignore_cleanup_errors=True) as scratch:
+        helper = _executor(1, scratch)
+        try:
+            with held_back():
+                helper.submit(perform, Task.of(scenario, {"plant.kind": "bicycle", "terrain.kind": "flat"}))
+            yield
+        finally:
+            _stop(helper, at_once=True)
 
 
 def _executor(workers: int, scratch: str) -> ProcessPoolExecutor:
