@@ -64,7 +64,7 @@ def track(path: Path, t: Array, x: Array, y: Array, route: SampledRoute | None =
 def _track(
     places: Matrix, found: Matrix, row: int, place: float, seen: float, samples: Matrix, legs: Matrix, end: float
 ) -> tuple[int, float, float, float]:
-    """Track the nearest sample from row `row` of `places` (t, x, y) to the end, or until it is near `end` [m].
+    """Track the nearest sample from row `row` of `places` (t, x, y) to the last row or the arc length `end` [m].
 
     `place` [m] is the arc length of the last nearest sample, found at the time `seen` [s]. Fill `found` with offset,
     time and circle. Return the next row, `place`, `seen`, and the arc length [m] around which samples are missing.

@@ -1,6 +1,6 @@
 """Lag of the tractor behind its reference at the end of a run, in distance and speed.
 
-Most laws follow the path independent of time, so that cross-track errors do not include the lag.
+Most laws follow the path independently of time, so that cross-track errors do not include the lag.
 """
 
 from math import hypot, isfinite
@@ -37,7 +37,7 @@ class Lag(NamedTuple):
 
 
 def lag_of(log: LogLike) -> Lag | None:
-    """Return the lag at the end of a run, or None for a short run, and for a last row that is not finite."""
+    """Return the lag at the end of a run, or None for a short run or a last row that is not finite."""
     t = log.column("t")
     last = slice(int(np.searchsorted(t, t[-1] - LAST_S)) if len(t) else 0, None)
     if len(t[last]) < 2:

@@ -41,7 +41,7 @@ LOOK_AT = (0.5, 0.0, 0.6)
 VIEWED = (2.2, 0.85)
 """Width and height of the ground visible in the top view, divided by the camera height [-]. Measured in the viewer."""
 TILT = 0.1
-"""Tilt of the top-view camera to the south [-]. With an exactly vertical view, the viewer may show south at the top."""
+"""Displacement of the top-view camera to the south, divided by its height [-], which keeps north at the top."""
 COLUMNS, MOST_PLOTS = 3, 12
 """Number of columns of plots on a tab, and maximum number of plots on a tab. More plots continue on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
@@ -112,7 +112,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots with suitable heights, and of the views `below` with given fractions of the height."""
+    """Return a column of plots with suitable heights, above the views `below` with their fractions of the height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -129,7 +129,7 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with time axes of equal length. If one time axis reserves space for a legend, all do."""
+    """Return the plots with time axes of equal length. All reserve the same space for legends."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)

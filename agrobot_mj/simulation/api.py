@@ -21,7 +21,7 @@ def run(
     watchers: tuple[simulation.Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Simulate a scenario, given by name, path or object, to its end; writes no files.
+    """Simulate a scenario, given by name, path or object, to its end. Return the log and write no files.
 
     Hints about the scenario are issued as `ScenarioWarning`. The same scenario gives bit-identical signals on the same
     machine. `should_stop` is called every tick; the run ends as `aborted` if it returns True. Raises `ScenarioError`

@@ -34,15 +34,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState, Suite
 
 ABSURD_STEER = radians(90.0)
-"""Steering angle above which a command is implausible [rad], with the wheels across the tractor."""
+"""Steering angle above which a command is implausible [rad]: wheels perpendicular to the tractor."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Types of exceptions that numbers that are not finite may cause."""
+"""Exception types that arithmetic with numbers that are not finite may raise."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Parts of the messages of a ValueError caused by numbers that are not finite."""
+"""Parts of ValueError messages that identify arithmetic with numbers that are not finite."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """Maximum plausible distance from the origin [m] and speed [m/s] of a fix: a quarter of the equator, and Mach 3."""
-OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")  # Measurements that are NaN without a sensor
+OPTIONAL = ("gyro", "roll", "pitch", "wheel_speed")  # Measurements that are NaN if the tractor has no sensor for them
 
 Message = TypeVar("Message", bound=tuple[Any, ...])
 
@@ -51,7 +51,7 @@ class Numbers:
     """Numbers of a message that must be finite, except fields with the default NaN, which means "not given"."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
-        """Collect the numbers of the class `message` without the fields `but`; optional fields may be None."""
+        """Collect the numeric fields of the class `message` except the fields `but`; optional fields may be None."""
         hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
         at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
@@ -96,7 +96,7 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
-"""Checks of the true state without and with the samples, which are checked only if a measurement is not finite."""
+"""Checks of the true state without and with its samples. Samples are checked if a measurement is not finite."""
 CONDITIONS = Numbers(Conditions)
 
 
@@ -116,7 +116,7 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Wrap `part.method`; messages contain `name` and `kind`. `passed` checks and converts the result."""
+        """Wrap `part.method`; error messages contain `name` and `kind`. `passed` checks and converts the result."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
 

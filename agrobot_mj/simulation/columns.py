@@ -183,7 +183,7 @@ _write = stage(_write)
 
 
 def row(k: Tick) -> tuple[Vector, Here]:
-    """Return the values of `COLUMNS` for a tick, with NaN for columns that a stage reports, and part of the truth."""
+    """Return the values of `COLUMNS` in a tick, NaN for columns that a stage reports, and the true state `Here`."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
     here = _write(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)

@@ -1,4 +1,4 @@
-"""Checks without a run that a scenario's tractor can be built and is stable, used for the plans of studies."""
+"""Checks that tractors of scenarios can be built and are stable. Studies check all tractors before the first run."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ def check_tractor(scenario: Scenario) -> None:
     with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
         if isinstance(s.plant, Mujoco):
             build(s.plant.tyre, s.vehicle, LEVEL, s.step_s, payloads=loadings(s.fault))
-        else:  # a bicycle is rendered as its tractor
+        else:  # the bicycle plant draws its tractor
             Ghost(s.tractor)
 
 

@@ -101,7 +101,7 @@ class Loop:
     """Stages of a scenario with their states. A `tick` consists of `sense`, `decide` and `act`; then call `advance`."""
 
     def __init__(self, scenario: Scenario, seen: Held[Truth] | None = None) -> None:
-        """Create the stages in their initial state, or for a saved run with the true state `seen`."""
+        """Create the stages in their initial state. `seen` is the true state of a saved run that will be restored."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)

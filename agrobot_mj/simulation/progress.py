@@ -14,7 +14,7 @@ from agrobot_mj.simulation.log import Log, Rows
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-BETWEEN_LINES_S = 1.0  # Minimum time between two progress lines; fast work prints few or no lines [s]
+BETWEEN_LINES_S = 1.0  # Minimum time between two progress lines [s], so that fast work prints few lines
 SILENCE_S = 6.0  # Maximum time without a progress line [s]
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
 """Maximum duration written in seconds [s], and maximum duration written in minutes [min]."""
@@ -51,7 +51,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count finished tasks, which ended as expected if `expected`, and whose results already existed if `there`."""
+        """Count finished tasks. `expected`: they ended as expected; `there`: their results already existed."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected
@@ -63,7 +63,7 @@ class Count:
 
     @contextmanager
     def breaking_silence(self) -> Iterator[None]:
-        """Print the elapsed time whenever no line was printed for `SILENCE_S`, within the block."""
+        """Print the elapsed time after each `SILENCE_S` without a line, within the block."""
         ended = Event()
 
         def print_time() -> None:

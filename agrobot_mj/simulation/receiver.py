@@ -2,11 +2,11 @@
 
 The terminal is configured with the distances of the antenna ahead and to the left of the rear axle. For an antenna on
 an implement, the distance is that in straight driving, without hitch angle. The terminal moves the fix along the
-heading of the tractor, and with an inertial unit also corrects the arm for roll and pitch. Estimators correct the
-height of the antenna. With the estimated heading, errors of the estimate would move the fix, and the filter would
-interpret this as motion: with position and heading gains k_R and k_psi the loop diverges for k_psi d > k_R. The heading
-is therefore the integral of a separate yaw rate, from the gyro or from steering angle and speed, and follows the
-estimate slowly.
+heading of the tractor, and with an inertial unit also corrects the arm for roll and pitch. Estimators compensate for
+the height of the antenna. With the estimated heading, errors of the estimate would move the fix, and the filter would
+interpret this as motion: for position and heading gains k_R and k_psi and an antenna d ahead of the axle, the loop
+diverges if k_psi d > k_R. The heading is therefore the integral of a separate yaw rate, from the gyro or from steering
+angle and speed, and follows the estimate slowly.
 """
 
 from math import isfinite, tan

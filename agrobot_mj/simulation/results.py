@@ -129,7 +129,7 @@ def atomic(path: Path) -> Iterator[Path]:
     temporary = temporary_path(path)
     try:
         with errors_naming(path):
-            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))  # minus the umask
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))  # permissions minus the umask
             yield temporary
             temporary.replace(path)
     finally:
@@ -166,7 +166,7 @@ def errors_naming(path: Path) -> Iterator[None]:
     except (ConnectionError, TimeoutError):  # network errors of the block
         raise
     except OSError as error:
-        words = os.strerror(error.errno) if error.errno else str(error)  # of libraries without errno
+        words = os.strerror(error.errno) if error.errno else str(error)  # libraries raise errors without errno
         raise OSError(error.errno, words, str(path)) from error
 
 

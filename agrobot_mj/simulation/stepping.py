@@ -45,7 +45,7 @@ class Simulation:
     def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
         """Create the simulation of a scenario given by name, path or object, with overrides by dotted key.
 
-        Raises `ScenarioError`, TypeError.
+        Raises `ScenarioError` or TypeError for invalid arguments.
         """
         if isinstance(scenario, Scenario):
             self.scenario = scenario if overrides is None else scenario.changed(overrides)
@@ -108,11 +108,11 @@ class Simulation:
         """Advance one tick with a command; return the measurement at its end.
 
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6]
-        may be given, all left positive; without a steering argument the guidance law of the scenario steers. Default of
-        `speed` [m/s]: the speed of the guidance law or, with a steering argument, of the reference. The supervisor only
-        monitors the guidance law. A step is atomic: signals are delayed to its end, and an error of a law restores the
-        previous state. Raises `CommandError` for an invalid command, after the end, and while another thread uses the
-        simulation.
+        may be given, all positive to the left; without a steering argument the guidance law of the scenario steers.
+        Default of `speed` [m/s]: the speed of the guidance law or, with a steering argument, of the reference. The
+        supervisor only monitors the guidance law. A step is atomic: signals are delayed to its end, and an error of a
+        law restores the previous state. Raises `CommandError` for an invalid command, after the end, and while another
+        thread uses the simulation.
         """
         given = {}
         if not steer is curvature is yaw_rate is steer_voltage is None:
@@ -122,7 +122,7 @@ class Simulation:
             return self._step(given, speed)
 
     def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
-        """Perform `step`. After an error later than the writing of the row, the state is incomplete and unusable."""
+        """Perform `step`. After an error that follows the writing of the log row, the state is incomplete."""
         self._require_whole()
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -316,7 +316,7 @@ class Simulation:
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
-        """Return the log of the run so far with its metrics, for a wall time `wall_s` [s]. Raises TypeError."""
+        """Return the log of the run so far with its metrics, for a wall time `wall_s` [s]."""
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
             return self._log(wall_s)

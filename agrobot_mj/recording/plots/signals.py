@@ -46,7 +46,7 @@ class Signals:
     """Sender of the plots of a run."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Create the catalogue plots with the existing columns except `without`, then the plots `more`."""
+        """Create the catalogue plots for the existing columns except `without`, followed by the plots `more`."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [

@@ -98,7 +98,7 @@ def free_port() -> int:
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run, and wait until it accepts connections. Return whether it does."""
+    """Start a viewer that outlives the run. Return whether the viewer accepts connections within PATIENCE_S."""
     quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

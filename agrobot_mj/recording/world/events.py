@@ -1,7 +1,7 @@
 """Event markers in the scene: start and end of faults, steering at its limit, outcome of the run.
 
 A marker is a labelled point at the position of the tractor at the time of the event. It stays visible afterwards. The
-marker of the outcome is above the tractor; a completed run has none.
+marker of the outcome is above the tractor, unless the run was completed.
 """
 
 from collections.abc import Sequence

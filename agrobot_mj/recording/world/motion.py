@@ -57,7 +57,7 @@ class Belief:
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
-    """Return the standard deviations along both principal axes (n, 2) [m], and first axes (n, 2), for covariances."""
+    """Return standard deviations along both principal axes (n, 2) [m] and directions of the first axes (n, 2)."""
     p = np.stack([p_xx, p_xy, p_xy, p_yy], axis=-1).reshape(-1, 2, 2)
     variances, directions = np.linalg.eigh(p)
     return np.sqrt(np.maximum(variances, 0.0)), directions[:, :, 0]
