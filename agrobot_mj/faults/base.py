@@ -11,7 +11,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class Scripted(Spec):
-    """Base class of faults with a time window; a kind overrides `apply`, and also `init` if the fault has a state."""
+    """Base class of faults with a time window. Subclasses override `apply`; those with a state also override `init`."""
 
     machine: ClassVar[bool] = False
     """Whether the fault acts on the body or the tyres of the tractor, which the bicycle plant does not model."""
@@ -43,7 +43,7 @@ class Scripted(Spec):
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
-        """Return the strength of the fault at `t` [s], which grows linearly from 0 to 1 within `ramp_s` [s] [-]."""
+        """Return the strength of the fault [-] at `t` [s], which grows linearly from 0 to 1 within `ramp_s` [s]."""
         return min(max((t - self.start_s) / ramp_s, 0.0), 1.0) if ramp_s > 0.0 else 1.0
 
     def overlaps(self, other: "Scripted") -> bool:

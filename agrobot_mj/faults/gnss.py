@@ -1,4 +1,4 @@
-"""Faults of the GNSS solution: missing, float, without corrections, offset, repeated or late.
+"""Faults of the GNSS solution: missing, float, without corrections, offset, repeated or delayed.
 
 Sizes and durations with the source [Jones2026] were measured in the logs of docs/extensions/logs/real_machine.md.
 """
@@ -159,7 +159,7 @@ class GnssFloat(Scripted):
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
     def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
-        """Set the quality of the solution to float, unless this fault is in its fix phase or another fault is worse."""
+        """Set the quality of the solution to float, or keep a worse quality, except in the fix phases of this fault."""
         while self.flicker_s and t >= state.turns_s:
             turns = state.turns_s + state.generator.exponential(self.flicker_s)
             state = state._replace(floating=not state.floating, turns_s=turns)

@@ -19,7 +19,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
-"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3. Rig tests with a longer length take longer."""
+"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3; rig tests take longer with a larger value."""
 ADHERES, SLIDES = 1.0, 3.0
 """Values of normalised slip (slip times slip stiffness / peak force) [-]: at 1, linear springs reach the peak force; at
 3, a brush with parabolic pressure slides completely [Pacejka2012], chapter 3."""
@@ -205,7 +205,7 @@ class CarcassTyre(TyreBase):
     dissipation, turned towards the higher friction [-]. Assumed value; 1 is the limit for lugs [Goyal1991]."""
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; kinds add other parts."""
+        """Return the carcass and contact patch; subclasses add other parts."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

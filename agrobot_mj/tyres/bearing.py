@@ -36,7 +36,7 @@ REVERSAL = 2.0
 """Pressure up to which reloaded soil is elastic, divided by the minimum pressure since the last plastic sinkage [-].
 Assumed value: a load that decreases by less than half and increases again is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip above which the sinkage is constant, 3 times that without slip [-]. Assumed value, end of published curves."""
+"""Slip above which the sinkage is constant [-], three times that at zero slip. Assumed value: end of known curves."""
 
 Cell = tuple[int, int, int]  # Tile, row and column of a stored cell
 

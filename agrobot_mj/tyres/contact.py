@@ -19,7 +19,7 @@ class Contact(TyreBase):
     friction: Positive = 0.8
     """Sliding friction coefficient [-]. Assumed value (0.6-0.8 in the field)."""
     impratio: Positive = 1.0
-    """Friction stiffness divided by normal contact stiffness [-], as MuJoCo's option. Assumed value: as in MuJoCo."""
+    """Friction stiffness divided by normal contact stiffness [-], see MuJoCo's option. Assumed value: as in MuJoCo."""
 
     @property
     def native(self) -> NativeContact:

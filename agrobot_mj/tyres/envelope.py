@@ -24,7 +24,7 @@ REACH = 0.8
 BLEND = 0.005
 """Difference of penetration below which two points share the load [m]. Assumed value: a third of the deflection."""
 ALONG = 0.01
-"""Minimum direction component of a line across grid lines [-]. Below it, the line counts as parallel to them."""
+"""Minimum direction component of a line across grid lines [-]; a line below this limit is treated as parallel."""
 END, COLUMN, ROW = range(3)
 """Types of segment ends: end of the polyline, crossing of a column of nodes, crossing of a row of nodes."""
 

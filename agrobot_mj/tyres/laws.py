@@ -40,7 +40,7 @@ ROLLING = 0.2  # Rolling speed at which the carcass damping has half of its valu
 LEAST_SHARE = 0.1
 """Minimum ground speed divided by the reference speed of the slip [-], which limits the reported slip ratio to 20."""
 SMALL, SHORTEST = 1e-6, 1e-3
-"""Slip at which the slip stiffness of a law is evaluated [-], and minimum relaxation length, at almost no load [m]."""
+"""Slip at which the slip stiffness is evaluated [-], and minimum relaxation length [m], reached at almost no load."""
 Pair = tuple[float, float]
 RESTING = 0.001
 """Speed below which the reported slip ratio is the bristle deflection divided by the relaxation length [m/s]."""
@@ -201,8 +201,8 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
     """Return the fraction of the bristle deflection that is held [-]. The rest slides: a locked wheel does not wind up.
 
-    When the load increases, tread that has slid adheres again without deflection. With a deflection it would return
-    more energy than it received.
+    When the load increases, tread that has slid adheres again without deflection. With a deflection, the tread would
+    return more energy than it received.
     """
     if slip.load <= last_load:
         return force.held

@@ -158,9 +158,9 @@ class MagicFormula(CarcassTyre):
 
     kind: Literal["magic_formula"] = "magic_formula"
     front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))
-    """Return a text, possibly empty, with the coefficients clamped to their minimum at a relative load change `df`."""
+    """Front tyres; the default stiffness equals the stiffness of the bicycle model at static load."""
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
-    """Rear tyres; the default stiffness equals the bicycle model's at static load."""
+    """Rear tyres; the default stiffness equals the stiffness of the bicycle model at static load."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (0.045-0.07)."""
     trail_m: NonNegative = 0.03

@@ -9,9 +9,9 @@ whose steady-state slip is the slip ratio or tan(slip angle). The response is fi
 sigma; at rest the bristle acts like a spring. The tyre law computes the force from slip and load, and z decreases if
 the friction limit is exceeded. The bristle is integrated exactly over a step and therefore stable at any speed.
 
-The stiffness c of the carcass spring is independent of the load; sigma is the slip stiffness at the current load over
-c, so that a lightly loaded tyre relaxes faster. At a force F the deflection z is the sum of the elastic part F / c
-and the slid tread z - F / c. Tread that slid before a load increase adheres again without contributing force.
+The stiffness c of the carcass spring is independent of the load; sigma is the slip stiffness at the current load
+divided by c, so that a lightly loaded tyre relaxes faster. At a force F the deflection z is the sum of the elastic part
+F / c and the slid tread z - F / c. Tread that slid before a load increase adheres again without contributing force.
 
 The longitudinal force of a driven wheel acts at the effective rolling radius r_e, which follows from the power balance:
 the free radius minus a third of the deflection [Pacejka2012].
