@@ -71,7 +71,7 @@ class Comparison(SweepPlan):
         self.left_out = left_out
         """Omitted plants, and omitted laws on a plant, with the reason why they cannot run the scenario."""
         self.recorded = True
-        """Whether each run is recorded, and all runs together in the common recording."""
+        """Whether each run is recorded, and a common recording of the runs is written."""
 
     @cached_property
     def drawn(self) -> list[int]:
@@ -141,7 +141,7 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """Return the compared laws: named laws with each variant, and variants that are laws. Raises `ScenarioError`."""
+    """Return the valid compared laws: named laws with each variant, and variants that are laws."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]

@@ -123,7 +123,7 @@ class RowFiles:
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
-        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order has an effect
+        said = [base.said, [*overrides.items()], code_of_measure, task.branches]  # the order of overrides has an effect
         files = [*base.files, *(file for each in held.values() for file in each.files)]
         name = digest(json.dumps(said, sort_keys=True, default=str).encode(), digits=NAME_DIGITS)
         driven = {key: next(iter(each.driven.values())) for key, each in held.items()}
@@ -137,7 +137,7 @@ class RowFiles:
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
         """Yield each task, its row, and whether the row already existed. Existing rows come first."""
-        todo = []  # the tasks themselves could exceed the memory
+        todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
             task = self.asked(task_of(number))
             if (row := self.row(task)) and row["error"] is None and (files is None or files.has(task, row)):
@@ -233,7 +233,7 @@ def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterat
     """Yield a function that performs tasks and stores their rows in `folder`, which is locked within the block.
 
     `names` are the files that the study itself writes to the folder. `jobs` is the number of processes; default: one
-    per core. Raises `ScenarioError`.
+    per core. Raises `ScenarioError` if results must not be written to `folder`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
         yield Study(folder, perform)

@@ -70,7 +70,7 @@ def across(s: Signals) -> tuple[Array, Array]:
     points = np.stack([s["x_ref"], s["y_ref"]], 1)
     along = np.gradient(points, axis=0) if len(points) > 1 else np.zeros_like(points)
     moves = np.hypot(*along.T) > 1e-9
-    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # at rest, as before
+    along = along[np.maximum.accumulate(np.where(moves, np.arange(len(points)), 0))]  # keep direction at rest
     left = np.stack([-along[:, 1], along[:, 0]], 1) / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
     return left, ((np.stack([s["x"], s["y"]], 1) - points) * left).sum(axis=1)
 

@@ -66,7 +66,7 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Plot errors of successful runs and their median over the parameters `numeric`; `drawn` ones vary randomly."""
+    """Plot errors of successful runs and their median over each parameter in `numeric`; those in `drawn` are random."""
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -103,7 +103,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a results folder and return the written files. Raises `ScenarioError`."""
+    """Write the report of a results folder and return the written files. Reject folders without known results."""
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")
     pages, sections = known_reports()

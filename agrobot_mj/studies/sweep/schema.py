@@ -168,7 +168,7 @@ class Sweep(NamedTuple):
 
 
 def find_sweep(source: str | Path) -> Path:
-    """Find a sweep file by name or path. Raises `ScenarioError`."""
+    """Return the path of a sweep file, given by name or path. Raises `ScenarioError` if there is no such file."""
     return find_file(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
