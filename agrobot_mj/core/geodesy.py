@@ -2,7 +2,7 @@
 
 The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines. A
 degree of latitude has its length at the origin, a degree of longitude its length at the latitude of the point. The east
-axis follows the parallel: at 51 degrees north, 500 m east of the origin, the plane is 24 mm off a tangent plane.
+axis follows the parallel: at 51 degrees north, 500 m east of the origin, the plane is 24 mm off the tangent plane.
 """
 
 from math import cos, radians

@@ -48,7 +48,7 @@ class _State:
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
-        """Replaced handler of each signal, kept for code that has saved `_keep` and installs it again."""
+        """Replaced handler of each signal, kept for code that saves `_keep` and later reinstalls `_keep`."""
         self.replaced: list[int] = []
         """Signals whose current handler is `_keep`."""
         self.received: list[int] = []

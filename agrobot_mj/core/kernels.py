@@ -23,7 +23,7 @@ from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
 F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
 if "NUMBA_OPT" not in os.environ:
-    config.OPT = type(config.OPT)(2)  # as fast as level 3, which duplicates loops and compiles half as fast
+    config.OPT = type(config.OPT)(2)  # code as fast as from level 3, compiled in half the time
 box_in_c()
 
 
@@ -37,7 +37,7 @@ for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to
 
 
 def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
-    """Wrap the step in which LLVM compiles or loads machine code: its callbacks lose exceptions of signal handlers."""
+    """Delay signals while LLVM compiles or loads machine code: its callbacks lose exceptions of signal handlers."""
 
     def finalize_whole(library: JITCodeLibrary) -> None:
         with until_the_end():
@@ -146,7 +146,7 @@ def declared(hint: Any) -> types.Type:
 def held(value: T, as_it_is: bool = False) -> T:
     """Return a reference to a copy of a named tuple, for arguments annotated `Held`; arrays are not copied.
 
-    Its type is that of the annotations or, if `as_it_is`, of the value. References are returned unchanged.
+    The copy has the annotated types or, if `as_it_is`, those of the value. References are returned unchanged.
     """
     if config.DISABLE_JIT or type(value) is Reference:
         return value

@@ -47,7 +47,7 @@ class LongArray:
     def make_room(self, end: int) -> None:
         """Reserve space for the rows before `end`. Raises OSError naming the folder if there is no space.
 
-        In a forked process the rows move to a separate file, since both processes map the same one.
+        In a forked process the rows move to a separate file, because both processes map the same file.
         """
         if self._map is not None and self._process != os.getpid():
             self._process, numbers, self._room = os.getpid(), self.numbers, 0

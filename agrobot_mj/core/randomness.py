@@ -111,7 +111,7 @@ Shares = tuple[float, float]
 
 @lru_cache(maxsize=256)
 def shares(dt: float, correlation: float) -> Shares:
-    """Return the weights for a step of `dt` and a correlation time in the same unit."""
+    """Return the weights of a Gauss-Markov process for a step of `dt` and a correlation time in the same unit."""
     return gauss_markov(1.0, 0.0, dt, correlation), gauss_markov(0.0, 1.0, dt, correlation)
 
 

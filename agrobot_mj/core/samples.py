@@ -33,7 +33,7 @@ class Sample(NamedTuple):
 
 @shared
 def _offset(a: Sample, x: float, y: float) -> float:
-    """Return the signed distance of (x, y) [m] from the osculating circle of a sample, positive left [m]."""
+    """Return the signed distance [m] of the point (x, y) [m] from the osculating circle of a sample, positive left."""
     ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
     along, across = a.curvature * ahead, 1 - a.curvature * left
     return (2 * left - a.curvature * (ahead * ahead + left * left)) / (1 + sqrt(along * along + across * across))
@@ -65,7 +65,7 @@ def found_nearest(
 
 @jit
 def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
-    """Return the signed distance of (x, y) [m] from the osculating circle of sample `k`, positive left [m]."""
+    """Return the signed distance [m] of (x, y) [m] from the osculating circle of sample `k`, positive to the left."""
     return _offset(_sample_at(samples, k), x, y)
 
 
@@ -92,12 +92,12 @@ def point_at(samples: Matrix, s: float) -> PathPoint:
 
 @jit
 def curvatures_at(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
-    """Return the curvature of the last sample before each arc length (0 before the start), and the maximum length."""
+    """Return the curvature of the last sample before each of `distances` (0 before the start), and their maximum."""
     found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
     for i in range(distances.size):
         most = max(most, distances[i])
         if distances[i] >= 0.0:
-            low, high = 0, last  # the sample is between these
+            low, high = 0, last  # index of the sample is between these
             while low < high:
                 middle = (low + high + 1) // 2
                 if samples[middle, S] <= distances[i] + 1e-12:

@@ -175,7 +175,7 @@ class Conditions(NamedTuple):
     gnss_latency_s: float = 0.0
     """Latency added to the latency of the receiver [s], in whole ticks."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the position of the solution, east and north [m]
-    gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of its velocity, east and north [m/s]
+    gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the velocity, east and north [m/s]
     gnss_frozen: Frozen = ""
     """Velocity reported while the receiver repeats its last position; "" if it is not frozen."""
     heading: Distortion = SOUND  # Distortion of the heading measured by two antennas [rad]

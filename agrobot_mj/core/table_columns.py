@@ -28,7 +28,7 @@ MOST_HEADER_BYTES = 1_000_000  # Maximum length of a CSV header line [bytes]
 SHOWN = 24  # Maximum number of column names listed in a message
 LONGEST_STEP_S = 5.0  # Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics
 SAME_TIME = 1.5
-"""Mean number of rows with equal time above which the times are rounded; below it, single rows are repeated [-]."""
+"""Mean number of rows with equal time [-]: above this limit the times are rounded, below it rows are repeated."""
 LATEST_STEP_S = 1e-5  # Median time step below which the times cannot be in seconds [s]
 MOST_STEPS = 1e8
 """Maximum duration divided by the median time step: a year at 3 Hz. Longer durations contain a wrong time."""
@@ -74,7 +74,7 @@ def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | No
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return a boolean mask (n,) of rows whose value is one of `accepted`. Raises the errors of `read_columns`."""
+    """Return a boolean mask (n,) of rows whose value is one of `accepted`. Raises the same errors as `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
@@ -82,7 +82,7 @@ def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], wh
 
 
 def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) -> Callable[[str], pa.ChunkedArray]:
-    """Return a function that reads the cells of each requested column. Raises as `read_columns`."""
+    """Return a function that reads the cells of each requested column. Raises the same errors as `read_columns`."""
     name, known = source_name(source), column_names(source)
     for column in wanted:
         if column not in known:
@@ -107,7 +107,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
 
 
 def loaded(source: Source) -> Source:
-    """Return a log that can be read column by column; a CSV file becomes a table. Raises `FieldLogError`."""
+    """Return a log that can be read by columns; a CSV file becomes a table. Raises `FieldLogError` if unreadable."""
     if isinstance(source, pa.Table) or _is_parquet(source):
         return source
     names = column_names(source)

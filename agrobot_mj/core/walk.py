@@ -130,7 +130,7 @@ def elsewhere(root: type[Spec], name: str) -> str:
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """Return the first dotted keys ending with `name`: below `table`, near the top or, for two words, in any table."""
+    """Return up to `MOST_OFFERED` dotted keys that end with `name`, first those in `table`; omit deep short keys."""
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]

@@ -58,7 +58,7 @@ class Traffic:
 
 
 def read_traffic(path: Path) -> list[Datagram]:
-    """Return the datagrams of a `link.parquet`; `turn` counts from the first datagram. Raises `ScenarioError`."""
+    """Return the datagrams of a `link.parquet`; `turn` counts from the first one. Raises `ScenarioError` if invalid."""
     if not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}; specify the link.parquet of an earlier run with --replay")
     try:

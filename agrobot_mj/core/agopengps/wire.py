@@ -4,7 +4,7 @@ A frame is `80 81 | source | number | length | data | check`; check is the low b
 last data byte. 16-bit values are little-endian, and each datagram contains one frame. `decode` never raises an error:
 invalid datagrams become `Rejected`, messages for other modules `Unknown`.
 
-The check byte of hello and scan frames is ignored, since some senders put a constant there.
+The check byte of hello and scan frames is ignored, because some senders use a constant value.
 """
 
 from typing import NamedTuple
