@@ -165,7 +165,7 @@ FORM = '"name: key=value, key=value"'
 
 
 def variants(texts: list[str] | None) -> "list[SweepVariant]":
-    """Return the variants of the command line, in order. Raises `ScenarioError`."""
+    """Return the variants of the command line, in order. Raises `ScenarioError` for an invalid text."""
     return [_variant(text) for text in texts or []]
 
 

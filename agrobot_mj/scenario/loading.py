@@ -40,7 +40,7 @@ def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath]
     """Find a file by path or name, also without `.toml`. Files of the user take precedence over files of the package.
 
     `shipped` are the files of the package. `noun` names the type of file in error messages. A message ends with
-    `folder` if the source is a folder, with `known` for an unknown name. Raises `ScenarioError`.
+    `folder` if the source is a folder, with `known` for an unknown name. Raises `ScenarioError` if there is no file.
     """
     path = FilePath(source)
     if path.is_dir():

@@ -21,7 +21,7 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return path, modification times and size of a machine file, or None for the default. Raises `ScenarioError`."""
+    """Return path, modification times and size of a machine file, or None for the default; reject missing files."""
     if name == COMPACT:
         return None
     shipped = machine_files()
@@ -35,7 +35,7 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
 
 
 def machine_tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError`."""
+    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError` if invalid."""
     data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):

@@ -57,7 +57,7 @@ def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
-    """Set the value of a dotted key in plain data. List items are numbered from 0. Raises `ScenarioError`.
+    """Set the value of a dotted key in plain data. List items are numbered from 0. Raises `ScenarioError` if invalid.
 
     A table with a new `kind` keeps the keys that both kinds have. A table without `kind` has the kind of `default`.
     """
@@ -220,7 +220,7 @@ def beside(key: str, path: Path) -> tuple[Path, ...]:
 
 
 def machine_data(path: Path) -> dict[str, Any]:
-    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError`."""
+    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError` if unreadable."""
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())
     beside_copies(data, path.parent.resolve())

@@ -44,7 +44,7 @@ WITHOUT = ": the scenario was run with plugins; add "
 
 
 def register(member: Member, name: str | None = None) -> Member:
-    """Add a class to the family of its base class; also usable as a decorator. Raises `ScenarioError`, TypeError.
+    """Add a class to the family of its base class; also usable as a decorator. Unsuitable classes are rejected.
 
     A sensor becomes the table `[sensors.NAME]`. By default the name is the class name in lower case with underscores. A
     metric is evaluated in every run.
@@ -201,7 +201,7 @@ def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec],
 
 
 def load_plugins(paths: Iterable[Path]) -> None:
-    """Register the members defined in plugin files; each file is loaded once. Raises `ScenarioError`."""
+    """Register the members defined in plugin files; load each file once. Raises `ScenarioError` for an invalid file."""
     for path in paths:
         if (file := path.resolve()) not in _files:
             with _naming(f"--plugin {path}"):
@@ -253,7 +253,7 @@ def _absent(file: Path) -> list[Path]:
 
 @cache
 def load_installed() -> None:
-    """Register the kinds, sensors and metrics of extensions and of installed plugins. Raises `ScenarioError`."""
+    """Register kinds, sensors and metrics of extensions and installed plugins. Raises `ScenarioError` if invalid."""
     changed = set[type[Spec]]()
     for entry in installed("plugins"):
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):

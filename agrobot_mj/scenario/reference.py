@@ -133,7 +133,7 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a key, of all keys if empty, or of a word's matches. Raises `ScenarioError`."""
+    """Return the documentation of a key, of all keys if empty, or of a word's matches; reject unknown words."""
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:

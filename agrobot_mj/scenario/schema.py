@@ -61,7 +61,7 @@ class Scenario(Tables):
         return tomli_w.dumps(data), moved
 
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
-        """Return a validated copy with overrides by dotted key. Raises `ScenarioError`.
+        """Return a validated copy with overrides by dotted key. Raises `ScenarioError` if invalid.
 
         Without `files`, path and ground are not checked; `check_files` must then be called before a run.
         """
