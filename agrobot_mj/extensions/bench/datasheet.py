@@ -60,7 +60,7 @@ class Measured(NamedTuple):
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine, given by name or path. Yield each line when it is available. Raises `ScenarioError`."""
+    """Measure a machine, given by name or path. Yield each line when available. Raises `ScenarioError` if unknown."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")

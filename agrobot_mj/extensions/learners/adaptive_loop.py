@@ -38,8 +38,8 @@ UNSURE = (0.5, 0.5)
 NOISE = radians(0.1)
 """Standard deviation of the mean angle at each end of a segment [rad]. Assumed value: 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate above which the wheels count as turning during a complete segment [rad/s]. Below, fraction of the
-prediction error by which the dead band is shifted [-]. Assumed values: twice the noise of the rate."""
+"""Mean rate above which the wheels turned during a complete segment [rad/s], and fraction of the prediction error by
+which the dead band is shifted at lower rates [-]. Assumed values: twice the noise of the rate."""
 MOST = radians(6.0)  # Maximum rate error used in an update [rad/s], which limits the effect of outliers. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
 """Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""

@@ -63,7 +63,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Return the command of the feedback law plus the map. Store the correction here for the next lap."""
+        """Return the command of the feedback law plus the map; store the correction at this place for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)

@@ -39,8 +39,8 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """Run a session and return its log with the `metrics` of the link. Raises `NotBegunError`. If `told`, the observers
-    are called during the run, otherwise at its end."""
+    """Run a session and return its log with the `metrics` of the link. Raises `NotBegunError` if it does not begin. If
+    `told`, the observers are called during the run, otherwise at its end."""
 
     def finish(log: Log) -> Log:
         own = log.outcome in ("completed", "aborted")

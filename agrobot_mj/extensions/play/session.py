@@ -173,7 +173,7 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return the scenario with a human driver, who can hand over to any law, as guidance. Raises `ScenarioError`."""
+    """Return the scenario with a human driver, who can hand over to any law, as guidance; reject unsuitable plants."""
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):

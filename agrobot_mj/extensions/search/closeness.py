@@ -52,7 +52,7 @@ class Closeness:
     """Column whose magnitude is the margin. Default: the margin is computed from the metrics in the condition."""
 
     def __call__(self, log: Log) -> Array:
-        """Return the finite margin at each tick [-], shape (ticks,). Raises `ScenarioError`."""
+        """Return the finite margin at each tick [-], shape (ticks,). Raises `ScenarioError` for an unknown signal."""
         view = RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)

@@ -52,7 +52,7 @@ class Judgement(NamedTuple):
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
-    """Return the gain ranges of the law and yaw controller of a scenario, by dotted key. Raises `ScenarioError`."""
+    """Return the gain ranges of the law and yaw controller of a scenario, by dotted key; reject laws without gains."""
     law, controller = scenario.guidance, scenario.controller
     driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}

@@ -110,7 +110,7 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
 
 
 def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
-    """Yield the scenario of a case at each speed, unless the plant does not support it. Raises `ScenarioError`."""
+    """Yield the scenario of a case at each speed, unless the plant does not support the case; reject invalid keys."""
     try:
         changed = scenario.changed(changes)
     except ScenarioError as error:

@@ -35,7 +35,7 @@ PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
 """Grades for parking [deg], and direction of steepest ascent for a machine that faces east [deg]."""
 FASTEST_M_S, FROM, TO = 4.0, 0.85, 0.2
-"""Speed before braking [m/s], at most 0.9 of top speed; fractions of it between which deceleration is measured [-]."""
+"""Initial speed [m/s], at most 0.9 of top speed; its fractions between which the deceleration is measured [-]."""
 QUICK = ("compact", "orchard")
 
 

@@ -56,7 +56,7 @@ def check_ranges(ranges: Mapping[str, Range]) -> None:
 
 
 def draw(ranges: Mapping[str, Range], generator: Generator) -> dict[str, Any]:
-    """Return the overrides for one episode, sampled in the order of `ranges`, and its seed."""
+    """Return the overrides for one episode, sampled in the order of `ranges`, and the seed of the episode."""
     drawn: dict[str, Any] = {"seed": int(generator.integers(SEEDS))}
     for key, values in ranges.items():
         if isinstance(values, list):

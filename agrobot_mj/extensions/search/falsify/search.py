@@ -121,7 +121,7 @@ class Falsified(NamedTuple):
 
     verdict: str
     mildest: Combination
-    """Smallest failing combination, run with additional seeds. If none fails, the one with the largest margin."""
+    """Smallest failing combination, run with additional seeds, or the one with the largest margin if none fails."""
     alone: dict[str, Combination]
     """For each key, the combination with this key at its hard end and the others at their mild values."""
     around: tuple[Combination, ...]

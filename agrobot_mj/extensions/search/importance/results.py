@@ -144,7 +144,7 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the result of a group for `draws` (points, d) and `values` (points, seeds). Raises `ScenarioError`."""
+    """Return the result of a group for `draws` (points, d) and `values` (points, seeds); reject constant values."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: the metric does not vary in {name}")
@@ -170,7 +170,7 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Return parameters (points, d) and metric (points, seeds) by group, in design order. Raises `ScenarioError`."""
+    """Return parameters (points, d) and metric (points, seeds) by group, in design order; reject missing values."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds

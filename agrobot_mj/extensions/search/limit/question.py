@@ -104,12 +104,12 @@ def metric_names(scenario: Scenario) -> list[str]:
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario with each of the guidance `kinds`. Default: its own guidance. Raises `ScenarioError`."""
+    """Return the scenario with each of the guidance `kinds`, by default its own. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
 def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
-    """Check the settings and return the failure condition. Raises `ScenarioError`."""
+    """Check the settings and return the failure condition. Raises `ScenarioError` for invalid settings."""
     q = question
     if q.key == "seed":
         raise ScenarioError(
@@ -130,7 +130,7 @@ def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
 
 
 def condition_of(until: str, scenario: Scenario) -> Condition:
-    """Return the failure condition for runs of a scenario. Raises `ScenarioError`."""
+    """Return the failure condition for runs of a scenario. Raises `ScenarioError` for an invalid text `until`."""
     condition = Condition(until, metric_names(scenario))
     if condition.names_error and not condition.names_outcome and scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -142,7 +142,7 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
 
 
 def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
-    """Return the scenario with the key set to `value`. Raises `ScenarioError`."""
+    """Return the scenario with the key set to `value`. Raises `ScenarioError` for an invalid key or value."""
     return scenario.changed({q.key: as_value(scenario, q.key, value)})
 
 

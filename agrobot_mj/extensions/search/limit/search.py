@@ -59,7 +59,7 @@ def find_limit(
     """Search for the limit of one law; `done` is called with each evaluated value.
 
     `beside` contains the overrides of a baseline without the fault or disturbance, which is searched in the same way.
-    Raises `ScenarioError`.
+    Raises `ScenarioError` for invalid overrides.
     """
     found = answer(name, question, _Search(scenario, question, condition, do, done).run())
     if not beside:
