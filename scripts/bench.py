@@ -42,7 +42,8 @@ from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
 AIM_RATIO, AIM_RECOMMENDED_RATIO, AIM_RECORDING = 1.35, 2.0, 0.05
-"""Targets [-]: closed loop divided by bare steps, the same for the recommended stack, relative cost of recording."""
+"""Targets [-]: closed loop divided by bare steps, the same ratio with the recommended stack, relative cost of
+recording."""
 AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
 """Minimum simulated time per processor time [-]: standard steps, `physics = "fast"`, and the recommended stack."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200

@@ -32,7 +32,8 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Return the requirements of a group in pyproject.toml; except for `docs` including package and extra `all`."""
+    """Return the requirements of a group in pyproject.toml and, except for `docs`, of the package with the extra
+    `all`."""
     content = tomllib.loads(text)
     project = content["project"]
     extras = [extra for line in project["optional-dependencies"]["all"] for extra in sorted(Requirement(line).extras)]

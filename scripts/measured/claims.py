@@ -1,7 +1,8 @@
 """Claims of the paper on its figure eight, with one factor varied at a time (sweeps `claims` and `claims_*`).
 
 A claim is *confirmed* if its confidence interval supports it on both plants and the null models do not show the same
-effect. It is *qualified* if they do, or if it holds only in some cases, and *refuted* if it holds in no case.
+effect. It is *qualified* if the null models show the effect or the claim holds only in some cases, and *refuted* if the
+claim holds in no case.
 
 A row contains the study (name of the sweep after `claims`, or `paper`), plant, law, and `x`, the value of the varied
 factor. The laws are those of the paper, null models and a PI controller, all with the paper's kinematic law and filter.
@@ -28,7 +29,7 @@ STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "s
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
 """Standard deviations of the position in the study of noise [m]. The receiver of the paper has 0.02."""
 TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
-"""Numbers of the turns in the study that asks whether q settles."""
+"""Numbers of the turns in the study of the settling of q."""
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
 PAPER_RATIO, ROBUST = 0.70, 1.5
 """Ratio of the errors with network and with PD on the real tractor, and maximum ratio of the errors on the softest and

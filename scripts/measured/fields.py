@@ -62,7 +62,7 @@ CONDITIONS: dict[str, tuple[Keys, Keys]] = {
     "slope of 6 deg": ((), SLOPE),
     "worn valve": ((), VALVES["worn"]),
 }
-"""Keys that the plan knows and keys that it does not know, of each condition on the rectangle."""
+"""Conditions on the rectangle: overrides included in the plan, and overrides applied only in the simulation."""
 PUBLIC = {"Dutch, 3.59 ha": "test.json", "Estonian, three holes": "ee_field_130.wkt"}
 """Files with fields in the source package of Fields2Cover."""
 OWN = {
@@ -112,7 +112,7 @@ class Drive(NamedTuple):
 
 
 def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Log, FieldDrive]:
-    """Plan a field without knowledge of the keys `keys`, simulate the plan with them, and return the drive."""
+    """Plan a field without the overrides `keys`, simulate the plan with these overrides, and return the drive."""
     known = dict(drive.keys)
     path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
     base = planning_scenario(field.name, path, known)
@@ -193,7 +193,7 @@ def public_fields(folder: Path) -> dict[str, Path]:
 
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:
-    """Simulate the work on a scaled field with keys that the plan does not know, and return the overlapped and missed
+    """Simulate the work on a scaled field with overrides that are not in the plan, and return the overlapped and missed
     area for each planned overlap [%]."""
     drive, file, unknown = job
     field = read_field(Path(file)) if file else Field(drive.place, OWN[drive.place])
