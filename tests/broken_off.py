@@ -35,13 +35,13 @@ WALL = ("wall_s", "real_time_factor")
 
 
 class Driven(list):
-    """Simulated runs, as pairs of seed and law. The run with the index `most` is interrupted."""
+    """Record of simulated runs as pairs of seed and law. The run with the index `most` is interrupted."""
 
     most = None
 
 
 def counted(monkeypatch, folder):
-    """Return a list that records simulated runs; write a law that may raise errors, and tuning cases, to `folder`."""
+    """Return a list that records simulated runs. Write a law that may raise errors, and tuning cases, to `folder`."""
     (folder / "mine.toml").write_text('seeds = 2\n[[training]]\nname = "a"\n[[test]]\nname = "b"\n')
     (folder / "laws.py").write_text(LAWS)
     real, seen = tasks.run, Driven()
@@ -64,7 +64,7 @@ def answer(folder, name):
 
 
 def check_resuming(call, driven, tmp_path, command, name, most):
-    """Check that a command interrupted in its n-th run resumes, with the same result as without interruption."""
+    """Check that a command interrupted in run `most` resumes with the same result as without interruption."""
     driven.most = most
     assert call(*command)[0] == 130
     assert not (tmp_path / "out" / name).exists()

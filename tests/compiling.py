@@ -13,12 +13,12 @@ from numba.core.dispatcher import Dispatcher
 
 from agrobot_mj.core.kernel_cache import CACHE
 
-held = set()  # Names of the kernels whose locks this process holds
+held = set()  # Names of the kernels that this process has locked
 
 
 @contextmanager
 def turn_of(function):
-    """Hold the lock of a kernel. It is released at the latest when the process ends.
+    """Hold the lock of a kernel while the kernel is compiled. The lock is released at the latest when the process ends.
 
     A kernel is compiled within the compilation of its callers. Calls are not circular, so that there is no deadlock.
     """

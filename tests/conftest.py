@@ -17,16 +17,16 @@ from agrobot_mj import __version__, cli
 from agrobot_mj.core import identity
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-"""The variable must be set before numpy is imported. With tests on every core, BLAS threads for small matrices would
-only wait for each other and take most of the processor time of a fit."""
+"""Numpy reads the variable when it is imported. With tests on every core, BLAS threads for small matrices would only
+wait for each other and take most of the processor time of a fit."""
 gc.set_threshold(cli.OBJECTS_PER_COLLECTION)
-"""Same threshold as in a command. Otherwise, garbage collection would search all modules again and again."""
+"""Garbage-collection threshold of commands. With the default threshold, each collection would search all modules."""
 typer.main.get_command = cache(typer.main.get_command)
-"""The command line is created from its functions once, not for each call."""
+"""Cached command line, which is otherwise created for each call."""
 settings.register_profile("same", derandomize=True, deadline=None, database=None, max_examples=50)
 settings.register_profile("explore", deadline=None, print_blob=True, max_examples=100)
 settings.load_profile("same")
-"""Property tests use the same examples on all machines; `make explore` uses others. Slow machines do not fail."""
+"""Property tests use the same examples on all machines and have no time limit; `make explore` uses other examples."""
 
 
 def pytest_configure(config):
@@ -52,8 +52,8 @@ def _plugins_of_one_test():
 def call(monkeypatch, capsys, tmp_path):
     """Return a function that runs a command line of `agrobot-mj` in an empty folder: exit status, stdout and stderr.
 
-    It runs in this process and shows no progress lines, which depend on the clock. Worker processes take three seconds
-    of processor time to start; only `--jobs` starts them.
+    The command runs in this process and prints no progress lines, which depend on the clock. Worker processes take
+    three seconds of processor time to start; only `--jobs` starts them.
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("agrobot_mj.studies.engine.workers.cores", lambda: 1)
@@ -71,13 +71,13 @@ def call(monkeypatch, capsys, tmp_path):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Comparisons leave no figures: a second each, which other tests look at."""
+    """Omit the figures of comparisons, which take one second per comparison and are checked by other tests."""
     monkeypatch.setattr(import_module("agrobot_mj.studies.report"), "write_figures", lambda runs, folder: [])
 
 
 @pytest.fixture
 def asked(call):
-    """Return a function that runs a command line with `--json` and checks the status: JSON document and stderr."""
+    """Return a function that runs a command line with `--json`, checks the status, and returns document and stderr."""
 
     def command(*arguments):
         status, out, err = call(*arguments, "--json")

@@ -1,4 +1,4 @@
-"""Simulation of a few ticks on both plants. A process that imports this module has loaded the kernels."""
+"""Simulation of a few ticks on both plants, which loads the kernels when this module is imported."""
 
 from agrobot_mj import load_scenario, run
 

@@ -23,7 +23,7 @@ class Bend:
         self.speed_m_s, self.duration_s, self.turns_s, self.max_curvature = abs(speed), 120.0, (), abs(curvature)
 
     def at(self, t: float) -> Reference:
-        """Return the reference. Its heading is that of the tractor, so that the velocity is opposite in reverse."""
+        """Return the reference. Its heading is that of the tractor, so that in reverse the velocity is opposite."""
         way = self.speed * max(t, 0.0)  # distance along the heading
         on_straight = min(max(way, -self.straight), self.straight)
         pose = advance(Pose(0.0, 0.0, 0.3), 0.0, on_straight)
@@ -52,7 +52,7 @@ def drive(
     lag: float = 0.2,
     known_bias: float = float("nan"),
 ) -> Drive:
-    """Simulate a bicycle without slip that starts `offset` [m] left of the path, turned by `heading` [rad].
+    """Simulate a bicycle without slip that starts `offset` [m] left of the path with the heading error `heading` [rad].
 
     The wheel angle is `bias` [rad] to the right of the angle that the sensor measures.
     """

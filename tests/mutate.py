@@ -1,12 +1,12 @@
-"""Mutation test: does a test fail when the source is changed in one place?
+"""Mutation test, which checks that a test fails when the source is changed in one place.
 
     python tests/mutate.py [--seed 1] [--count N] [--only GROUP,...] [--out runs/mutants]
 
 Mutants are those of cosmic-ray, and exchanges of names (left and right, x and y), which tests often missed. A sample is
 drawn from each group of modules in tests/mutants.toml, which also names the tests of each module. The tests run in a
 copy of the tree, first without a mutant. Kernels run as plain Python, because compilation takes a minute. A mutant is
-killed if a test fails or takes ten times as long. A mutant does not count if it only introduces a name that does not
-exist there. An interrupted test continues with the same `--out`.
+killed if a test fails or takes ten times as long. Mutants that only introduce an undefined name do not count. An
+interrupted test continues with the same `--out`.
 """
 
 import argparse
@@ -38,7 +38,7 @@ CHANGES = re.compile(
     r"BinaryOperator_(Add_Sub|Sub_Add|Mul_Div|Div_Mul|Pow_Mul|FloorDiv_Mul|Mod_Mul)|"
     r"ComparisonOperator_(Lt_GtE|LtE_Gt|Gt_LtE|GtE_Lt|Eq_NotEq|NotEq_Eq|Is_IsNot|IsNot_Is)))"
 )
-"""Operators of cosmic-ray that are used. The others change nothing if both sides are equal, or change only types."""
+"""Operators of cosmic-ray in use. The others have no effect if both sides are equal, or change only types."""
 PAIRS = """
     min max, sin cos, tan sin, degrees radians, searchsorted_left searchsorted_right, area length, width radius, x y,
     vx vy, fl fr, rl rr, rear_x rear_y, east north, left right, front rear, ahead left, upper lower, l_f l_r, C_f C_r,
@@ -50,7 +50,7 @@ NAMES = dict(pair.split()[::order] for order in (-1, 1) for pair in PAIRS.split(
 
 
 class Exchange(Operator):
-    """Exchanges a name where it is read."""
+    """Operator that replaces a name where the name is read."""
 
     def mutation_positions(self, node: Any) -> Iterator[Any]:
         read = node.type == "name" and node.value in NAMES and not node.is_definition(include_setitem=True)
@@ -114,7 +114,7 @@ def read(module: str) -> str:
 
 
 class Bench:
-    """Copy of the tree in which mutants are tested one after another."""
+    """Copy of the source tree in which mutants are tested one after another."""
 
     def __init__(self, tree: Path) -> None:
         self.tree, self.usual = tree, {}
@@ -133,7 +133,7 @@ class Bench:
         return run_tests(f"env -C {tree} PYTHONPATH={tree} NUMBA_DISABLE_JIT={int(plain)} {pytest}", limit_s)
 
     def killed(self, mutant: Mutant) -> str:
-        """Return how a mutant is detected; empty if it is not detected."""
+        """Return how a mutant is detected, or an empty string if no test detects the mutant."""
         plain = re.search(r"core\.kernels import .*\b(kernel|jit)|def (force|drag)\(self, slip", mutant.source)
         key = mutant.tests, bool(plain)
         if key not in self.usual:

@@ -7,7 +7,7 @@ from agrobot_mj.control.t2fnn_laws import Rates, firing, laws, sgn
 
 
 def random_state(rng: np.random.Generator, size: tuple[int, int] | None = None) -> T2FnnState:
-    """Return sets scattered about the origin. Some contain the origin, some do not."""
+    """Return a random state whose sets are scattered about the origin; some sets contain the origin."""
     n1, n2 = size or (int(rng.integers(1, 5)), int(rng.integers(1, 5)))
     d1_lower, d2_lower = rng.uniform(0.3, 1.2, n1), rng.uniform(0.3, 1.2, n2)
     return T2FnnState(
@@ -58,13 +58,13 @@ def printed_laws(s: T2FnnState, x1: float, x2: float, alpha: float, sign: float)
 
 
 def derivatives(network: T2Fnn, s: T2FnnState, x1: float, x2: float, tau_c: float) -> Rates:
-    """Return the right-hand sides of the laws as implemented in the network; of the guards only 2 and 5 apply."""
+    """Return the right-hand sides of the laws as implemented in the network. Only the guards 2 and 5 have an effect."""
     alpha_sgn = network.alpha * sgn(tau_c, network.delta_s)
     return laws(s._replace(x1=x1, x2=x2), firing(s, x1, x2), x1, x2, alpha_sgn, network.floor)[1]
 
 
 def far_from_guards(s: T2FnnState, x1: float, x2: float) -> bool:
-    """Return whether no denominator is near its lower limit, and both bounds fire."""
+    """Return whether no denominator is near its lower limit and rules of both bounds fire."""
     W_lower, W_upper = plain_firing(s, x1, x2)
     near = min(np.abs(x1 - s.c1).min(), np.abs(x2 - s.c2).min())
     return bool(near > 0.01 and W_lower.any() and abs((s.f * (W_lower - W_upper)).sum()) > 0.01)

@@ -1,4 +1,4 @@
-"""Notebooks whose cells run in order without a kernel, with shortened drives; unchanged with `-m slow`."""
+"""Notebooks whose cells run in order without a kernel. Simulations are shortened, except with `-m slow`."""
 
 import json
 from pathlib import Path
@@ -28,7 +28,7 @@ def code(book):
 def executed(folder, name, full, found):
     """Execute the cells in order in a separate process; return their output and the values of `found`.
 
-    A separate process is needed because registered laws remain registered. Figures that are shown are rendered.
+    A separate process is necessary because laws cannot be unregistered. Displayed figures are rendered.
     """
     head = "import json\nimport matplotlib.pyplot as plt\nplt.show = lambda: plt.gcf().savefig('figure.png')"
     cells = code(BOOKS[name])

@@ -1,7 +1,7 @@
 """Programs in separate processes that start fast: they are forked from a server that has imported the package.
 
-They are used for tests of things that last as long as a process, such as registrations and resource limits. Tests of
-the start itself, of signals, or of pools start Python, which takes one or two seconds.
+The programs are for tests of effects that last until the end of a process, such as registrations and resource limits.
+Tests of the start itself, of signals, or of pools start Python, which takes one or two seconds.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ SERVER = multiprocessing.get_context("forkserver")
 SERVER.set_forkserver_preload(["agrobot_mj.cli.runs", "agrobot_mj.recording", "driven"])
 
 PLACES = Path(__file__).parent, Path(__file__).parents[1]
-LONGEST_S = 600  # Time after which a process counts as hanging [s]
+LONGEST_S = 600  # Time after which a process is treated as hanging [s]
 
 
 class Done(NamedTuple):
@@ -45,7 +45,7 @@ def free_ports():
 
 
 def command(folder, *arguments, before=None):
-    """Run `agrobot-mj` with arguments in a folder; its process calls `before()` first."""
+    """Run `agrobot-mj` with arguments in a folder, in a process that first calls `before()`."""
     return _done(folder, runpy.run_module, "agrobot_mj", ["agrobot-mj", *arguments], before)
 
 

@@ -1,4 +1,4 @@
-"""Extensions that have been removed from this tree. Pages of the core still name their commands and kinds."""
+"""Extensions that have been removed from this tree. Core pages still mention their commands and kinds."""
 
 import re
 from pathlib import Path
@@ -16,5 +16,5 @@ REMOVED_PAGES = tuple(f"docs/extensions/{name}" for name in REMOVED)
 
 
 def is_there(command):
-    """Return whether a command exists or must exist. It may be missing only if an extension has been removed."""
+    """Return whether a command exists or must exist. It may be missing only if its extension has been removed."""
     return not REMOVED or command in COMMANDS

@@ -14,7 +14,7 @@ POWERS = {
     **{"_n_rad": 3.0, "_n_deg": 3.0, "_n": 3.0, "_l_min_v": 3.0, "_l_min": 3.0, "_per_m": -1.0, "_per_m2": -2.0},
     **{"_mm": 1.0, "_m": 1.0, "size": 1.0},
 }
-"""Power of the length with which a key scales, by the first ending that matches; other keys are unchanged."""
+"""Power of the length with which a key scales, by the first matching suffix of the key. Other keys do not change."""
 GROWING = ("tractor", "driveline", "steering", "plant", "implement", "fault", "path")
 """Tables of a scenario that scale with the tractor."""
 SOIL = ("noise_length_m", "shear_m", "cell_m", "rebound_mpa_m")  # Lengths that belong to the ground and do not scale
@@ -22,7 +22,7 @@ DEFAULT_KG = Scenario().tractor.mass_kg
 
 
 def similar(scenario: Scenario, mass_kg: float) -> Scenario:
-    """Return the scenario for a tractor of `mass_kg` [kg]. Raises `ScenarioError` if it is impossible."""
+    """Return the scenario for a tractor of `mass_kg` [kg]. Raises `ScenarioError` if the tractor is impossible."""
     length = (mass_kg / scenario.tractor.mass_kg) ** (1 / 3)
     data = scenario.model_dump(mode="json", exclude_none=True)
     for table in GROWING:

@@ -1,4 +1,5 @@
-"""Long runs, for faults that a minute does not show. Each prints a row for docs/reliability.md; a fault gives status 1.
+"""Long runs that reveal faults which do not occur within a minute. Each run prints a row for docs/reliability.md. A
+fault gives exit status 1.
 
     python tests/soak.py learning [--ticks 10000000]
     python tests/soak.py work [--hours 24] [--recorded]
@@ -61,7 +62,7 @@ def forget_peak() -> None:
 
 
 def largest(state: T2FnnState) -> float:
-    """Return the largest magnitude of all parameters of a network; infinite if one is not finite."""
+    """Return the maximum magnitude of all parameters of a network, or infinity if a parameter is not finite."""
     numbers = np.concatenate([np.ravel(part) for part in state])
     return float(np.abs(numbers).max()) if np.isfinite(numbers).all() else inf
 
@@ -70,7 +71,7 @@ def learning(ticks: int) -> bool:
     """Let the network learn; return whether its parameters stay bounded and memory does not grow.
 
     The yaw rate follows u tan(delta)/L with a lag of 0.3 s, towards a reference that oscillates as on the figure eight,
-    with noise of 0.01 rad/s. The network learns from such signals on a tractor, and never converges.
+    with noise of 0.01 rad/s. As on a tractor, the network does not converge with these signals.
     """
     law, chance, yaw_rate, began = PdT2fnn(), np.random.default_rng(1), 0.0, time.monotonic()
     state, early, bound, tenth = law.init(), 0.0, 0.0, max(ticks // 10, 1)
@@ -123,7 +124,7 @@ class Memory:
 def drive_for(hours: float, recorded: bool) -> bool:
     """Simulate laps for some hours; return whether memory stops growing after ten minutes, until all files are written.
 
-    After an interrupt, the hours that have been simulated are reported.
+    After an interrupt, the result covers the simulated hours.
     """
     keys = {"path.turns": ceil(hours * 3600 / 119.0), "duration_s": hours * 3600, "terrain.half_size_m": 60.0}
     rough = {"terrain.kind": "rough", "terrain.grade_deg": 0.0, "plant.tyre.kind": "soil"}
@@ -138,7 +139,7 @@ def drive_for(hours: float, recorded: bool) -> bool:
         write_log(log, Path(folder), recorded=recorded)
         written = memory_mb(peak=True)
         size = sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
-    *driven, (_, last) = memory.samples  # at the last sample, the progress along the path was requested
+    *driven, (_, last) = memory.samples  # at the last sample, the progress along the path has been computed
     later = [mb for t, mb in driven if t >= SETTLED_S] or [last]
     driving, making, writing = (mb - later[0] for mb in (max(later), metered, written))
     print(
@@ -154,7 +155,7 @@ def drive_for(hours: float, recorded: bool) -> bool:
 
 
 def link(seconds: float) -> bool:
-    """Run the link in real time; return whether the host steered throughout, and no outage was counted."""
+    """Run the link in real time. Return whether the host steered throughout and no outage was counted."""
     board, host = free_ports()
     lasting = ["--duration", str(seconds + 120), "--idle", "30"]
     serving = [sys.executable, str(HOST), f"--port={host}", f"--board-port={board}"]

@@ -1,4 +1,4 @@
-"""Guidance law that stands still."""
+"""Guidance law that keeps the tractor at standstill."""
 
 LAWS = '''
 """Laws that do not drive their path."""
@@ -22,7 +22,7 @@ AWAY = ("--set", "plant.kind=bicycle", "--set", "duration_s=9", "--set", "path.s
 
 
 def standing(folder, test):
-    """Write a file with the law; return the file and a kind for each test, because kinds are registered once."""
+    """Write a file with the law. Return the file and a separate kind for each test, because kinds stay registered."""
     name = f"still_{abs(hash(test)) % 10**8}"
     (folder / "laws.py").write_text(LAWS.replace("{name}", name))
     return folder / "laws.py", name

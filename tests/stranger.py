@@ -1,9 +1,9 @@
-"""Machine of an unknown user with hidden parameters, and the log that its owner would have.
+"""Machine of an unknown user with hidden parameters, and the log recorded by its owner.
 
 The machine is an independent bicycle model: stretched-string tyres on both axles (deflection q' = -w - |V| q / sigma,
 force C q / sigma), exact angles, and play between steering sensor and wheels. The log has counts for angles, an
-unsigned speed, and positions and headings that are late, repeated by a faster logger, and quantised. The machine
-stands, reverses, loses its position, has frozen values and missing seconds.
+unsigned speed, and positions and headings that are late, repeated by a faster logger, and quantised. The machine stops,
+reverses and loses its position; the log has frozen values and missing seconds.
 """
 
 from math import cos, pi, radians, sin
@@ -21,7 +21,7 @@ END_S = 300.0
 
 
 class Hidden(NamedTuple):
-    """Parameters that the fit does not know, in the units of its result."""
+    """Parameters that are unknown to the fit, in the units of its result."""
 
     centre: float
     scale: float  # Wheel angle per count [deg], negative if counts increase to the right
@@ -79,7 +79,7 @@ def behind_play(angle, play):
 
 
 def drive(h, u, d):
-    """Return east, north, heading and yaw rate at every step (Runge-Kutta) for speed and wheel angle at half steps."""
+    """Return east, north, heading and yaw rate at every step (Runge-Kutta), for speed and wheel angle at half steps."""
     k_f, k_r = h.C_f / h.sigma_f, h.C_r / h.sigma_r
 
     def rate(s, u, d):
@@ -87,7 +87,7 @@ def drive(h, u, d):
         c, s_ = cos(d), sin(d)
         across, side = v + L_F * r, v - L_R * r
         F_f, F_r = k_f * q_f, k_r * q_r
-        leak = max(0.0, 0.3 - abs(u))  # without it, the springs of a standing tyre would oscillate for ever
+        leak = max(0.0, 0.3 - abs(u))  # without leakage, the springs of a tyre at rest would oscillate without end
         return (
             u * cos(psi) - side * sin(psi),
             u * sin(psi) + side * cos(psi),
@@ -111,7 +111,7 @@ def drive(h, u, d):
 
 
 def slow(rng, n, sigma, seconds, step):
-    """Return noise that is correlated over some seconds."""
+    """Return noise that is correlated over `seconds`."""
     keep, found = np.exp(-step / seconds), np.zeros(n)
     for k in range(1, n):
         found[k] = keep * found[k - 1] + sigma * np.sqrt(1 - keep * keep) * rng.standard_normal()
@@ -119,7 +119,7 @@ def slow(rng, n, sigma, seconds, step):
 
 
 def write_log(seed, file, h=None):
-    """Simulate the machine of a seed and write its log; return the hidden values, with latencies of log rows."""
+    """Simulate the machine of a seed and write its log. Return the hidden values, with latencies of log rows."""
     h = h or hidden(seed)
     rng = np.random.default_rng([seed, 25])
     fine = np.arange(0, END_S + STEP_S, STEP_S / 2)
@@ -185,7 +185,7 @@ accepted = ["fixed"]
 
 
 def answers(h):
-    """Return true values by the keys of the result."""
+    """Return the true values by result key."""
     weight = MASS / (L_F + L_R)
     return {
         "steer.offset": h.centre,

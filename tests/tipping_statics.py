@@ -1,4 +1,4 @@
-"""Static tip-over angles of a parked tractor, with its roll on the tyres, the yielding carcass and the pivot."""
+"""Static tip-over angles of a parked tractor, including its roll on the tyres, the compliant carcass and the pivot."""
 
 from math import cos, radians, sin, sqrt
 
@@ -9,13 +9,13 @@ from agrobot_mj.machine.tractor import GRAVITY
 
 
 def twist(wheel):
-    """Stiffness of a patch against turning [N m/rad]: bristles on 2 a times b, whose slip stiffness is 10 N."""
+    """Return the stiffness of a patch against turning [N m/rad] for bristles with a slip stiffness of 10 loads."""
     a = sqrt(2 * wheel.radius * wheel.deflection)
     return 10 * wheel.load * (a / 3 + wheel.width**2 / (12 * a))
 
 
 def tipping_deg(tractor, carcass, hold=True, share=0.45):
-    """Slope from moments of the body about the line through the pivot and the middle of the rear patches [deg].
+    """Return the slope [deg] at which the moments of the body about the line from the pivot to the rear patch balance.
 
     The lateral stiffness of the carcass is `share` of the vertical one; with `carcass` the load follows it.
 

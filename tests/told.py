@@ -6,5 +6,5 @@ PROGRESS = re.compile(r"^.*: [\d,]+ done(, \d+ failed)?(, \S+ \S+ (left|in all)|
 
 
 def without_progress(text):
-    """Remove the lines of progress, which appear about once a second."""
+    """Return the text without the progress lines, which are printed about once a second."""
     return PROGRESS.sub("", text)

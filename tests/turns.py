@@ -1,4 +1,4 @@
-"""Pairs of two test parameters: by default each of the first with one of the second in turn; all pairs with `slow`."""
+"""Pairs of two test parameters: by default one pair for each value of the first parameter; all pairs with `slow`."""
 
 import pytest
 

@@ -42,7 +42,8 @@ CLASSES: dict[str, tuple] = {
     "copies": (copies, 0.06),
     "kills": (kills, 0.005),
 }
-"""Classes of inputs: function, fraction of all inputs, and functions that a parent process calls to prepare them."""
+"""Classes of inputs: function that runs one input, fraction of all inputs, functions for preparing the parent
+process."""
 sys.path.append(str(ROOT / "examples" / "agopengps_host"))
 for file in sorted((ROOT / "tests" / "extensions").glob("*/attack_*.py")):
     sys.path.append(str(file.parent))
@@ -52,7 +53,7 @@ LONG_S = {"kills": 900.0, "changes": 300.0, "interrupts": 300.0, "copies": 300.0
 
 
 def load(classes: list[str]) -> None:
-    """Load and compile what these classes need before processes are forked, so that each process need not do it."""
+    """Load modules and compile kernels for these classes before processes are forked."""
     keys(), numbers()
     for prepare in [each for name in classes for each in CLASSES[name][2:]]:
         prepare()

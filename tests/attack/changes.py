@@ -1,7 +1,7 @@
 """Change one input of a study and repeat the command: the results must equal those in a new folder, without more runs.
 
-The input is a value, a file to which the scenario or that file refers, a plugin or a module that it imports, or the
-place of all these files.
+The changed input is a value, a file named by the scenario or by another input file, a plugin, a module imported by the
+plugin, or the folder of all these files.
 """
 
 import json
@@ -111,11 +111,11 @@ CHANGES: dict[str, tuple[Callable[[random.Random], None], bool]] = {
     "place": (_moved, False),
     "times": (_touched, False),
 }
-"""Changes, each with whether runs must be simulated again."""
+"""Functions that change an input, each with a flag: whether the runs must then be simulated again."""
 
 
 def changes(chance: random.Random) -> str:
-    """Run a study, repeat it, change an input, and repeat both."""
+    """Run a study, repeat the command, change one input, and repeat the command in the same and in a new folder."""
     name, what = chance.choice(list(STUDIES)), chance.choice(list(CHANGES))
     kind = "bent" if "plugin" in what or "module" in what else chance.choice(["bent", "stanley"])
     for file, text in FILES.items():

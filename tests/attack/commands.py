@@ -42,7 +42,7 @@ COMMANDS = [
     """.strip().splitlines()
     if line.split()[0] in KNOWN
 ]
-"""Short examples of all commands except `ros2` and `validate`."""
+"""Short example command lines of all commands except `ros2` and `validate`."""
 FLAGS = (
     *("--quiet", "-q", "--live", "--vehicle", "--merge", "--fresh", "--quick", "--json", "--kinds", "--sweeps"),
     *("--help", "--x"),
@@ -51,9 +51,9 @@ PLACES = (
     *("out/é b", "out/[bold]", "run/signals.parquet", "null", "null/x", "/dev/full/x", "small.toml/x", "x" * 5000),
     "",
 )
-"""Values of `--out` that are no folder, or that are inside folders to which a command may write."""
+"""Values of `--out` that are not folders, or that are inside folders to which a command may write."""
 WAITS = {("link", "--wait"), ("link", "--duration")}
-"""Options without which a command waits for a long time. They get values that the command refuses."""
+"""Options that determine how long a command waits; they always get values that the command rejects."""
 REFUSED = ("nan", "-1", "-inf", "é", "")
 LIMIT = "--key path.speed_m_s --range 1:3 --until xte_rms>0.5"
 SWEEP_ON = "sweep small.toml --jobs 1 --out sweep"
@@ -102,7 +102,8 @@ def prepare(name: str) -> None:
 
 
 def commands(chance: random.Random) -> str:
-    """Run a command line with one to three errors. A pipe without a writer and a device in the folder must remain."""
+    """Run a command line with one to three errors. A pipe without writer and a device in the folder must not be
+    removed."""
     prepare("commands")
     os.mkfifo("pipe")
     with contextlib.suppress(PermissionError):
@@ -115,7 +116,7 @@ def commands(chance: random.Random) -> str:
 
 
 def _bend(chance: random.Random, words: list[str]) -> None:
-    """Change, remove or repeat words of a command line, or add a flag."""
+    """Change, remove or repeat words of a command line, or add an option without a value."""
     at = chance.randrange(1, len(words)) if len(words) > 1 else 0
     before = words[at - 1] if at > 1 else ""
     if at == 0 or chance.random() < 0.15:

@@ -25,7 +25,7 @@ VALUES = (
     *('""', "'\\\\'", '"\\u001b[31m"', '"[/bold]"', '"' + "x" * 50_000 + '"', "1979-05-27", "[" * 3000, "[[[["),
     *("[nan]", "[[0]]", "[1, 2, 3]", "{x=1}", "{ kind = 1 }", "{ from = 0, to = 1, count = 3 }"),
 )
-"""Values that no key or option accepts, or that belong to another key."""
+"""Values that no key or option accepts, and values that are valid only for other keys."""
 BITS = (b"nan", b"-", b"1e999", b"\xff", b"", b",", b"\n", b"\x00" * 4)
 CONTENTS = (b"", b"[]", b"{}", b"null", b"3", b'{"a": 1}', b"[" * 3000, b"[{}]", b"\xff\xfe", b'[{"t": "x"}]', b"nan")
 """Contents that replace a file."""

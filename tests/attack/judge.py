@@ -25,7 +25,7 @@ from agrobot_mj import cli
 from agrobot_mj.control.supervisor import Mode
 
 Attack = Callable[[random.Random], str]
-"""Function that runs one input and returns the fault as text; empty without a fault."""
+"""Function that runs one input and returns a description of the fault, or an empty string if there is no fault."""
 FORK = get_context("fork")
 LONGEST_S, MOST_KB, LONGEST_TEXT = 60.0, 2_000_000, 10_000
 """Limits of an input: time [s], memory [kB] and characters on stderr. Exceeding them is a finding."""
@@ -33,7 +33,7 @@ CERTAIN = ("t", "x", "y", "yaw", "speed", "x_ref", "y_ref", "x_hat", "y_hat", "y
 CERTAIN += ("valve_voltage", "e_lateral")
 """Columns that contain finite numbers in all rows of a run with exit status 0."""
 POWERED, STATE = "pedal_voltage", "supervisor_state"
-"""Column with finite numbers unless the column `STATE` shows that the supervisor is stopping the tractor."""
+"""Column that contains finite numbers unless the column `STATE` shows that the supervisor is stopping the tractor."""
 KNOWN = {"out", "runs", "run", "compare", "sweep", "limit"}  # Folders to which commands may write
 
 
@@ -51,7 +51,7 @@ def judged(attack: Attack, chance: random.Random, limit: float = LONGEST_S) -> s
             number = -(child.exitcode or 0)
             found, taken_kb = f"ended by {signal.Signals(number).name}" if number > 0 else "the attack itself ended", 0
         with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(child.pid or 0, signal.SIGKILL)  # kill also processes that the input has started
+            os.killpg(child.pid or 0, signal.SIGKILL)  # also kill processes that the input has started
         child.join()
         return found or (f"took {taken_kb / 1e6:.1f} GB" if taken_kb > MOST_KB else "")
 
@@ -69,12 +69,12 @@ def _attack(attack: Attack, chance: random.Random, folder: str, theirs: Connecti
 
 
 def _peak_kb() -> int:
-    """Return the peak memory of this process [kB], which a fork resets, but not an exec."""
+    """Return the peak memory of this process [kB]. A fork resets the peak; an exec does not."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def call(arguments: list[str], expected: tuple[int, ...] = (0, 1, 2)) -> str:
-    """Run a command line; return the line with its fault, or an empty text."""
+    """Run a command line. Return the command line with its fault, or an empty string."""
     found = _ended(arguments, expected)
     return f"{[word[:80] for word in arguments]}: {found}" if found else ""
 

@@ -45,14 +45,14 @@ ODD = {
         *("agrobot_mj.register(int)", "agrobot_mj.register(3)", "class Other(Mine): pass"),
     ),
 }
-"""Parts of a plugin file, and wrong texts for each of them."""
+"""Parts of a plugin file, and erroneous texts for each part."""
 RIGHT = {"above": "", "kind": 'kind: Literal["mine"] = "mine"', "key": "", "init": "return None", "below": ""}
 ANSWERS = (
     *("return None", "return 3", "return 'x'", "return (None,)", "return None, None", "return None, nan", "pass"),
     *("return None, (1.0, 2.0)", "return 1 / 0", "raise ValueError('no')", "raise RuntimeError('broken')"),
     *("raise SystemExit(3)", "raise SystemExit(0)", "raise KeyboardInterrupt", "raise MemoryError"),
 )
-"""Wrong bodies for the method of a kind in any family."""
+"""Erroneous bodies for the method of a kind in any family."""
 
 
 class Family(NamedTuple):
@@ -97,11 +97,11 @@ FAMILIES = (
     ),
 )
 RIGHT_LAW = PLUGIN.format(**LAWS._asdict() | RIGHT, answer="return state, Command(0.1, 1.0)")
-"""Guidance law that must work."""
+"""Guidance law that must be accepted and run."""
 
 
 def plugins(chance: random.Random) -> str:
-    """Run a plugin with one or two errors. Its own exceptions may be shown, with its own lines."""
+    """Run a plugin with one or two errors. The traceback may contain only exceptions and lines of the plugin."""
     family = chance.choice(FAMILIES)
     odd = {name: chance.choice(ODD[name]) for name in chance.sample(list(ODD), chance.choice([0, 0, 1, 2]))}
     parts = {**RIGHT, **({"kind": ""} if family.base == "Sensor" else {}), **odd}

@@ -1,4 +1,4 @@
-"""Processes that are killed at random times. Their results are complete or absent, and the next run cleans up.
+"""Commands that are killed at random times. Their results must be complete or absent, and the next run must clean up.
 
 Requirements on `run`, `compare` and `sweep`: a folder of results contains either all files of a run or none that look
 like results. The same command then succeeds and leaves no temporary file. No process remains.
@@ -36,7 +36,7 @@ COMMANDS = {
 
 
 def kills(chance: random.Random) -> str:
-    """Send a signal to a command at a random time, then repeat the command."""
+    """Send a signal to a command at a random time, then repeat the command. Return the fault."""
     Path("sweep.toml").write_text(SWEEP)
     line, number = chance.choice(list(COMMANDS)), chance.choice([signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
     command = [sys.executable, "-m", "agrobot_mj", *line.split(), "--quiet", "--out", "out"]
@@ -86,7 +86,7 @@ def _stale() -> list[str]:
 
 
 def _orphans(group: int) -> str:
-    """Return a message about processes of a command that continue without it, except zombies."""
+    """Return a message about processes of an ended command that are still running, except zombies."""
     end = time.monotonic() + 20.0
     while alive := [pid for pid, (of, state) in _processes().items() if of == group and state != "Z"]:
         if time.monotonic() > end:

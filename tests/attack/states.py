@@ -81,7 +81,7 @@ def _pickled(sim):
 
 
 def _forked(sim):
-    """Return the simulation of a forked process that has driven elsewhere and restored its state."""
+    """Return the simulation of a forked process that has advanced and then restored its state."""
     ours, theirs = os.pipe()
     if (child := os.fork()) == 0:
         state = sim.save()
@@ -98,7 +98,7 @@ def _forked(sim):
 
 
 class _Interrupting:
-    """Sends SIGINT to this process at random times until stopped. Each signal waits for receipt of the last one."""
+    """Thread that sends SIGINT to this process at random times, each after receipt of the last one, until stopped."""
 
     def __init__(self, chance: random.Random, longest_s: float) -> None:
         self.pauses = [chance.uniform(0.0, longest_s) for _ in range(30)]

@@ -33,7 +33,7 @@ def keys() -> dict[str, Any]:
 
 @cache
 def numbers() -> list[tuple[str, float]]:
-    """Return the keys with a non-zero number, and the number, except keys that make a run long."""
+    """Return the keys with numbers other than zero, and the numbers, except keys that increase the run duration."""
     short = ("settle", "physics_dt", "duration", "turns", "half_size", "seed", "rules_")
     return [(k, v) for k, v in keys().items() if isinstance(v, float) and v and not any(part in k for part in short)]
 
@@ -56,7 +56,7 @@ def toml(chance: random.Random) -> str:
 
 
 def sweeps(chance: random.Random) -> str:
-    """Read a sweep with hostile axes, draws and counts. It is refused with a message, or a random run of it works."""
+    """Read a sweep with hostile axes, draws and counts. The sweep must be rejected with a message, or be usable."""
     if chance.random() < 0.3:
         Path("mine.toml").write_bytes(odd_lines(chance, chance.choice(list(sweep_files().values()))))
     else:
@@ -70,7 +70,7 @@ def sweeps(chance: random.Random) -> str:
     scenario = plan.sweep.base.changed(plan.run(chance.randrange(plan.total)).overrides)
     settling = {"plant.settle_limit_s": 3.0, "plant.settle_s": 0.1} if scenario.plant.kind == "mujoco" else {}
     if scenario.guidance.kind != "nmpc":
-        run(scenario.changed({"duration_s": 0.2, **settling}))  # the plan should already have refused it
+        run(scenario.changed({"duration_s": 0.2, **settling}))  # the plan should have rejected this scenario
     return ""
 
 
@@ -88,7 +88,8 @@ def _sweep(chance: random.Random) -> str:
 
 
 def extremes(chance: random.Random) -> str:
-    """Run MuJoCo with extreme numbers. They are refused with their limits, or the run has a valid outcome."""
+    """Run MuJoCo with extreme numbers. They must be rejected with their limits, or the run must have a valid
+    outcome."""
     factors = [1e-9, 1e-3, 0.1, 0.5, 2.0, 10.0, 1e3, 1e9, -1.0]
     chosen = chance.sample(numbers(), chance.randint(1, 3))
     texts = [f"{key}={value * chance.choice(factors)!r}" for key, value in chosen]

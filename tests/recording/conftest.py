@@ -14,7 +14,7 @@ rr.set_strict_mode(True)
 
 @pytest.fixture(scope="session")
 def eight(tmp_path_factory):
-    """Return the start of the figure eight on MuJoCo with the network; it ends in the middle of a portion."""
+    """Return the start of the figure eight in MuJoCo with the network, ending between two observer calls."""
     path = tmp_path_factory.mktemp("recording") / "new" / "run.rrd"
     scenario = load_scenario("figure_eight", {"duration_s": 25.4})
     return Recorded(path, run(scenario, (Recording(path),)))
@@ -31,7 +31,7 @@ def signals(eight, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def unchanged():
-    """Return the log of a run of 21 s."""
+    """Return the log of a run of 21 s, which tests must not change."""
     return run(load_scenario("straight_line", {"duration_s": 21}))
 
 

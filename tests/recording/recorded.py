@@ -9,7 +9,7 @@ from agrobot_mj.recording import Recording
 
 
 class Recorded:
-    """Recording that is read back by entity, with rows in the order of time."""
+    """Recording read by entity, with rows in chronological order."""
 
     def __init__(self, path, log=None):
         self.path, self.log = path, log
@@ -43,14 +43,14 @@ class Recorded:
         return np.array(times), list(values)
 
     def static(self, entity, component):
-        """Return the value that was written last."""
+        """Return the value that was written last to a static component."""
         batches = [batch for batch in self._batches(entity, True) if component in batch.schema.names]
         last = max(batches, key=lambda batch: batch.column("rerun.controls.RowId")[-1].as_py())
         return last.column(component)[-1].as_py()
 
 
 def replay(log, path, scenario=None):
-    """Record a finished run again, in the same portions as during the run."""
+    """Record a finished run again, in the same blocks as during the run."""
     rows, filled = log.rows, log.rows.filled
     recording = Recording(path)
     rows.filled = 0

@@ -24,5 +24,5 @@ def machine(width=3.0, turn="clothoid", **path):
 
 @cache
 def default_plan(field, width=3.0):
-    """The plan of a field by default, which several tests examine."""
+    """Return the plan of a field with default options, which several tests use."""
     return make_plan(field, machine(width), Options())

@@ -16,7 +16,7 @@ from agrobot_mj.extensions.links.agopengps_guidance import AgOpenGps
 
 SENTENCE = b"$PANDA,120000.0,5052.62,N,00441.94,E,4,12,0.7,40.0,0.2,1.5,90.0,0.1,0.0,0.0*00\r\n"
 PIECES = (b"nan", b"-", b"1e999", b"\xff\xfe", b",,", b"*", b"9" * 400, b"S", b"\x00", b"\r\n", b"$")
-NUMBERS = (254, 252, 251, 200, 202, 253, 100, 0)  # Message numbers, most of which the protocol defines
+NUMBERS = (254, 252, 251, 200, 202, 253, 100, 0)  # Message numbers, most of which are defined by the protocol
 
 
 class Hostile:
@@ -52,7 +52,7 @@ class Hostile:
 
 
 def hostile(chance: random.Random) -> bytes:
-    """Return bytes that may look like a message: noise, or frames and sentences with a right or wrong checksum."""
+    """Return bytes that resemble a message: noise, or frames and sentences with a correct or wrong checksum."""
     kind = chance.randrange(5)
     if kind == 0:
         return chance.randbytes(chance.choice([0, 1, 5, 20, 70, 1500]))
@@ -72,12 +72,12 @@ def hostile(chance: random.Random) -> bytes:
 
 @cache
 def guide() -> Guide:
-    """Return the host of the example."""
+    """Return the host of the example program."""
     return Guide(HostSettings())
 
 
 def datagrams(chance: random.Random) -> str:
-    """Send 200 messages to parser, board and host, or run a session of one second with all of them."""
+    """Send 200 messages to parser, board and host, or run a session of one second in which all of them take part."""
     if chance.random() < 0.3:
         keys = {"guidance.kind": "agopengps", "plant.kind": "bicycle", "duration_s": 1.0}
         options = LinkOptions(start=chance.choice(["heard", "now", "engaged"]), wait_s=0.5)

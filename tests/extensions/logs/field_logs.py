@@ -1,4 +1,4 @@
-"""Logs as users have them: a kinematic machine on a path, with sensors in the units of their makers."""
+"""Logs as recorded by users: a kinematic machine on a path, with sensor values in the units of the manufacturers."""
 
 from math import pi, radians
 
@@ -24,7 +24,7 @@ def path(duration=60.0, speed=2.0, swing_deg=8.0, reverse=()):
 
 
 def field_log(driven, every=5, noise_m=0.01, ahead=0.0, signed=False, heading=True, seed=1, counts=None):
-    """Return the columns of a log with a row every `every` steps; `counts` converts angles [rad] to readings."""
+    """Return the columns of a log with a row every `every` steps; `counts` converts angles [rad] to sensor counts."""
     t, u, wheel, x, y, yaw = (each[::every] for each in driven)
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((5, len(t)))
@@ -41,7 +41,7 @@ def field_log(driven, every=5, noise_m=0.01, ahead=0.0, signed=False, heading=Tr
 
 
 def field_map(columns, **tables):
-    """Return the map of a log; `tables` contain changed keys."""
+    """Return the map of a log; `tables` contain changed keys of the map."""
     found = {
         "time": {"column": "t"},
         "steer": {"column": "steer"},

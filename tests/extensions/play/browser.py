@@ -70,7 +70,7 @@ class Browser:
         self.ask("Input.dispatchKeyEvent", type=kind, key=name, code=code, windowsVirtualKeyCode=CODES[code])
 
     def hold(self, code, effect):
-        """Hold a key until the function `effect` returns."""
+        """Hold a key until the function `effect` returns a value."""
         self.key(code, True)
         effect()
         self.key(code, False)

@@ -24,7 +24,7 @@ def names() -> tuple[str, ...]:
 
 
 def limits(chance: random.Random) -> str:
-    """Parse random conditions of a limit. Each is refused with a message, or can be evaluated for any metrics."""
+    """Parse random conditions of a limit, which must be rejected with a message or be evaluable for any metrics."""
     warnings.simplefilter("error")
     for _ in range(20):
         text = "".join(chance.choice(WORDS) + chance.choice(SIGNS) for _ in range(chance.randint(1, 6)))

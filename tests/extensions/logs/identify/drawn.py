@@ -1,4 +1,4 @@
-"""Machines with drawn sensors, driven on the simulator, and the logs that their owners would bring.
+"""Machines with random sensors, driven in the simulator, and the logs of their owners.
 
 Everything that a calibration estimates is a drawn key of the scenario: antenna ahead of and beside the axle, a receiver
 of 4 to 20 Hz with its latency, three sources of the speed, a steering sensor with one scale or two about one centre and
@@ -17,7 +17,7 @@ from agrobot_mj.core.signals import TICK_S, Fix
 from agrobot_mj.extensions.logs.calibrate import calibrate
 from agrobot_mj.extensions.logs.maps import LogMap
 
-HOMING = 0.15  # Steering per heading by which the driver stays near the line [-]
+HOMING = 0.15  # Steering angle per heading with which the driver stays near the line [-]
 MACHINES = ("compact", "utility", "orchard")
 
 
@@ -34,7 +34,7 @@ class Drawn(NamedTuple):
     gyro: bool
     steer_age: float
     two_antennas: bool
-    heading_age: float  # Latency of the heading in addition to that of the position
+    heading_age: float  # Latency of the heading in addition to the latency of the position [s]
     mounting_deg: float
     position_hz: int
     position_age: float
@@ -42,7 +42,7 @@ class Drawn(NamedTuple):
     aside: float
     speed_from: str  # Source of the speed: receiver, wheel or radar
     wheel_age: float
-    front: float  # Stiffness of the front tyres per stiffness in the machine's file [-]
+    front: float  # Stiffness of the front tyres divided by the stiffness in the machine file [-]
     rear: float
 
 
@@ -75,7 +75,7 @@ def drawn(seed: int) -> Drawn:
 
 
 def driving(seed: int, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time, commanded speed [m/s] and angle [rad] at every tick: slow tight bends, then faster wide ones."""
+    """Return time [s], commanded speed [m/s] and angle [rad] at every tick: slow tight bends, then fast wide bends."""
     rng = np.random.default_rng([seed, 52])
     t = TICK_S * np.arange(round(duration / TICK_S))
     slow_m_s, fast_m_s = rng.uniform(0.8, 1.3), rng.uniform(2.0, 3.2)
@@ -88,7 +88,7 @@ def driving(seed: int, duration: float) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 class Owned(NamedTuple):
-    """Log and map of a machine as its owner has them, with the true values."""
+    """Log and map of a machine as available to its owner, with the true values."""
 
     table: pa.Table
     log_map: LogMap
@@ -128,7 +128,7 @@ def _tyres(h: Drawn, scenario: Any) -> dict[str, float]:
 
 
 def _sensors(h: Drawn) -> dict[str, Any]:
-    """Overrides with the hidden sensors. The reading of the steering sensor is in steps of a count."""
+    """Return overrides with the hidden sensors. The steering sensor has a resolution of one count."""
     delays = {"steering_pot": h.steer_age, "heading": h.heading_age, "wheel_speed": h.wheel_age}
     return {
         "tractor.antenna_ahead_m": h.ahead,
@@ -148,7 +148,7 @@ def _sensors(h: Drawn) -> dict[str, Any]:
 
 
 def _table(name: str, **keys: Any) -> dict[str, Any]:
-    """Overrides of the keys of a table."""
+    """Return overrides by dotted key for the keys of a table."""
     return {f"{name}.{key}": value for key, value in keys.items()}
 
 
@@ -156,7 +156,7 @@ NO_FIX = Fix(nan, nan, nan, nan, nan)
 
 
 def _written(h: Drawn, measured: list[Any]) -> tuple[pa.Table, LogMap]:
-    """Columns of the log and the map of an owner who knows no centre, scale, sign, latency or place."""
+    """Return log columns and map of an owner who knows no centre, scale, sign, latency or antenna position."""
     fixes = [m.fix or NO_FIX for m in measured]
     speeds = {
         "receiver": [np.hypot(fix.vx, fix.vy) for fix in fixes],
@@ -190,7 +190,7 @@ def _written(h: Drawn, measured: list[Any]) -> tuple[pa.Table, LogMap]:
 
 
 def _truth(h: Drawn) -> dict[str, float]:
-    """Return true values by the keys of the result. Latencies are relative to the gyro, or else to the steering."""
+    """Return true values by result key. Latencies are relative to the gyro or, without gyro, to the steering sensor."""
     found = {
         "steer.offset": h.centre,
         "steer.scale": h.left,

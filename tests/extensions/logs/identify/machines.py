@@ -1,7 +1,7 @@
 """Machines with hidden parameters, and logs of these machines with the noise of real sensors.
 
 `log_of` simulates the simulator's bicycle, which has no relaxation. `tyred_log` integrates an independent bicycle model
-with relaxation by scipy's solver. `mistold` changes what the log contains about the steering.
+with relaxation by scipy's solver. `mistold` changes the steering angles in the log.
 """
 
 from functools import cache
@@ -50,7 +50,7 @@ def log_of(seed, duration=60.0, **keys):
 
 
 def behind_play(steer, backlash, delay, duration):
-    """Return the wheel angle as a function of time, after a play [rad] and a delay [s]."""
+    """Return the wheel angle as a function of time, after a steering play `backlash` [rad] and a delay [s]."""
     t = np.arange(-1.0, duration, 1e-3)
     followed = steer(t)
     for k in range(1, len(t)):
@@ -108,7 +108,7 @@ def tyred_log(seed, C_f, C_r, sigma_f, sigma_r, backlash=0.0, offset=0.0, delay=
 
 
 def mistold(table, backlash=0.0, offset=0.0, delay=0.0):
-    """Return the log as if its steering sensor were before a play [rad], offset [rad], and ahead of the wheels [s]."""
+    """Return the log with a steering sensor before a play [rad], with an offset [rad], ahead of the wheels [s]."""
     t, true = (np.asarray(table[name]) for name in ("t", "steer"))
     direction = np.sign(np.gradient(np.convolve(true, np.ones(3) / 3, "same"), t))
     told = np.asarray(table["steer_measured"]) + 0.5 * backlash * direction + offset

