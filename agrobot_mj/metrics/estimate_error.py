@@ -72,7 +72,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Return roll and pitch as the estimator assumes them, shape (ticks,) [rad], and whether it compensates tilt."""
+    """Return the roll and pitch that the estimator assumes, (ticks,) [rad], and whether it compensates for tilt."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True

@@ -108,7 +108,7 @@ def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
 
 
 def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return the stations between `low` and `high` [m] that were passed, and the interpolated errors at them [m]."""
+    """Return the stations between `low` and `high` [m] that were passed, and the errors interpolated there [m]."""
     if along.size < 2:
         return np.empty(0), np.empty(0)
     order = np.argsort(along)

@@ -80,7 +80,7 @@ class BrakedDrift(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the maximum drift over all intervals with the brake applied, or None if it was never applied."""
+        """Return the maximum drift over all intervals with the brake applied, or None if there is no interval."""
         braked, place = view.column("brake") > 0.0, np.column_stack([view.column("x"), view.column("y")])
         changes = np.flatnonzero(np.diff(braked, prepend=False, append=False))
         spells = [place[begin + round(STOPPED_S / TICK_S) : end] for begin, end in changes.reshape(-1, 2)]

@@ -57,7 +57,7 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
     """Yield warnings about the estimate; the remedy `given` in another text is not repeated.
 
-    Sideslip on level ground is attributed to an antenna mounting error, if any, because only their sum is observable.
+    If there is an antenna mounting error, sideslip on level ground is attributed to it: only the sum is observable.
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:

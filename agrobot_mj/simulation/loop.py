@@ -58,7 +58,7 @@ class Wiring(NamedTuple):
 
     @classmethod
     def after(cls, drive: Drive) -> "Wiring":
-        """Return the state of fault-free lines that have transmitted these voltages."""
+        """Return the state of fault-free lines that have transmitted the voltages `drive`."""
         return cls(SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V))
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":

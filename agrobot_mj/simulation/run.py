@@ -41,12 +41,12 @@ def run(
     branches: Sequence[Branch] | None = None,
     ticks: Callable[[Simulation], Iterator[None]] | None = None,
 ) -> Log:
-    """Simulate a scenario to its end; writes no files.
+    """Simulate a scenario to its end and return the log, without writing files.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
-    as `aborted` if it returns True. Each of the `branches` switches the noise to other random streams, and states are
-    stored for other runs; an empty sequence only stores states. `ticks` may replace the loop over all ticks by a
-    function that begins the run or restores a state, and yields after each tick. Raises `ScenarioError` for an
+    as `aborted` if this function returns True. Each of the `branches` switches the noise to other random streams, and
+    states are stored for other runs; an empty sequence only stores states. `ticks` may replace the loop over all ticks
+    by a function that begins the run or restores a state, and yields after each tick. Raises `ScenarioError` for an
     impossible tractor and for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:

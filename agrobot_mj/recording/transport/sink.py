@@ -29,7 +29,7 @@ LAST_WORDS_S = 0.5  # Delay after a failed flush before the file is truncated, b
 FULL_BYTES = 200_000
 """Free space below which a disk is full [bytes]. On a full disk, Rerun writes incomplete chunks without an error."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) required for the static content [bytes]. Below it, Rerun would wait forever."""
+"""Minimum file size limit (`ulimit -f`) for the static content [bytes]. Below this limit, Rerun would wait forever."""
 
 
 class Sink:

@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command that starts Rerun. On Linux it is the binary itself, which can end with its parent process."""
+    """Return the command that starts Rerun. On Linux, it starts the binary directly, which can end with its parent."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
