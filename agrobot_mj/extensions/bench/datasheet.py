@@ -6,8 +6,8 @@ of 20 wheelbases. The tip-over angle is measured by raising one side on ground w
 tested on a slope that increases until the machine rolls off or cannot climb.
 
 Each parameter of a machine has a basis: measured, printed, identified or assumed. The basis of a key in the machine
-file is the first word of its comment, or of the comment above if the key has none. The basis of a key that the file
-does not set is that of its docstring. A key whose value follows from the machine size is assumed.
+file is the first word of its comment, or of the comment above if the key has none. For a key that is not set in the
+file, the docstring states the basis. A key whose value follows from the machine size is assumed.
 """
 
 import re

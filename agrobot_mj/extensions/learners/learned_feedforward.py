@@ -160,7 +160,7 @@ class LearnedFeedforward(AngleLearner):
     """Time by which the path input is ahead of the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
     """Maximum magnitude of the output of a rule (consequent) [deg]. Assumed value (5-45): the steering angle on an arc
-    of 2 m radius; less if `inner` has a feedforward of its own."""
+    of 2 m radius; less if `inner` has a separate feedforward."""
     max_offset_m: Positive = 2.0
     """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the limit of the supervisor."""
     max_steer_lag_deg: Positive = 6.0

@@ -34,7 +34,7 @@ class MeasuredCourse:
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Simulate an ordinary run and, if any, a failed run; return their trajectories and the branch times [s]."""
+    """Simulate an ordinary run and a failed run, if one exists. Return the trajectories and the branch times [s]."""
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
     rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]

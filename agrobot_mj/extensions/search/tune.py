@@ -116,7 +116,7 @@ def _travel(row: dict[str, Any]) -> float:
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """Return the cost of each candidate [-], or a lower bound if it exceeds the limit of the candidate in `bounds`."""
+    """Return the cost of each candidate [-], or a lower bound of a cost that exceeds the limit in `bounds`."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])

@@ -42,7 +42,7 @@ class TiltTest(NamedTuple):
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
     """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the result. Gravity remains
-    tilted across the tractor, even though the tractor yaws by some degrees on its tyres."""
+    tilted across the tractor, although the tractor yaws by some degrees on its tyres."""
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start = truth = plant.truth()
     grade = lifted = 0.0

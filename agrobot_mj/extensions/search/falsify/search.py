@@ -123,7 +123,7 @@ class Falsified(NamedTuple):
     mildest: Combination
     """Smallest failing combination, run with additional seeds, or the one with the largest margin if none fails."""
     alone: dict[str, Combination]
-    """For each key, the combination with this key at its hard end and the others at their mild values."""
+    """For each key, the combination with this key at its hard end and all other keys at their mild values."""
     around: tuple[Combination, ...]
     """Combinations near the mildest failure: on the line from the mild values to it, and with one key changed."""
     tried: tuple[Combination, ...]

@@ -36,7 +36,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the logarithm of the likelihood of success rates above `rate`, averaged, relative to that of `rate`."""
+    """Return the log of the mean likelihood of success rates above `rate`, relative to the likelihood of `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES

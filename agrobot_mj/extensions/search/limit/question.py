@@ -81,7 +81,7 @@ class Counterpart(NamedTuple):
     limit: float | None
     statement: str  # Sentence with the result of the baseline and the shift of the limit
     tried: tuple[Tried, ...]
-    """All evaluated values. A `fixed` baseline has one, with the start of the range as its value."""
+    """All evaluated values. A `fixed` baseline has one entry, for the start of the range."""
 
 
 class Found(NamedTuple):

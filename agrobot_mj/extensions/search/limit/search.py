@@ -186,7 +186,7 @@ def _copies(runs: Sequence[Numbers]) -> bool:
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """Return the available values of a metric. Tracking errors are those of runs with valid errors."""
+    """Return the available values of a metric. Tracking errors come only from runs with valid errors."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]

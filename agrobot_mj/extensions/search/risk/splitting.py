@@ -107,8 +107,8 @@ class RiskEstimate(NamedTuple):
 def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
     """Return the mean of independent splittings with its interval.
 
-    If no splitting was necessary, the interval is Wilson's. Without failures, the upper end is that of Wilson's
-    interval for the runs of the last rounds, multiplied by their weight.
+    If no splitting was necessary, the interval is Wilson's. Without failures, the upper end is the upper end of
+    Wilson's interval for the runs of the last rounds, multiplied by the weight of these runs.
     """
     n, found = len(splits), mean_of([split.probability for split in splits])
     if not any(split.trace for split in splits):
