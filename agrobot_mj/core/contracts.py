@@ -41,7 +41,7 @@ def check_update(found: Any, message: type[Message], stage: str, kind: str, meth
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return `found`, the result of a method. Raises `ScenarioError` unless its type is `wanted`."""
+    """Return `found`, the result of a method. Raises `ScenarioError` unless the result has the type `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)

@@ -38,7 +38,7 @@ class HeldType(types.StructRef):  # type: ignore[misc]
 
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
-    """Return the native reference of a Python reference; kernels without reference counts borrow it."""
+    """Return the native reference of a Python reference; kernels without reference counts borrow the reference."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
     native.meminfo = _word(c.builder, reference, 2)  # after the header of a Python object
     if c.context.enable_nrt:

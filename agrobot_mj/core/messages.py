@@ -41,7 +41,7 @@ def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: 
 
 
 def first_faults(error: ValidationError) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the first `MOST_FAULTS` errors of pydantic, and a line with the number of further errors, if any."""
+    """Return the first `MOST_FAULTS` errors of pydantic and, if necessary, a line with the number of further errors."""
     left = error.error_count() - MOST_FAULTS
     errors = [dict(each) for each in error.errors(include_url=False)[:MOST_FAULTS]]
     return errors, [f"and {left:,} more errors"] if left > 0 else []

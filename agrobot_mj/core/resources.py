@@ -122,6 +122,6 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
 
 
 def refuse(path: Path, what: str) -> NoReturn:
-    """Raise ValueError with the file name and the problem `what`."""
+    """Raise ValueError with the file name and the text `what`, which describes the problem."""
     shown = path.name if len(path.name) <= LONGEST_NAME else path.name[:LONGEST_NAME] + "..."
     raise ValueError(f"{shown}: {what}") from None

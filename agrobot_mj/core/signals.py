@@ -44,7 +44,7 @@ class Column(NamedTuple):
     description: str
     """Description in one line: quantity, frame and sign."""
     drawn: bool = True
-    """Whether recordings plot the signal on its own if no other plot contains it. The table always contains it."""
+    """Whether recordings plot the signal separately if no other plot contains it. The table contains every signal."""
 
 
 class Truth(NamedTuple):

@@ -44,7 +44,7 @@ SHORT = 3  # Maximum number of letters of a search word that matches complete wo
 
 
 def alternatives(word: str) -> tuple[str, ...]:
-    """Return a word in lower case and its synonyms. The synonyms of a plural are those of its singular."""
+    """Return a word in lower case and its synonyms. A plural has the synonyms of its singular."""
     word = word.lower()
     return word, *SYNONYMS.get(word, SYNONYMS.get(word.removesuffix("s"), ()))
 

@@ -1,8 +1,8 @@
 """Machine files: TOML files with the scenario tables of one machine, given by name (`scenarios/machines/`) or path.
 
 The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine,
-which take precedence over the defaults. The keys and error messages are those of scenario files. The `[guidance]` of a
-machine applies if the scenario sets neither a guidance law nor a yaw controller. An MJCF body file (`tractor.mjcf`)
+which take precedence over the defaults. Keys and error messages are the same as in scenario files. The `[guidance]` of
+a machine applies if the scenario sets neither a guidance law nor a yaw controller. An MJCF body file (`tractor.mjcf`)
 defines keys of `[tractor]`; values given for these keys must agree with the body file.
 """
 

@@ -53,7 +53,7 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
 
 
 def first_line(part: type[Spec], kind: str = "") -> str:
-    """Return the first line of a class docstring without control characters. For a fault, it names the signal."""
+    """Return the first line of a class docstring without control characters. For a fault, the line names the signal."""
     signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 

@@ -28,7 +28,7 @@ from agrobot_mj.studies.sweep.store import Store
 
 FIGURES = ("trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q")
 FILES = ("comparison.json", "comparison.rrd", *(f"{name}.png" for name in FIGURES))
-"""Files that a comparison writes to its folder. In addition, it writes the files of a sweep and one folder per run."""
+"""Files that a comparison writes to its folder. It also writes the files of a sweep and one folder per run."""
 
 
 def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:

@@ -60,7 +60,7 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Return the mean position NEES of runs [-] if one of them has an inconsistent estimate, otherwise ""."""
+    """Return the mean position NEES of runs [-] if at least one run has an inconsistent estimate, otherwise ""."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 

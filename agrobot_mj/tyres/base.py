@@ -100,9 +100,9 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
     """Return the direction (m_x, m_y) of the force under combined slip, with m_x^2 + m_y^2 = 1.
 
     The force is opposite to (m_x D_x, m_y D_y), with the peak forces `D` [N]. At a normalised slip `rho` below
-    `ADHERES`, the contact patch acts like two springs with the slip stiffnesses `K` [N]. Above `SLIDES` it slides, and
-    the force opposes the sliding velocity (`a` = 0) or has the direction of maximum dissipation within the ellipse of
-    the peaks (`a` = 1) [Goyal1991]. In between, the direction changes linearly with `rho`.
+    `ADHERES`, the contact patch acts like two springs with the slip stiffnesses `K` [N]. Above `SLIDES` the patch
+    slides, and the force opposes the sliding velocity (`a` = 0) or has the direction of maximum dissipation within the
+    ellipse of the peaks (`a` = 1) [Goyal1991]. In between, the direction changes linearly with `rho`.
     """
     sliding = min(max((rho - ADHERES) / (SLIDES - ADHERES), 0.0), 1.0)
     ratio = D[1] / D[0]

@@ -132,7 +132,7 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a stored cell at depth `D` [m] if it does not yield (the usual case), or -1."""
+    """Return the pressure [Pa] on a stored cell at depth `D` [m], or -1 if the cell yields, which is rare."""
     tile, y, x = at
     if tile < 0:
         return -1.0

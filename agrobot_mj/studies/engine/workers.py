@@ -64,8 +64,8 @@ class Pool:
     ) -> Iterator[tuple[Work, Result]]:
         """Yield each work item with its result, in order of completion.
 
-        If a worker dies, the others are terminated and the items in progress are repeated one by one. If an item kills
-        its worker again, its result is `died(work)`; without `died`, `BrokenProcessPool` is raised. Raises
+        If a worker dies, all other workers are terminated and the items in progress are repeated one by one. If an item
+        kills its worker again, its result is `died(work)`; without `died`, `BrokenProcessPool` is raised. Raises
         `ScenarioError` if no worker can start.
         """
         if self.workers <= 1:
