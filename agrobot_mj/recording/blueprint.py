@@ -35,7 +35,7 @@ TABS = {
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
 """Path prefixes of plots that are added to an existing tab, without creating the tab."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Initial position of the following camera relative to the default tractor: forward, left and up [m]."""
+"""Initial position of the following camera [m] relative to the default tractor: forward, left and up."""
 LOOK_AT = (0.5, 0.0, 0.6)
 """Initial target point of the following camera [m], relative to the default tractor: forward, left and up."""
 VIEWED = (2.2, 0.85)

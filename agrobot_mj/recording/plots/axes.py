@@ -36,7 +36,7 @@ CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Size of a legend: width without text, width per character, height without entries, height per entry [pixels]."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Maximum fractions: of points hidden by a legend, and of an axis reserved for a legend [-]. Assumed values."""
+"""Maximum fractions [-]: of points hidden by a legend, and of an axis reserved for a legend. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
 """Size of a plot on a tab of nine plots, and of one of three plots next to the scene [pixels]."""
 
@@ -118,7 +118,7 @@ def most_steps(share: float) -> float:
 
 
 def pixels(values: Range | None) -> float:
-    """Return the height of a plot at which its value axis has space for all labels [pixels]."""
+    """Return the height of a plot [pixels] at which its value axis has space for all labels."""
     steps = USUAL_STEPS
     if values is not None:
         span = (values.high - values.low) * (1 + 2 * MARGIN)

@@ -1,4 +1,4 @@
-"""Sender of the plots of a run, as defined by `catalogue`.
+"""Sender of the plots of a run to the recording, as defined by `catalogue`.
 
 The entity `plots/<path>` contains the series of one plot. Series are sent as columns, which is ten times as fast as
 sending rows. Rows with a missing value are omitted; therefore signals that may be missing have separate plots. At the
@@ -30,8 +30,8 @@ MEAN = "mean"  # Name of the entity with the moving means, below the entity of t
 WINDOWS = 100
 """Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
 MOST_NOISE = 0.1
-"""Mean noise amplitude in the noisier half of the windows, divided by the signal range, above which a mean is drawn
-[-]. Assumed value."""
+"""Mean noise amplitude in the noisier half of the windows, divided by the signal range [-], above which a mean is
+drawn. Assumed value."""
 
 
 class _Lines(NamedTuple):
@@ -43,7 +43,7 @@ class _Lines(NamedTuple):
 
 
 class Signals:
-    """Sender of the plots of a run."""
+    """Sender of the plots of a run to the recording, in blocks of log rows."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
         """Create the catalogue plots for the existing columns except `without`, followed by the plots `more`."""

@@ -39,7 +39,7 @@ START_S = 30.0  # Time limit for the start of the viewer in the first attempt [s
 LOAD_S = 60.0  # Time limit for loading a recording in the first attempt [s]
 TOASTS_S = 4.5  # Time after the start during which messages of the viewer cover the image [s]
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
-"""Time for the viewer to render all views: after a change of time or tab, and after each frame of an animation [s]."""
+"""Time for the viewer to render all views [s]: after a change of time or tab, and after each frame of an animation."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 

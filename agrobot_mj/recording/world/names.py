@@ -19,12 +19,12 @@ AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
 """Distances of names from the default tractor [m]: reference ahead; true and estimated track behind; reference behind,
 at the end of the path."""
 IN_VIEW = 0.7
-"""Tractor size divided by distance of the farthest body, for legible names in a view of all bodies [1/m]."""
+"""Tractor size divided by distance of the farthest body [1/m], for legible names in a view of all bodies."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
 
 
 class TrackNames:
-    """Sender of the names of the reference, the true track and the estimated track."""
+    """Sender of the name labels of the reference, the true track and the estimated track to the recording."""
 
     def __init__(self, rows: Rows, ground: Ground, scenario: Scenario, reference: Array) -> None:
         """Prepare the names. `reference` (n, 3) [m] is the drawn path, with points equally spaced in time."""
