@@ -21,7 +21,7 @@ HELD = tuple(
 )
 """Signals whose handlers are delayed: programs commonly raise exceptions in these handlers."""
 PATIENCE_S = 5.0
-"""Duration of a block after which handlers run immediately, so that a hanging block can be interrupted [s]."""
+"""Duration of a block [s] after which handlers run immediately, so that a hanging block can be interrupted."""
 
 
 @contextmanager

@@ -106,7 +106,7 @@ class GaussMarkov(NamedTuple):
 
 
 Shares = tuple[float, float]
-"""Weights of the last value and of the white noise in the next value of a Gauss-Markov process [-]."""
+"""Weights [-] of the last value and of the white noise in the next value of a Gauss-Markov process."""
 
 
 @lru_cache(maxsize=256)

@@ -15,7 +15,7 @@ import numpy as np
 TICK_S = 0.05
 """Sampling period of sensors and controllers, T_s in the paper [s]."""
 ROUNDING_S = 1e-6
-"""Tolerance in comparisons of times: well above rounding errors and well below a tick [s]."""
+"""Tolerance in comparisons of times [s]: well above rounding errors and well below a tick."""
 NEUTRAL_V = 6.0
 """Valve voltage that causes no flow [V]. The paper gives the range 0-12 V."""
 
@@ -75,7 +75,7 @@ class Truth(NamedTuple):
     pedal: float
     """Pedal position, -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
-    """East coordinate of R, the point on the ground below the centre of the rear axle [m]."""
+    """East coordinate of R [m], the point on the ground below the centre of the rear axle."""
     rear_y: float
     """North coordinate of the rear-axle point R [m]."""
     antenna: tuple[float, float, float]
@@ -87,7 +87,7 @@ class Truth(NamedTuple):
     pedal_samples: Vector
     """Pedal position after each physics step of the last tick [-], oldest first, shape (n,)."""
     wheel_speed: float = nan
-    """Mean circumferential speed of the rear wheels: angular velocity times free radius, forward positive [m/s]."""
+    """Mean circumferential speed of the rear wheels [m/s]: angular velocity times free radius, forward positive."""
     body_rates: tuple[float, float, float] = (nan, nan, nan)
     """Angular velocity in chassis axes: x forward, y left, z up [rad/s]."""
     knuckle_samples: Matrix = np.zeros((2, 0))
@@ -199,7 +199,7 @@ class Conditions(NamedTuple):
     grip: float = 1.0
     """Factor on the ground friction under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Remaining fraction of the vertical and slip stiffness of the tyres fl, fr, rl, rr [-]."""
+    """Remaining fraction of the vertical and slip stiffness [-] of the tyres fl, fr, rl, rr."""
     tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     """Factor on the rolling resistance of the tyres fl, fr, rl, rr [-]."""
 
@@ -238,7 +238,7 @@ class Estimate(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     yaw: float
-    """Heading, or course of R from an estimator that determines the course, wrapped to (-pi, pi] [rad]."""
+    """Heading [rad], or course of R from an estimator that determines the course, wrapped to (-pi, pi]."""
     speed: float
     """Velocity of the rear-axle point R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
@@ -260,7 +260,7 @@ class Estimate(NamedTuple):
     fix_age: float = nan
     """Age of the newest accepted fix; before the first fix, the time since the start [s]."""
     position_sigma: float = nan
-    """Standard deviation of the position of the rear-axle point R in the direction of maximum uncertainty [m]."""
+    """Standard deviation of the position of the rear-axle point R [m] in the direction of maximum uncertainty."""
     nis_mean: float = nan
     """NIS of the position, smoothed over several seconds; about 2 for a consistent filter [-]."""
 

@@ -145,12 +145,12 @@ class GnssFloat(Scripted):
 
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the offset after each jump, per axis, in addition to the float error [m]. Assumed value
+    """Standard deviation of the offset [m] after each jump, per axis, in addition to the float error. Assumed value
     (0.1-0.3: several wavelengths of 0.19 m, distributed over the satellites)."""
     jump_interval_s: Interval = 20.0
     """Mean time between jumps [s]. Assumed value (5-60)."""
     flicker_s: Interval | None = None
-    """Mean duration of float intervals, and of fixed intervals, if the receiver repeatedly loses its fix [s]. Default:
+    """Mean duration of float intervals, and of fixed intervals [s], if the receiver repeatedly loses its fix. Default:
     float at all times. Assumed value near trees (0.5-10)."""
 
     def init(self, generator: Generator) -> FloatState:

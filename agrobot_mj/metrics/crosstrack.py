@@ -19,7 +19,7 @@ from agrobot_mj.paths.route import SampledRoute
 WINDOW_M = 10.0
 """Search distance before and after the previous nearest point, and offset above which the point is lost [m]."""
 FORGOTTEN_S = 5.0
-"""Duration of missing positions after which the previous nearest point is discarded [s]. Assumed value."""
+"""Duration of missing positions [s] after which the previous nearest point is discarded. Assumed value."""
 FARTHEST_M = 1e7  # Maximum plausible distance of a position from the origin [m]: a quarter of the equator
 
 
@@ -32,7 +32,7 @@ class BesidePath(NamedTuple):
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Return the signed offset of the points (x, y) from the circles, left positive, shape (n,) [m]."""
+        """Return the signed offset [m] of the points (x, y) from the circles, left positive, shape (n,)."""
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
         ahead, left = np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east

@@ -34,7 +34,7 @@ def cause_of(view: RunView, across: bool) -> str:
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Return the inner product of two contributions over the ticks, lateral if `across`, otherwise horizontal [m2]."""
+    """Return the inner product [m2] of two contributions over the ticks, lateral if `across`, otherwise horizontal."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 

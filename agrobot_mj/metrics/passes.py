@@ -119,6 +119,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Return the excess swath width between neighbouring passes at the stations of both passes [m]."""
+    """Return the excess swath width [m] between neighbouring passes at the stations of both passes."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

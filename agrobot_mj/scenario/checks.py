@@ -14,7 +14,7 @@ from agrobot_mj.scenario.tables import LONGEST_S, Tables
 MOST_ASIDE_M_S2 = 8.0
 """Maximum plausible lateral acceleration [m/s2]. Assumed value: friction coefficient 0.8, higher than for tyres."""
 FAR_M = 2000.0
-"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value: a large field."""
+"""Distance from the ground [m] above which a path is probably in map coordinates. Assumed value: a large field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:

@@ -161,7 +161,7 @@ def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
 
 
 def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
-    """Return the minimum radius for which the steering limit and rate suffice, rounded up to 0.1 m [m]."""
+    """Return the minimum radius [m] for which the steering limit and rate suffice, rounded up to 0.1 m."""
 
     def excess(radius: float) -> float:
         lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)

@@ -71,13 +71,13 @@ class Wiring(NamedTuple):
 
 
 def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
-    """Return the new state of a line and the received voltage, within the valve range, or NaN (no power) [V]."""
+    """Return the new state of a line and the received voltage [V], within the valve range, or NaN (no power)."""
     line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
 
 
 SATURATION_MARGIN = radians(0.01)
-"""Difference to the steering limit below which a steering command counts as saturated [rad]."""
+"""Difference to the steering limit [rad] below which a steering command counts as saturated."""
 
 
 @dataclass

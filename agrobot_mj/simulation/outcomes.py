@@ -13,7 +13,7 @@ STUCK_S = 10.0  # Time without motion after which a tractor with a command to dr
 STUCK_M = 0.3  # Maximum displacement of a stuck tractor [m]. Assumed value, equivalent to 0.03 m/s.
 STUCK_PEDAL = 0.05  # Minimum pedal position of a command to drive [-]. Assumed value, equivalent to 0.25 m/s.
 LEFT_M = 1.0
-"""Increase of the distance to the reference above which a tractor at rest is stuck [m]. Assumed value for 1 s."""
+"""Increase of the distance to the reference [m] above which a tractor at rest is stuck. Assumed value for 1 s."""
 
 
 class Standstill(NamedTuple):

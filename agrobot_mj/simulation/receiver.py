@@ -31,7 +31,7 @@ class MountedReceiver(NamedTuple):
     t: float = 0.0  # Time at which the heading is valid [s]
 
     def yaw_rate(self, measured: Measurement) -> float:
-        """Return the yaw rate of the gyro or, without gyro, from steering angle and speed [rad/s]."""
+        """Return the yaw rate [rad/s] of the gyro or, without gyro, from steering angle and speed."""
         return measured.gyro if isfinite(measured.gyro) else self.speed * tan(measured.steer) / self.wheelbase
 
     def reduced(self, measured: Measurement) -> Measurement:

@@ -282,7 +282,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the path point with the maximum sum of the lateral errors of all runs, each error limited to 1 m [m]."""
+    """Return the path point [m] with the maximum sum of the lateral errors of all runs, each error limited to 1 m."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

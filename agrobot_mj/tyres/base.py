@@ -25,7 +25,7 @@ ADHERES, SLIDES = 1.0, 3.0
 3, a brush with parabolic pressure slides completely [Pacejka2012], chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed that doubles the normalised slip at which bristles break away [m/s]. Assumed value."""
+"""Rolling speed [m/s] that doubles the normalised slip at which bristles break away. Assumed value."""
 VANISHING = 1e-150  # Minimum slip divided by peak force whose square does not underflow [1/N]
 
 
@@ -116,7 +116,7 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
-    """Return the fraction of the bristle deflection that friction holds at the normalised slip `rho` [-]. At rest,
+    """Return the fraction of the bristle deflection [-] that friction holds at the normalised slip `rho`. At rest,
     bristles break away above `rho` = `most`; this limit increases with the rolling speed `v_roll` [m/s]."""
     limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
     return 1.0 if rho < limit else limit / rho
@@ -126,7 +126,7 @@ class Structure(NamedTuple):
     """Carcass and contact patch of a tyre."""
 
     relaxation_radii: float = 1.5
-    """Relaxation length divided by free radius at static load, used if `carcass_share` is 0 [-]."""
+    """Relaxation length at static load divided by free radius [-], used if `carcass_share` is 0."""
     bristle_damping_s: float = 0.02
     """Damping of the carcass divided by its stiffness [s]. Without `carcass_share` the value applies to a relaxation
     length of 1.5 radii and scales with the relaxation length."""
@@ -201,8 +201,8 @@ class CarcassTyre(TyreBase):
     """Whether the load acts at the contact patch as displaced by the side force, which reduces the tip-over angle. If
     false, the load acts in the wheel plane."""
     sliding_anisotropy: Fraction = 0.0
-    """Direction of the force of a sliding tyre: 0 is opposite to the sliding velocity, 1 is the direction of maximum
-    dissipation, turned towards the higher friction [-]. Assumed value; 1 is the limit for lugs [Goyal1991]."""
+    """Direction of the force of a sliding tyre [-]: 0 is opposite to the sliding velocity, 1 is the direction of
+    maximum dissipation, turned towards the higher friction. Assumed value; 1 is the limit for lugs [Goyal1991]."""
 
     def structure(self) -> Structure:
         """Return the carcass and contact patch; subclasses add other parts."""

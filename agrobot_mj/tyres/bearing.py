@@ -30,8 +30,8 @@ from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, An
 
 ITERATIONS = 8  # Maximum number of Newton steps for the pressure on yielding soil
 NEAR = 0.05
-"""Relative change of the yield pressure below which one Newton step suffices (error 4e-4, corrected in the next physics
-step) and a cubic polynomial approximates the power function (error 2e-6) [-]."""
+"""Relative change of the yield pressure [-] below which one Newton step suffices (error 4e-4, corrected in the next
+physics step) and a cubic polynomial approximates the power function (error 2e-6)."""
 REVERSAL = 2.0
 """Pressure up to which reloaded soil is elastic, divided by the minimum pressure since the last plastic sinkage [-].
 Assumed value: a load that decreases by less than half and increases again is not a separate pass."""

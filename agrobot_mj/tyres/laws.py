@@ -43,7 +43,7 @@ SMALL, SHORTEST = 1e-6, 1e-3
 """Slip at which the slip stiffness is evaluated [-], and minimum relaxation length [m], reached at almost no load."""
 Pair = tuple[float, float]
 RESTING = 0.001
-"""Speed below which the reported slip ratio is the bristle deflection divided by the relaxation length [m/s]."""
+"""Speed [m/s] below which the reported slip ratio is the bristle deflection divided by the relaxation length."""
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
@@ -153,7 +153,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
-    """Return the longitudinal and the lateral slip stiffness (force divided by slip, at small slip) [N]."""
+    """Return the longitudinal and the lateral slip stiffness [N] (force divided by slip, at small slip)."""
     # both directions in one call, because they are independent at small slip
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
@@ -161,7 +161,7 @@ def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footin
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the fraction of the bristle deflection in the carcass: secant stiffness divided by slip stiffness [-]."""
+    """Return the fraction of the bristle deflection in the carcass [-]: secant stiffness divided by slip stiffness."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
@@ -176,7 +176,7 @@ def direction_of_travel(v_x: float, rim: float) -> float:
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Return the fraction of the motion resistance of the soil that acts on a wheel that also slides sideways [-].
+    """Return the fraction of the motion resistance of the soil [-] that acts on a wheel that also slides sideways.
 
     For a rolling wheel (slip `s` = 0) the fraction is 1. A locked or spinning wheel (`s` = 1) forms no rut: the
     fraction is the squared cosine of the angle between motion and heading.

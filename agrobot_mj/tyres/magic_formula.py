@@ -26,10 +26,10 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Lower limit of friction and stiffness relative to their values at the reference load [-]. Assumed value."""
+"""Lower limit of friction and stiffness [-] relative to their values at the reference load. Assumed value."""
 LINEAR = 1e-4  # Normalised slip below which the force follows from the slip stiffness, within 1e-8 [-]
 KNOWN_LOADS = (0.5, 2.0)
-"""Minimum and maximum load divided by reference load for the linear change with load [-]. Assumed value: the range of a
+"""Minimum and maximum load divided by reference load [-] for the linear change with load. Assumed value: the range of a
 tyre of one size and pressure."""
 
 

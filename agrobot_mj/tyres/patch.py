@@ -31,7 +31,7 @@ from agrobot_mj.tyres.envelope import envelope
 LOAD, SLIP_ANGLE, SLIP_RATIO, FORCE_X, FORCE_Y, FRICTION_USE = range(6)
 """Indices of the report of a wheel; the reports of all wheels have the shape (4, 6)."""
 CREEP_SPEED = 0.02
-"""Speed at which rolling resistance, soil resistance and pneumatic trail have 76 % of their full values [m/s]."""
+"""Speed [m/s] at which rolling resistance, soil resistance and pneumatic trail have 76 % of their full values."""
 
 
 class TyreSet(NamedTuple):
@@ -164,7 +164,7 @@ def soft_sign(v: float, width: float) -> float:
 
 @kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
-    """Return the torque of the rolling resistance of wheel `i` about the axle, against the spin [N m]. The coefficient
+    """Return the torque of the rolling resistance [N m] of wheel `i` about the axle, against the spin. The coefficient
     of a named `surface` replaces the coefficient of the tyre, except in laws with soil resistance."""
     own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
     share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])

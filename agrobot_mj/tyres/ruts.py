@@ -28,7 +28,7 @@ STIFFEST_MPA_M = 1e4
 DEEPEST = 1 / 3
 """Maximum sinkage divided by radius of a rigid wheel for which its closed-form solution is valid [-] [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement, divided by modulus K, at which bristles break away at rest: 95 % of the strength [-]."""
+"""Shear displacement, divided by modulus K [-], at which bristles break away at rest: 95 % of the strength."""
 
 
 @kernel
@@ -95,7 +95,7 @@ class Ruts(CarcassTyre):
     rebound_mpa_m: Annotated[float, Field(gt=0, le=HUGE), AfterValidator(rebound_in_range)] = 200.0
     """Elastic stiffness of the soil [MPa/m]. Assumed value (40-400), as in the soils of Project Chrono."""
     multipass: Annotated[float, Field(ge=1, le=20)] = 3.0
-    """Exponent a of the multipass law: N equal passes have N^(1/a) times the sinkage of one pass [-]. Assumed value
+    """Exponent a of the multipass law [-]: N equal passes have N^(1/a) times the sinkage of one pass. Assumed value
     (2-3 for loose soil, 3-5 for firm soil [Abebe1989])."""
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""

@@ -28,7 +28,7 @@ from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
-"""Normalised slip rho at which bristles break away at rest: 1 - exp(-3) = 95 % of the friction is used [-]."""
+"""Normalised slip rho [-] at which bristles break away at rest: 1 - exp(-3) = 95 % of the friction is used."""
 OWN_LOSS = 0.04  # Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987].
 SOFTEST = 3.0
 """Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: at this number B_n is about 8,
@@ -127,7 +127,7 @@ class Soil(CarcassTyre):
         return self.section_height_share * wheel.width if wheel.size is None else wheel.size.section_height
 
     def radial(self, wheel: AxleWheel) -> float:
-        """Return 1 for a radial and 0 for a bias carcass, from `ply` or the size code [-]."""
+        """Return 1 for a radial and 0 for a bias carcass [-], from the key `ply` or the size code."""
         if wheel.size is None or "ply" in self.model_fields_set:
             return float(self.ply == "radial")
         return float(wheel.size.radial)

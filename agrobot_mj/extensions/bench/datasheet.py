@@ -122,7 +122,7 @@ def _rate(driver: Driver, side: int) -> float:
 
 
 def _understeer(scenario: Scenario) -> float:
-    """Return the derivative of the steering angle with respect to the lateral acceleration on a circle [deg s2/m]."""
+    """Return the derivative [deg s2/m] of the steering angle with respect to the lateral acceleration on a circle."""
     driver = _driver(scenario, 0.0)
     speeds = min(FASTEST_M_S, 0.8 * driver.full_speed) * np.arange(1, 5) / 4
     rows = circle(driver, 15.0, CIRCLE_WHEELBASES * scenario.tractor.wheelbase_m, speeds)
@@ -139,14 +139,14 @@ def _slope(plant: MujocoPlant) -> Iterator[float]:
 
 
 def _holding(scenario: Scenario) -> float:
-    """Return the maximum slope on which the brake holds a machine that faces uphill [deg]."""
+    """Return the maximum slope [deg] on which the brake holds a machine that faces uphill."""
     plant = _plant(scenario.changed({"driveline.connected": False}))
     braked = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
     return next((grade for grade in _slope(plant) if abs(plant.advance(braked).wheel_speed) > SLIPPING_M_S), nan)
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope at which the speed of a crawling machine falls below `CLIMBING` with a constant pedal [deg]."""
+    """Return the slope [deg] at which the speed of a crawling machine falls below `CLIMBING` with a constant pedal."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay

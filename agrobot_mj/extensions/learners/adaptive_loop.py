@@ -80,13 +80,13 @@ class AdaptiveState(NamedTuple):
     sides: tuple[Side, Side]  # Learned parameters of the left and the right side
     reference: float = 0.0  # Present setpoint of the steering angle [rad]
     under_way: tuple[float, ...] = ()
-    """Voltages that were commanded and are still delayed in the valve, relative to neutral, oldest first [V]."""
+    """Voltages [V] that were commanded and are still delayed in the valve, relative to neutral, oldest first."""
     spool: float = 0.0  # Voltage at the spool relative to neutral [V]
     mean: float = 0.0  # Mean spool voltage over the last tick [V]
     steer: float | None = None  # Last measured steering angle [rad], or None before the first tick
     piece: Stretch = Stretch()  # Time segment in progress
     misses: tuple[float, float] = (0.0, 0.0)
-    """Mean squared errors of the steering rates predicted by the learned map and by the initial map [rad2/s2]."""
+    """Mean squared errors [rad2/s2] of the steering rates predicted by the learned map and by the initial map."""
     resets: int = 0
 
 

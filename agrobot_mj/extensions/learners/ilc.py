@@ -38,7 +38,7 @@ class IlcState(NamedTuple):
     feedback: float = 0.0  # Steering angle added by the feedback law [rad]
     learning: bool = False  # Whether the last tick was used for learning
     settled: float = 0.0
-    """Distance travelled since the last tick with saturated steering, a large offset or an uncertain position [m]."""
+    """Distance travelled [m] since the last tick with saturated steering, a large offset or an uncertain position."""
 
 
 class Ilc(AngleLearner, PlaceLearner):
@@ -55,7 +55,7 @@ class Ilc(AngleLearner, PlaceLearner):
     max_offset_m: Positive = 0.5
     """Cross-track error above which learning is suspended [m]. Assumed value (0.3-1): excludes path acquisition."""
     max_steer_lag_deg: Positive = 10.0
-    """Difference between measured and commanded angle above which learning is suspended [deg]. Assumed value (5-15)."""
+    """Difference between measured and commanded angle [deg] above which learning is suspended. Assumed value (5-15)."""
     quantity = "steer_learned"
 
     def init(self) -> IlcState:

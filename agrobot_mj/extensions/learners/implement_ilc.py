@@ -116,7 +116,7 @@ class ImplementIlc(PlaceLearner):
     max_offset_m: Positive = 1.0
     """Offset of the implement above which learning is suspended [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance of the working point behind the hitch without an implement receiver [m]. Assumed value, as in
+    """Distance of the working point behind the hitch [m] without an implement receiver. Assumed value, as in
     `drawn`."""
     axle_behind_m: Positive = 2.0
     """Distance of the axle behind the hitch, used without an implement receiver [m]. Assumed value, as in `drawn`."""

@@ -164,7 +164,7 @@ class LearnedFeedforward(AngleLearner):
     max_offset_m: Positive = 2.0
     """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the limit of the supervisor."""
     max_steer_lag_deg: Positive = 6.0
-    """Difference between measured and last commanded angle above which learning is suspended [deg]. Assumed value
+    """Difference between measured and last commanded angle [deg] above which learning is suspended. Assumed value
     (3-10): on an arc the difference is about 2. The feedback is not meaningful while the valve moves to a new angle."""
     tunable: ClassVar = {"network.eta": (0.02, 1.0)}
     """Search range of the learning rate for tuning, in addition to the gains of the yaw controller."""

@@ -86,7 +86,7 @@ class AngleLearner(LearningLaw):
     """Base class of laws that learn a steering angle. Their states have the fields `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
-    """Difference between measured and last commanded angle above which learning is suspended [deg]."""
+    """Difference between measured and last commanded angle [deg] above which learning is suspended."""
 
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
@@ -101,7 +101,7 @@ class AngleLearner(LearningLaw):
         return Corrected(inner, command._replace(steer=clip(wanted, -limit, limit)), feedback, learning)
 
     def feedback(self, state: Any, command: Command) -> float:
-        """Return the steering angle that the inner law adds to the learned angle by feedback [rad]."""
+        """Return the steering angle [rad] that the inner law adds to the learned angle by feedback."""
         return float(state.feedback)
 
 

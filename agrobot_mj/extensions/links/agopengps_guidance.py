@@ -31,7 +31,7 @@ class BoardSettings(Spec):
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
-    """Offset added to the sensor counts, or subtracted with `host = "agopenweb"` [counts]. Default of these boards."""
+    """Offset [counts] added to the sensor counts, or subtracted with `host = "agopenweb"`. Default of these boards."""
     ackermann_percent: Byte = 100
     """Scale of left steering angles [%]. Default of AgOpenGPS boards."""
 

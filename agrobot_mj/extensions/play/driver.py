@@ -11,7 +11,7 @@ STEER_RATE = radians(30.0)
 ACCELERATION_M_S2 = 1.0  # Acceleration while a key is pressed [m/s2]. Assumed value (0.5-2).
 FASTEST_M_S, REVERSE_M_S = 6.0, -2.0  # Maximum speeds forward and in reverse [m/s]
 STALE_S = 0.4
-"""Time without a message after which all keys are treated as released, because the page is closed or hidden [s]."""
+"""Time without a message [s] after which all keys are treated as released, because the page is closed or hidden."""
 
 
 class Keys(NamedTuple):

@@ -133,7 +133,7 @@ class Played(GuidanceLaw):
         return state._replace(inner=inner, time=state.time + rate * dt), command
 
     def feedback(self, state: PlayState, command: Command) -> float:
-        """Return the feedback part of the steering angle of a law, or the complete angle if the driver steers [rad]."""
+        """Return the feedback part of the steering angle of a law [rad], or the complete angle if the driver steers."""
         return self.members[state.law - 1].feedback(state.inner, command) if state.law else command.steer
 
     @property

@@ -148,7 +148,7 @@ class _Ticks:
         return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
 
     def _tipped(self) -> Array:
-        """Return the mean of load transfer ratio and roll angle, which is about 1 for an overturned tractor [-]."""
+        """Return the mean of load transfer ratio and roll angle [-], which is about 1 for an overturned tractor."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:
             return lean

@@ -81,7 +81,7 @@ def implement_of(s: Signals) -> Signals:
 
 
 def enlargement(tractors: Iterable[Signals]) -> int:
-    """Return the factor by which a map enlarges cross-track errors: 1, 2 or 5 times a power of ten [-]."""
+    """Return the factor [-] by which a map enlarges cross-track errors: 1, 2 or 5 times a power of ten."""
     runs = [s for tractor in tractors for s in (tractor, implement_of(tractor)) if s]
     extent = max(float(np.nanmax(np.ptp([s["x_ref"], s["y_ref"]], axis=1))) for s in runs)
     largest = max(float(np.nanmax(np.abs(across(s)[1]), initial=0.0)) for s in runs)

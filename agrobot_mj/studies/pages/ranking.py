@@ -39,7 +39,7 @@ class Group(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the confidence interval of the success rate, with confidence level `CONFIDENCE` [-]."""
+        """Ends of the confidence interval of the success rate [-], with confidence level `CONFIDENCE`."""
         return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property

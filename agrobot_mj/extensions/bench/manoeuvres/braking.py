@@ -57,7 +57,7 @@ def released(plant: MujocoPlant, needed: float) -> float:
 
 
 def deceleration(plant: MujocoPlant) -> float:
-    """Return the deceleration on level ground from `FROM_M_S` to `TO_M_S` with `STOPPING_N_M` [m/s2]."""
+    """Return the deceleration [m/s2] on level ground from `FROM_M_S` to `TO_M_S` with `STOPPING_N_M`."""
     plant.data.qvel[0] = 3.0
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius

@@ -37,7 +37,7 @@ def spin_inertia(plant: MujocoPlant) -> Array:
 
 
 def theory(plant: MujocoPlant, paper: Tractor) -> float:
-    """Return the theoretical acceleration of the coasting tractor down the slope [m/s2]."""
+    """Return the theoretical acceleration [m/s2] of the coasting tractor down the slope."""
     grade, p = radians(GRADE_DEG), plant.tractor
     radius, resisted = paper.rolling(grade)
     effective = 1 + float(np.sum(spin_inertia(plant) / radius**2)) / p.mass_kg

@@ -117,7 +117,7 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
-    """Return the mean distance of a point from the instantaneous centre of rotation of the tractor [m]."""
+    """Return the mean distance [m] of a point from the instantaneous centre of rotation of the tractor."""
     R = truth["speed"] / truth["yaw_rate"]
     c_x, c_y = truth["rear_x"] - R * np.sin(truth["yaw"]), truth["rear_y"] + R * np.cos(truth["yaw"])
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())

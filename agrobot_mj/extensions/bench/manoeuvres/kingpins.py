@@ -46,7 +46,7 @@ class Turning(NamedTuple):
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
-    """Return the valve voltage for a steady steering rate to one side (1 left, -1 right) [V]."""
+    """Return the valve voltage [V] for a steady steering rate to one side (1 left, -1 right)."""
     gain = machine.valve.gain_left_l_min_v if side > 0 else machine.valve.gain_right_l_min_v
     flow = radians(rate_deg_s) * machine.cylinder.displacement * 6e4
     return NEUTRAL_V + side * (machine.valve.dead_band_v + flow / gain)
@@ -86,7 +86,7 @@ def changed(**linkage: float) -> Machine:
 
 
 def loaded_radius(plant: MujocoPlant) -> float:
-    """Return the height of the centre of a front wheel above the ground at static load [m]."""
+    """Return the height [m] of the centre of a front wheel above the ground at static load."""
     tractor = plant.tractor
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 

@@ -27,11 +27,11 @@ GRADES_DEG = (2.0, 5.0, 10.0, 15.0)
 SPEED_M_S = 1.2
 BAND = 0.05
 LINEAR_SHARE = 0.97
-"""Minimum ratio of tyre force to its tangent at zero slip, above which the tyre is in the linear range [-]."""
+"""Minimum ratio of tyre force to its tangent at zero slip [-], above which the tyre is in the linear range."""
 
 
 def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, float]:
-    """Return the angles of rear and front wheels to the course, in the ground plane and positive uphill [deg]."""
+    """Return the angles [deg] of rear and front wheels to the course, in the ground plane and positive uphill."""
     trace = driver.go(seconds, track_course())
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(grade_deg)))
     return degrees(heading), degrees(heading + trace.mean("steer", 3.0))
@@ -64,7 +64,7 @@ def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> li
 
 
 def linear_slip(paper: Tractor, grade_deg: float) -> float:
-    """Return the slip angle at which both axles, with linear tyres, support the tractor on a side slope [rad]."""
+    """Return the slip angle [rad] at which both axles, with linear tyres, support the tractor on a side slope."""
     return paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
 
 

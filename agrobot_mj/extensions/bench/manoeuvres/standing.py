@@ -64,7 +64,7 @@ def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Return the maximum slope near `about_deg` on which the machine rests when it starts across the slope [deg]."""
+    """Return the maximum slope [deg] near `about_deg` on which the machine rests when it starts across the slope."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -73,7 +73,7 @@ def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
 
 
 def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
-    """Return the displacement of a parked machine with a given tyre and its brake applied [mm]."""
+    """Return the displacement [mm] of a parked machine with a given tyre and its brake applied."""
     ground = Slope(grade_deg=grade_deg, direction_deg=DIAGONALLY_DEG) if grade_deg else Flat()
     plant, start = m.mujoco(tyre, ground, s.vehicle)
     *_, end = hold(plant, BRIEFLY_S if m.quick else PARKED_S, BRAKED)

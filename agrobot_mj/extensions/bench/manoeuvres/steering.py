@@ -63,7 +63,7 @@ def steady_rate(plant: Any, volts: float) -> float:
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Return the angle after a step `STEP_V`: gain times integral of the spool voltage outside the dead band [rad]."""
+    """Return the angle [rad] after a step `STEP_V`: gain times integral of the spool voltage outside the dead band."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -109,7 +109,7 @@ def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def turning_pressure(plant: MujocoPlant, speed: float) -> float:
-    """Return the mean pressure while the wheels turn left at a steady rate and their contact patches slide [bar]."""
+    """Return the mean pressure [bar] while the wheels turn left at a steady rate and their contact patches slide."""
     driver = rolling(plant, speed)
     driver.go_by_voltage(1.0, NEUTRAL_V + 2.0)
     return float(np.mean(driver.pressures(0.5, NEUTRAL_V + 2.0))) / 1e5
@@ -140,12 +140,12 @@ def relief(m: Trial, tyre: Any) -> Check:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """Return the time at which the steering angle is first 2 degrees away from its stop [s]."""
+    """Return the time [s] at which the steering angle is first 2 degrees away from its stop."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 
 def rigid_leaving(side: int) -> float:
-    """Return the theoretical time at which a steering with a rigid cylinder is 2 degrees away from its stop [s]."""
+    """Return the theoretical time [s] at which a steering with a rigid cylinder is 2 degrees away from its stop."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0

@@ -49,7 +49,7 @@ class Step(NamedTuple):
 
     @property
     def response_s(self) -> float:
-        """Time from reaching half of the steering angle to reaching 90 % of the yaw rate [s]."""
+        """Time [s] from reaching half of the steering angle to reaching 90 % of the yaw rate."""
         return rise(self.t, self.yaw_rate, 0.9) - rise(self.t, self.steer, 0.5)
 
     @property

@@ -130,7 +130,7 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def aside(self, loads: Array, forces: Array) -> Pair:
-        """Return load times lateral displacement of the patches under lateral forces, summed for each axle [N m]."""
+        """Return load times lateral displacement [N m] of the patches under lateral forces, summed for each axle."""
         if not self.tyres.load_follows:
             return 0.0, 0.0
         moments = loads * forces / self.tyres.springs[:, 1]
@@ -237,7 +237,7 @@ class Tractor:
 
     @property
     def axle_stiffness(self) -> tuple[float, float]:
-        """Cornering stiffnesses of front and rear axle at static loads on level ground [N/rad]."""
+        """Cornering stiffnesses [N/rad] of front and rear axle at static loads on level ground."""
         small = 1e-5
         front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
         return front, rear
@@ -270,13 +270,13 @@ class Tractor:
 
 
 def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> float:
-    """Return the understeer gradient of the linear bicycle, K = m (l_r C_r - l_f C_f) / (L C_f C_r) [rad s2/m]."""
+    """Return the understeer gradient [rad s2/m] of the linear bicycle, K = m (l_r C_r - l_f C_f) / (L C_f C_r)."""
     l_f, l_r, L = tractor.cg_to_front_axle, tractor.cg_to_rear_axle, tractor.wheelbase_m
     return tractor.mass_kg * (l_r * C_r - l_f * C_f) / (L * C_f * C_r)
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg]. This
+    """Return the mean slip angle [deg] across a slope of a tractor whose tyres are sized to their static loads. This
     angle is sin(grade) divided by the ratio of stiffness to load, averaged with the load fractions of the axles."""
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load

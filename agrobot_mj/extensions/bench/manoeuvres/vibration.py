@@ -29,7 +29,7 @@ LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
 FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)  # Amplitudes of the load oscillation divided by the mean load [-]
 DEEPER_MM, SAME_MM = 1.0, 0.1
-"""Maximum additional rut depth relative to no oscillation, and relative to the maximum load applied once [mm]."""
+"""Maximum additional rut depth [mm] relative to no oscillation, and relative to the maximum load applied once."""
 COUNT = 5  # Number of full load cycles
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STIFFNESS = 2e6  # Stiffness by which the iteration converts a change of load to a change of depth [N/m]

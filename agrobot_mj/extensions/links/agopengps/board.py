@@ -52,7 +52,7 @@ def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
 
 
 def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
-    """Return the steering angle that a board of the dialect `host` computes from sensor counts [rad]."""
+    """Return the steering angle [rad] that a board of the dialect `host` computes from sensor counts."""
     angle = (counts + OFFSET_SIGN[host] * settings.offset) / max(settings.counts_per_degree, 1)
     if angle < 0:
         angle *= settings.ackermann / 100

@@ -24,7 +24,7 @@ LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
 
 
 def latencies(record: list[Datagram]) -> list[float]:
-    """Return the wall-clock times between each position and the following steering message [s]."""
+    """Return the wall-clock times [s] between each position and the following steering message."""
     found: list[float] = []
     sent: float | None = None
     for datagram in record:

@@ -84,7 +84,7 @@ class Site(NamedTuple):
     cg_to_rear_axle: float  # Distance of the CG from the rear axle [m]
     wheel_radius: float  # Radius of the rear wheels [m]
     position_variance: tuple[float, float]
-    """Variance of the position along each horizontal axis for the solutions RTK float and RTK fix [m2]."""
+    """Variance of the position [m2] along each horizontal axis for the solutions RTK float and RTK fix."""
     tilt_variance: float  # Variance of roll and pitch of the inertial unit [rad2]
     gyro_variance: float  # Variance of the gyro noise [rad2/s2]
     gyro_walk: float  # Random walk of the gyro bias [rad2/s3]

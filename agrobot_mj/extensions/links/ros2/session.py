@@ -41,7 +41,7 @@ from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025  # Time from the start of a turn within which an arriving command is effective in this turn [s]
 SETTLE_S = 0.3
-"""Waiting time without commands, in which replies to earlier clock messages arrive (lock-step) [s]. Assumed value."""
+"""Waiting time [s] without commands, in which replies to earlier clock messages arrive (lock-step). Assumed value."""
 ASK_TURNS = 60
 """Number of turns without a command after which the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
 
@@ -114,7 +114,7 @@ class RosSession:
         self.answered = 0
         """Last turn with a command. In lock-step, the next command is expected `every` turns later."""
         self.latencies: list[float] = []
-        """Wall-clock times between publishing the sensors and the first command of each turn [s]."""
+        """Wall-clock times [s] between publishing the sensors and the first command of each turn."""
         self.ended: str | None = None
         """Outcome set by the link, or None if the outcome is determined by the simulation."""
 
