@@ -40,7 +40,7 @@ BESIDE = 3  # Maximum number of plots next to the scene
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 """Height of the lowest track above the ground, and vertical distance between stacked tracks [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
-"""Half width of the uppermost track, and increase of the half width from a track to the track below [pixels]."""
+"""Half width of the uppermost track [pixels], and increase of the half width from a track to the track below."""
 PAINTED = 0.12
 """Minimum difference between colour channels (0-1) of geoms that get the colour of the run. Grey geoms stay grey."""
 GHOST = 0.22  # Opacity of the translucent tractors [-]

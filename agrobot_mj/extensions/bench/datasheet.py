@@ -35,12 +35,12 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
-"""Speed for turning and climbing, speed for steering, and speed above which braked wheels slip [m/s]. An axle that
-reaches its brake torque first moves at 1-4 mm/s while the tyres of the other axle deflect."""
+"""Speeds [m/s]: for turning and climbing, for steering, and limit above which braked wheels slip. An axle that reaches
+its brake torque first moves at 1-4 mm/s while the tyres of the other axle deflect."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
 """Radius of the circle [wheelbases], and maximum speed on the circle [m/s] (at most 0.8 of the top speed)."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rates at which the slope increases, below and above the slope `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
+"""Rates at which the slope increases below and above `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
 """Fraction of the initial speed below which a machine fails to climb [-], because its wheels slip too much."""
 STEADY_S = 10.0  # Time at constant pedal position until oscillations of the crawling machine have decayed [s]

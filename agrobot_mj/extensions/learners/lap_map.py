@@ -30,10 +30,10 @@ GRID_M = 0.25  # Distance between the locations of the map [m]. Assumed value: a
 WINDOW_M, FADE_M = 2.0, 2.0
 """Distances over which the error is averaged, and over which a new map replaces the old map [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""Factor and margin by which the RMS error of a lap must exceed the error of the best lap for a worse map [-, m].
+"""Factor [-] and margin [m] by which the RMS error of a lap must exceed the error of the best lap for a worse map.
 Assumed values: above noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Maximum factor and margin of the error over `WINDOW_M` relative to the best lap [-, m]. Assumed values."""
+"""Maximum factor [-] and margin [m] of the error over `WINDOW_M` relative to the best lap. Assumed values."""
 GIVE_UP = 4
 """Number of returns to the best map after which learning ends. Assumed value: the gain is then 1/16 of the first."""
 COMPLETE = 0.9  # Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]

@@ -38,7 +38,7 @@ MOST = 20.0  # Maximum cost of a successful run [-]
 FAILED = 25.0  # Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`.
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Range of factors on differences of two candidates; fraction of keys that change in a generation [-] [Storn1997]."""
+"""Range of the factor on the difference of two candidates, and fraction of keys that change [-] [Storn1997]."""
 MOST_RUNS = 100_000  # Maximum number of runs of a search, including the evaluation of its result
 Overrides = dict[str, Any]
 Limits = tuple[float, float]  # Minimum and maximum of a gain [unit of the gain]

@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.recording.plots.catalogue import Plot
 
 TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
-"""Height of all plots of a tab, height of title and time axis of a plot, minimum distance of labels [pixels]."""
+"""Sizes [pixels]: height of all plots of a tab, height of title and time axis of a plot, minimum distance of labels."""
 MARGIN = 0.04  # Margin above and below the values [fraction of the range], so that the outermost label is complete
 THIRD = 1.6  # Maximum factor by which an axis is extended to obtain a third label [-]
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
@@ -38,7 +38,7 @@ LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
 """Maximum fractions [-]: of points hidden by a legend, and of an axis reserved for a legend. Assumed values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
-"""Size of a plot on a tab of nine plots, and of one of three plots next to the scene [pixels]."""
+"""Plot sizes [pixels]: on a tab of nine plots, and next to the scene in a column of three plots."""
 
 
 class Range(NamedTuple):

@@ -22,7 +22,7 @@ from agrobot_mj.simulation.log import Rows
 SETTLED_S = 5.0  # Time after which axes include the bounds of the estimate [s]. The initial bounds are wide.
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
-"""Line widths: normal, signal with a moving mean, moving mean; increment of `Series.wider` [pixels]."""
+"""Line widths [pixels]: normal signal, signal with a moving mean, moving mean; increment per step of `Series.wider`."""
 PALE = 0x48  # Opacity of a signal that has a mean, out of 0xFF
 MEAN_S = 2.0  # Window length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s
 MEAN_TICKS = 5  # Number of ticks between points of the moving mean

@@ -26,7 +26,7 @@ PATH_LIFT_M = 0.01
 """Height of the reference path above the ground [m]. All lines have different heights, so that no line is hidden."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)  # Line width of the reference path on the screen, independent of camera distance
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Distance between points of the reference path: on a plane, on uneven ground [m]; maximum number of points."""
+"""Distance between points of the reference path [m]: on a plane, on uneven ground; maximum number of points [-]."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:

@@ -22,7 +22,7 @@ PIECE_TICKS = 5  # Number of ticks per segment of a track: 0.3 m at 1.2 m/s
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
 """Colours of GNSS fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Height of GNSS fixes above the ground, below the tracks, and radius of fixes: sigma of the paper's receiver [m]."""
+"""Height of GNSS fixes above the ground, below the tracks, and radius of fixes [m]: sigma of the paper's receiver."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 

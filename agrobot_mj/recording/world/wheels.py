@@ -72,10 +72,10 @@ def _unit(v: Array) -> Array:
 
 
 M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
-"""Arrow length per newton of ground force and of load [m/N], and arrow radii for both [m], of the default tractor. For
-other tractors, arrow sizes are scaled with the tractor size, and lengths also with its weight."""
+"""Sizes for the default tractor: arrow length per newton of ground force and of load [m/N], arrow radii of both [m].
+For other tractors, arrow sizes are scaled with the tractor size, and lengths also with its weight."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Lateral distance of an arrow from the tyre and its height [m]; half of the footprint length per wheel radius [-]."""
+"""Distance of an arrow from the tyre and height of the arrow [m]; half the footprint length per wheel radius [-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF

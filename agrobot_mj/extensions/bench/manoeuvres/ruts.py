@@ -35,7 +35,7 @@ SOILS = {
 }
 """Soil parameters of [Wong2008]; parameters without a source are assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
-"""Length of a pass [m]; length [m] and duration [s] of a time step, for 1.2 m/s."""
+"""Length of a pass [m]; distance travelled in a time step [m] and duration of this step [s], for 1.2 m/s."""
 HEADING = 0.3  # Heading of the wheel, oblique to the cell grid of the soil memory [rad]
 BAND, CLOSED = 0.02, 0.005
 """Maximum relative errors [-] of the resistance of a wheel, and of the closed forms for a plate."""

@@ -25,7 +25,7 @@ from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 18.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
-"""Rates at which gravity tilts: below `FROM_DEG`, and above (quasi-static) [deg/s]."""
+"""Rates at which gravity tilts [deg/s]: below the slope `FROM_DEG`, and above this slope (quasi-static)."""
 SLID_M = 1.0  # Displacement above which the tractor has slid [m], larger than the deflection of the carcasses
 BAND_DEG = 2.0
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))

@@ -42,8 +42,6 @@ class Channel(Protocol):
 
 
 class _Sockets:
-    """Base class of channels with sockets."""
-
     def __init__(self, sockets: UdpSockets) -> None:
         self.sockets, self.opened = sockets, time.perf_counter()
 
