@@ -52,7 +52,7 @@ class Route(Protocol):
         ...
 
     def lap(self) -> float:
-        """Return the arc length after which the path heading repeats, or the path length if it never repeats [m]."""
+        """Return the arc length [m] after which the path heading repeats, or the path length if it never repeats."""
         ...
 
 

@@ -22,7 +22,7 @@ SPEED_COLUMNS = (
 
 
 WHEEL_LAG = radians(5.0)
-"""Difference between commanded and measured steering angle above which integrals are frozen [rad]. Assumed value."""
+"""Difference between commanded and measured steering angle [rad] above which integrals are frozen. Assumed value."""
 
 
 class CascadeState(NamedTuple):
@@ -75,7 +75,7 @@ class Cascade(GuidanceLaw):
         return CascadeState(controller, yaw_rate_ref, e_yaw_rate, command, ahead, speed), Command(steer, speed_ref)
 
     def feedback(self, state: CascadeState, command: Command) -> float:
-        """Return the steering angle of the yaw controller in the last tick, without feed-forward [rad]."""
+        """Return the steering angle of the yaw controller [rad] in the last tick, without feed-forward."""
         return state.command.steer
 
     @property

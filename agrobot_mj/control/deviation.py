@@ -85,7 +85,7 @@ class CommandLimits(NamedTuple):
 def direction_of(r: Reference, last: float, place: PathPoint) -> float:
     """Return the direction of travel of the reference, 1 forward or -1 in reverse.
 
-    At rest it is the `last` direction, or that of the path point if the last direction is 0.
+    At rest, return the `last` direction or, if this is 0, the direction of the path point.
     """
     along, otherwise = cos(r.yaw) * r.vx + sin(r.yaw) * r.vy, place.direction if last == 0.0 else last
     return -1.0 if (along if abs(along) > 1e-6 else otherwise) < 0 else 1.0
@@ -228,7 +228,7 @@ def _turning_speed(limits: CommandLimits, turning: float) -> float:
 
 @shared
 def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
-    """Return the lateral offset of a point of the tractor from its error-free position [m].
+    """Return the lateral offset of a point of the tractor [m] from its error-free position.
 
     The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. Left of `direction` [rad] is positive.
     """

@@ -19,7 +19,7 @@ DRIFT_TIME_S = 60.0
 """Time constant of the exponential forgetting of the drift [s]. Assumed value: white velocity noise of 3 cm/s causes an
 accumulated error of 4 cm at 20 Hz and 7 cm at 5 Hz; a drift of 7 mm/s eventually reaches the limit."""
 SWAY_S, TURN_TIME_S = 2.0, 10.0
-"""Short and long time constant for averaging the difference between course and gyro angle [s]. Assumed values: the
+"""Short and long time constant [s] for averaging the difference between course and gyro angle. Assumed values: the
 short one covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
 """Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the duration of a start."""
@@ -70,7 +70,7 @@ class Evidence(NamedTuple):
     north: float = 0.0  # Accumulated north difference between RTK positions and integrated velocities [m]
     change: tuple[float, float] = (0.0, 0.0)  # Velocity change between the last two fixes [m/s], east and north
     variance: float = 0.0
-    """Variance per axis of the accumulated differences due to integration errors between the fixes [m2]."""
+    """Variance per axis [m2] of the accumulated differences due to integration errors between the fixes."""
     moving: bool = False  # Whether the tractor was moving at the last change of the position
     repeated_s: float = 0.0  # Time for which the measured position has been constant while the tractor was moving [s]
 
@@ -118,10 +118,10 @@ class AttitudeEvidence(NamedTuple):
     changed: tuple[bool, bool] = (False, False)
     """Whether the roll and pitch angles have changed since the first measurement."""
     repeats: tuple[float, float] = (0.0, 0.0)
-    """Time for which the roll and pitch angles have been constant while the tractor was moving [s]."""
+    """Time [s] for which the roll and pitch angles have been constant while the tractor was moving."""
     silent_s: float = 0.0  # Time since the last measurement of roll and pitch [s], or 0 before the first measurement
     residual: tuple[float, float] = (0.0, 0.0)
-    """Forward and left residual of the specific force divided by g, averaged over TILT_TIME_S [-].
+    """Forward and left residual of the specific force divided by g [-], averaged over TILT_TIME_S.
 
     The residual is the specific force without gravity at the measured angles and without centripetal acceleration.
     Averaging forces instead of tilt angles suppresses vibration.
@@ -194,17 +194,17 @@ kernel_method("after")
 
 @shared
 def drift_of(evidence: Evidence) -> float:
-    """Return the distance between the measured position and the position obtained by integrating fix velocities [m]."""
+    """Return the distance [m] between the measured position and the position obtained by integrating fix velocities."""
     return sqrt(evidence.east * evidence.east + evidence.north * evidence.north)
 
 
 @shared
 def tilt_error(attitude: AttitudeEvidence) -> float:
-    """Return the maximum difference between roll or pitch and the tilt derived from the specific force [rad]."""
+    """Return the maximum difference [rad] between roll or pitch and the tilt derived from the specific force."""
     return atan(max(abs(attitude.residual[0]), abs(attitude.residual[1])))
 
 
 @shared
 def course_error(turn: TurnEvidence) -> float:
-    """Return the absolute angle between the short-term and long-term means of the fix velocity [rad]."""
+    """Return the absolute angle [rad] between the short-term and long-term means of the fix velocity."""
     return abs(phase(turn.late * turn.long.conjugate()))

@@ -27,7 +27,7 @@ class Feedforward(CascadeLaw):
     ends_turns: ClassVar = True
 
     def feedforward(self, situation: Situation) -> float:
-        """Return the feed-forward steering angle for the curvature at the reference point `preview_s` later [rad]."""
+        """Return the feed-forward steering angle [rad] for the curvature at the reference point `preview_s` later."""
         kappa, L = situation.route.at(situation.t + self.preview_s).curvature, situation.machine.wheelbase_m
         return atan(L * kappa)
 

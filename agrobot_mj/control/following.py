@@ -102,7 +102,7 @@ class Following(GuidanceLaw):
         return FollowingState(after, *found, law), Command(found.steer, found.speed)  # type: ignore[call-arg]
 
     def feedback(self, state: "FollowingState", command: Command) -> float:
-        """Return the steering command without feed-forward and steering-bias compensation [rad]."""
+        """Return the steering command [rad] without feed-forward and steering-bias compensation."""
         return command.steer - state.steer_ahead - state.bias
 
     def rolling(self, situation: Situation) -> tuple[float, float]:

@@ -27,7 +27,7 @@ from agrobot_mj.machine.tractor import COMPACT
 MIN_CLOSING_S = 0.3
 """Minimum time constant for correcting a heading error [s]. Assumed value, the delay and lag of the steering."""
 REVERSING_M_S = 0.1
-"""Reverse speed above which the sign of the yaw controller's gains is reversed [m/s]. Assumed value."""
+"""Reverse speed [m/s] above which the sign of the yaw controller's gains is reversed. Assumed value."""
 
 
 class CascadeLaw(GuidanceLaw):
@@ -76,7 +76,7 @@ class CascadeLaw(GuidanceLaw):
         return speed, _feasible(yaw_rate, situation) if self.ends_turns else yaw_rate
 
     def gain_scale(self, situation: Situation) -> float:
-        """Return the factor on the yaw-rate error: relative wheelbase times speed schedule, negative in reverse [-]."""
+        """Return the factor [-] on the yaw-rate error: relative wheelbase times speed schedule, negative in reverse."""
         above, u = self.scheduled_above_m_s, situation.estimate.speed
         scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
         if above is not None:

@@ -74,7 +74,7 @@ class LqrLaw(NamedTuple):
 
 @shared
 def rolling(p: SteadySlip, speed: float) -> tuple[float, float]:
-    """Return the distance a from the CG to the point without sideslip, and the effective wheelbase L + K u^2 [m]."""
+    """Return the distance a from the CG to the point without sideslip and the effective wheelbase L + K u^2 [m]."""
     u2 = speed * speed
     a = p.l_r - p.front_load * u2 / p.stiffness
     return max(a, 0.1 * p.l_r), max(p.wheelbase + p.understeer * u2, 0.5 * p.wheelbase)
@@ -193,7 +193,7 @@ class Lqr(Integrating):
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
-        """Return the new state and the steering angle: the sum of feed-forward, state feedback and integral [rad]."""
+        """Return the new state and the steering angle [rad]: the sum of feed-forward, state feedback and integral."""
         if not memory.table.size:
             memory = self.begun(memory, situation.machine)
         e = situation.estimate

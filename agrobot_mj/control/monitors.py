@@ -36,9 +36,9 @@ AGREEING = 0.15
 """Maximum difference between agreeing speeds of wheels and fixes, divided by the wheel speed [-]; `OVERSPEED_M_S` is
 added. Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed below which the course limit increases as 1 / speed, due to antenna oscillation [m/s]. Assumed value."""
+"""Speed [m/s] below which the course limit increases as 1 / speed, due to antenna oscillation. Assumed value."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
-"""Limits for a tractor that has not yet been within `max_cross_track_m` of the path [m]. `CLOSER_M`: decrease of the
+"""Limits [m] for a tractor that has not yet been within `max_cross_track_m` of the path. `CLOSER_M`: decrease of the
 minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
 Assumed values."""
 TURNED_AWAY = 0.3
@@ -112,7 +112,7 @@ class SupervisorLimits(Reporting):
     """Maximum estimated cross-track error [m]; a larger initial error may decrease first. Assumed value (0.5-3): less
     than the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Maximum time without an approach to a path at a distance above `max_cross_track_m` [s]. Assumed value (10-60)."""
+    """Maximum time [s] without an approach to a path at a distance above `max_cross_track_m`. Assumed value (10-60)."""
     max_nis: Positive = 120.0
     """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): the mean is 2 for
     a consistent filter and 85 across 3 cm ridges at 2.5 m/s; wrong fixes, limited to 200 each, give 126 after 5 s."""
@@ -141,26 +141,26 @@ class SupervisorLimits(Reporting):
     wheel_lag_s: Positive = 0.3
     """Maximum duration of a low wheel speed [s]. Assumed value (0.2-0.5), half a period of antenna oscillation."""
     outvoted_s: Positive = 1.0
-    """Maximum time for which the estimated speed is too far below a speed on which wheels and fixes agree [s]. Assumed
+    """Maximum time [s] for which the estimated speed is too far below a speed on which wheels and fixes agree. Assumed
     value (0.5-2), more than one period of the antenna oscillation."""
     max_angle_mismatch_deg: Positive = 8.0
-    """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
+    """Maximum difference [deg] between the measured steering angle and the angle derived from the yaw rate. Assumed
     value (6-15) for wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
     """Additional accepted mismatch, divided by the larger angle [-]. Assumed value (0.3-0.6) for sliding wheels."""
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
-    """Maximum yaw-rate change, computed from the steering angle, while the gyro repeats one value for `max_repeat_s`
-    [deg/s]. Assumed value (1-4): a gyro has noise and resolves 0.1 deg/s."""
+    """Maximum yaw-rate change [deg/s], computed from the steering angle, while the gyro repeats one value for
+    `max_repeat_s`. Assumed value (1-4): a gyro has noise and resolves 0.1 deg/s."""
     max_repeat_s: Positive = 0.4
-    """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
+    """Maximum duration [s] of a repeated position while moving, or of a repeated yaw rate while turning. Assumed value
     (0.2-1): real measurements have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the fixes' course relative to the gyro heading: mean of 2 s minus mean of 10 s [deg]. The
+    """Maximum rotation of the fixes' course [deg] relative to the gyro heading: mean of 2 s minus mean of 10 s. The
     limit increases below 0.8 m/s. Assumed value (6-15): ridges at 3 m/s cause 6, a gyro bias of 1 deg/s causes 8."""
     max_fix_drift_m: Positive = 0.3
-    """Maximum difference between fix position and integrated fix velocity in the last 60 s [m]. The limit is higher for
+    """Maximum difference [m] between fix position and integrated fix velocity in the last 60 s. The limit is higher for
     slow receivers and rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
     max_reckoning_sigma: Positive = 5.0
     """Maximum distance of a fix from the dead reckoning of the last 30 s, in standard deviations [-]. Assumed value
@@ -168,7 +168,7 @@ class SupervisorLimits(Reporting):
     reckoning_s: Positive = 0.6
     """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than one checked fix."""
     max_tilt_mismatch_deg: Positive = 6.0
-    """Maximum difference between roll or pitch and the tilt derived from the specific force, mean of 4 s [deg]. Assumed
+    """Maximum difference [deg] between roll or pitch and the tilt derived from the specific force, mean of 4 s. Assumed
     value (4-10): a start with 0.5 m/s2 causes 3, ridges of 3 cm at 3 m/s cause up to 4.5."""
     max_attitude_age_s: Positive = 2.0
     """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), short compared with a turn."""
@@ -277,7 +277,7 @@ def _wheel_lag(most: Limits, speed: float) -> float:
 
 @jit
 def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> float:
-    """Return the yaw-rate change since the gyro value last changed, computed from the steering angle [deg/s]."""
+    """Return the yaw-rate change [deg/s] since the gyro value last changed, computed from the steering angle."""
     if m.t - gyro.t < most.max_repeat_s:
         return 0.0
     return degrees(abs(e.speed * (tan(m.steer) - tan(gyro.steer)) / most.wheelbase))
@@ -292,7 +292,7 @@ def _required_angle(most: Limits, e: Estimate, gyro: float) -> float:
 
 @jit
 def _agreed_speed(proof: Evidence, m: Sensed) -> float:
-    """Return the speed on which wheels and newest fix agree [m/s], or 0 if they disagree or one of them is missing."""
+    """Return the speed on which wheels and newest fix agree [m/s], or 0 if both disagree or one is missing."""
     fixes, wheels = sqrt(proof.fix.vx * proof.fix.vx + proof.fix.vy * proof.fix.vy), abs(m.wheel_speed)
     if m.t - proof.t > GAP_S:
         return 0.0

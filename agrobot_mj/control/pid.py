@@ -108,7 +108,7 @@ class Pid(Spec):
 
 @shared
 def over_dead_band(error: float, jump: float, tolerance: float) -> float:
-    """Return the voltage that compensates the dead band of a valve, with the sign of `error` [V].
+    """Return the voltage [V] that compensates the dead band of a valve, with the sign of `error`.
 
     The magnitude is 0 for errors below `tolerance` and rises linearly to `jump` at twice the tolerance.
     """
@@ -248,7 +248,7 @@ STANDSTILL_S = 1.0
 STOPPED_S = 2.0
 """Time that the brake needs to stop the tractor [s]. Assumed value, twice the braking time from field speed."""
 CRAWL_M_S = 0.1
-"""Speed command below which the brake is applied if the reference is at rest [m/s]. Assumed value for GNSS noise."""
+"""Speed command [m/s] below which the brake is applied if the reference is at rest. Assumed value for GNSS noise."""
 
 
 class BrakeState(NamedTuple):

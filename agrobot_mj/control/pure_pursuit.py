@@ -59,7 +59,7 @@ class PurePursuit(Integrating):
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012
-    """Integral gain: steering angle per cross-track error and distance in forward travel [rad/m2]; 0 disables the
+    """Integral gain [rad/m2]: steering angle per cross-track error and distance in forward travel; 0 disables the
     integral. Assumed value (0-0.05), tuned."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),

@@ -41,7 +41,7 @@ HISTORY_TICKS = 101  # Number of ticks for which sums are stored: fixes arrive u
 START_M = 1.5
 """Minimum distance between the two fixes that give the initial heading [m]. Assumed value for an accuracy of 3 deg."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
-"""Standard deviations of a fix, and of the antenna position due to tilt with and without an inertial unit [m]. Assumed
+"""Standard deviations [m] of a fix, and of the antenna position due to tilt with and without an inertial unit. Assumed
 values: 2 cm for the fix; 0.6 and 2 deg at a height of 2 m."""
 LOOSE_SIGMA, LOOSE_FIXES = 0.35, 40.0
 """Standard deviation of a fix below FIX quality [m], and number of consecutive fixes with equal error [-]. Assumed

@@ -43,7 +43,7 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 WHEEL_LAG = radians(3.0)
-"""Difference between commanded and measured steering angle above which the integral is frozen [rad]. Assumed value."""
+"""Difference between commanded and measured steering angle [rad] above which the integral is frozen. Assumed value."""
 
 
 class StanleyState(NamedTuple):
@@ -133,7 +133,7 @@ class Stanley(Integrating):
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Integral gain k_i in forward travel: steering angle per unexpected motion of the front axle [rad/m]. Assumed
+    """Integral gain k_i [rad/m] in forward travel: steering angle per unexpected motion of the front axle. Assumed
     value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),

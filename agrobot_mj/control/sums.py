@@ -31,13 +31,13 @@ DRAUGHT = 3.0
 """Specific pull of a working implement at the rear axle [m/s2]. Assumed value: the draught is one sixth of the
 tractor's weight (0.1-0.3), divided by the mass on the rear axle."""
 HOPPING = 0.3
-"""Variation of the vertical specific force, divided by g, that doubles the random walks of sideslip and wheel scale
-[-]. Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
+"""Variation of the vertical specific force divided by g [-] that doubles the random walks of sideslip and wheel scale.
+Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
 ROCKING_S = 2.0  # Time constant for averaging the antenna oscillation and the vertical force [s]. Assumed value.
 SPEEDS_S = 1.0  # Time constant for smoothing wheel and fix speeds before comparison [s]. Assumed value.
 SLIPPING = 0.97  # Ratio of fix speed to wheel speed below which the wheels spin [-]. Assumed value.
 SPINNING = 0.9
-"""Ratio of fix speed to wheel speed below which the random walk of the wheel scale increases [-]. Assumed value, below
+"""Ratio of fix speed to wheel speed [-] below which the random walk of the wheel scale increases. Assumed value, below
 `SLIPPING` because the smoothed speeds lag."""
 STANDING_M_S = 0.05  # Wheel speed below which the tractor is at rest and its yaw rate is zero [m/s]. Assumed value.
 STEERED_WALK = radians(1.5)

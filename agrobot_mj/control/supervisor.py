@@ -40,7 +40,7 @@ STEERING_RATE_S = 0.5
 """Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5  # Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value.
 SPEED_LAG_S = 0.8
-"""Delay of the speed after a decrease of the command: pedal, pump and speed loop [s]. Assumed value (0.5-1)."""
+"""Delay of the speed [s] after a decrease of the command: pedal, pump and speed loop. Assumed value (0.5-1)."""
 STANDING_M_S = 0.15  # Speed below which the tractor is at rest [m/s]. Assumed value, four times the measurement noise.
 OVERDUE_S = 1.0  # Maximum time from neutral pedal to standstill [s]. Assumed value, three time constants of the pump.
 

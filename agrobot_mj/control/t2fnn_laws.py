@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 
 LARGE_STEP = 0.01  # Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value.
 MIN_MEMBERSHIP = 1e-6
-"""Minimum membership of the input in a shrinking set, above rounding errors (guard 3) [-]. Assumed value."""
+"""Minimum membership of the input [-] in a shrinking set, above rounding errors (guard 3). Assumed value."""
 TINY = 1e-12  # Minimum denominator of a width update [-], which keeps the width finite
 
 

@@ -56,7 +56,7 @@ class Readings(NamedTuple):
 
 @shared
 def largest_sigma(covariance: Array) -> float:
-    """Return the maximum standard deviation of the position (first two states) in any direction [m]."""
+    """Return the maximum standard deviation of the position [m] (first two states) in any direction."""
     p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))

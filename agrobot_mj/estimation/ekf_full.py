@@ -121,7 +121,7 @@ class EkfFull(StateEstimator):
     """Random walk of the turn offset with distance [m/sqrt(m)]. Assumed value for changes of 0.05 m between bends in
     ruts and on tilled soil."""
     turn_offset_m: float = -0.015
-    """Turn offset: distance of the rear axle ahead of the point without sideslip in a slow bend [m]. Assumed value:
+    """Turn offset [m]: distance of the rear axle ahead of the point without sideslip in a slow bend. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
     """Random walk of the relative wheel-speed error per unit of gravity along the ground [s2/m/sqrt(s)]. Assumed value
@@ -146,7 +146,7 @@ class EkfFull(StateEstimator):
     initial_gyro_bias_sigma_deg_s: Positive = 0.5
     """Initial standard deviation of the gyro bias [deg/s]. Assumed value (0.1-1) for a cold MEMS unit."""
     initial_sideslip_sigma_deg: Positive = 2.0
-    """Standard deviation of the excess sideslip at the first two-antenna heading [deg]. Assumed value for slopes."""
+    """Standard deviation of the excess sideslip [deg] at the first two-antenna heading. Assumed value for slopes."""
     initial_steer_bias_sigma_deg: Positive = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     initial_wheel_scale_sigma: Positive = 0.05
@@ -154,14 +154,14 @@ class EkfFull(StateEstimator):
     initial_yaw_error_deg: float = 0.0
     """Error added to the initial heading, to demonstrate the alignment [deg]."""
     gate_sigma: Positive = 5.0
-    """Number of standard deviations above which an innovation is rejected as an outlier [-]. Assumed value (4-6)."""
+    """Number of standard deviations [-] above which an innovation is rejected as an outlier. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
     """Position innovation up to which every fix is accepted [m]. Assumed value: antenna height 2 m, tilt 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
     """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an antenna that oscillates at 15
     deg/s."""
     gate_patience_s: Positive = 2.0
-    """Duration of consecutive rejections before the filter restarts from the fixes [s]. Assumed value (1-5)."""
+    """Duration of consecutive rejections [s] before the filter restarts from the fixes. Assumed value (1-5)."""
 
     @property
     def needs(self) -> dict[str, str]:

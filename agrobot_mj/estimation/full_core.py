@@ -55,7 +55,7 @@ class Rejections(NamedTuple):
     """Counts of accepted and rejected fixes."""
 
     accepted_t: float = 0.0
-    """Time of the last accepted fix, or of the start of the run before the first accepted fix [s]."""
+    """Time of the last accepted fix [s], or of the start of the run before the first accepted fix."""
     probation: int = 0
     """Number of consecutive consistent fixes still required after a restart before fixes count as accepted again."""
     position: int = 0  # Number of consecutive fixes with a rejected position

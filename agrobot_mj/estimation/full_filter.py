@@ -178,7 +178,7 @@ def _crab(core: Core, inputs: Inputs) -> float:
 
 @jit
 def _curvature(f: FullFilter, mean: Vector, inputs: Inputs) -> float:
-    """Return the path curvature from the steering angle or, if missing, from the yaw rate [1/m]."""
+    """Return the path curvature [1/m] from the steering angle or, if missing, from the yaw rate."""
     if isfinite(inputs.steer):
         return tan(inputs.steer - mean[B_S]) / f.levels.wheelbase
     v = mean[V]

@@ -69,7 +69,7 @@ class FullLevels(NamedTuple):
     heading_sigma: float = radians(0.25)  # Standard deviation of a two-antenna heading [rad]
     sideslip_walk: float = radians(0.1)  # Random walk of the excess sideslip [rad/sqrt(s)]
     sideslip_sigma: float = radians(2.0)
-    """Standard deviation of the excess sideslip at the first two-antenna heading [rad]."""
+    """Standard deviation of the excess sideslip [rad] at the first two-antenna heading."""
     turn_offset_walk: float = 0.004  # Random walk of the turn offset with distance [m/sqrt(m)]
     load_transfer: float = 0.0  # CG height divided by the distance of the CG from the front axle [-]
     cg_arm: float = 0.0  # Distance l_r of the CG ahead of the rear axle [m]

@@ -140,7 +140,7 @@ def fix_rows(mean: Vector, P: Matrix, fix: FixNumbers, noise: FixNoise, side: Si
 
 @jit
 def _squared_innovation(a: int, y: Vector, H: Matrix, R: Vector, P: Matrix) -> float:
-    """Return the NIS of the rows `a` and `a` + 1, for the covariance `P` (n, n) of the state [-]."""
+    """Return the NIS of the rows `a` and `a` + 1 of an innovation, for the covariance `P` (n, n) of the state."""
     s_aa, s_ab, s_bb = R[a], 0.0, R[a + 1]
     for i in range(P.shape[0]):
         if H[a, i] == 0.0 and H[a + 1, i] == 0.0:

@@ -15,7 +15,7 @@ from agrobot_mj.core.signals import Fix
 
 @shared
 def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: float) -> tuple[float, float]:
-    """Return the east and north offset from the rear-axle point R of a body point at `arm` in vehicle axes [m]."""
+    """Return the east and north offset [m] from the rear-axle point R of a body point at `arm` in vehicle axes."""
     forward, left, _ = to_level(roll, pitch, arm)
     return from_heading(yaw, forward, left)
 

@@ -15,7 +15,7 @@ RESIDUAL_S = 2.0
 """Time constant for filtering the residual [s]. Assumed value, 40 fixes; slip changes of 1 % are then significant."""
 MEMORY_S = 300.0  # Averaging time of the slip variation [s]. Assumed value, the duration of several swaths.
 SIGNIFICANT = 9.0
-"""Squared residual, divided by its variance, above which the slip has changed [-]. Assumed value (three sigma)."""
+"""Squared residual, divided by its variance [-], above which the slip has changed. Assumed value (three sigma)."""
 
 
 class WheelSlip(NamedTuple):

@@ -46,7 +46,7 @@ class Driveline(Spec):
     pump_time_constant_s: Positive = 0.30
     """Time constant with which the pump displacement follows the pedal [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Torque at which the relief valve opens, summed over the driven wheels, driving and braking [N m]. Default: scaled
+    """Torque [N m] at which the relief valve opens, summed over the driven wheels, driving and braking. Default: scaled
     with mass and rear wheel radius from 3000 for the compact tractor, above the grip on firm ground."""
     power_limit_kw: Positive | None = None
     """Maximum power at the wheels [kW]. Default: scaled with the mass from 14 for the compact tractor."""
@@ -72,7 +72,7 @@ class Driveline(Spec):
     """Slip of the rear wheels at which the front-wheel drive engages [-]. The drive is released at half this slip.
     Default: engaged at any slip. Assumed value (0.05-0.15)."""
     motor_front_share: Annotated[float, Field(ge=0.01, le=0.99)] | None = None
-    """Fraction of the drive torque at the front wheels of a machine with one motor per wheel [-]. Both motors of an
+    """Fraction of the drive torque [-] at the front wheels of a machine with one motor per wheel. Both motors of an
     axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value: 0.5
     for robots with equal wheels."""
     engine_droop: Annotated[float, Field(ge=0, le=0.3)] = 0.0

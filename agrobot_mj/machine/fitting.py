@@ -119,5 +119,5 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the turning radius of the rear axle at the steering limit of the tractor or of `COMPACT`, if lower [m]."""
+    """Return the turning radius [m] of the rear axle at the steering limit of the tractor or of `COMPACT`, if lower."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -22,7 +22,7 @@ class Linkage(Spec):
     """Kingpins and steering linkage, the keys of `[steering.linkage]`."""
 
     kingpin_offset_m: Annotated[float, Field(ge=-0.1, le=0.3)] = 0.0
-    """Scrub radius: distance on the ground from the kingpin axis outwards to the centre plane of the wheel [m].
+    """Scrub radius [m]: distance on the ground from the kingpin axis outwards to the centre plane of the wheel.
     Default: 0. Assumed value for compact tractors (0.02-0.08)."""
     kingpin_inclination_deg: Annotated[float, Field(ge=0, le=20)] = 0.0
     """Inward inclination of the kingpin tops [deg]. Default: 0. Assumed value for tractors (5-10)."""
@@ -48,7 +48,7 @@ class Linkage(Spec):
         return radius * tan(radians(self.caster_deg)), -side * self.kingpin_offset_m, -radius
 
     def parked_torque(self, tractor: TractorParameters) -> float:
-        """Return the torque that turns both front wheels at standstill on dry ground [N m].
+        """Return the torque [N m] that turns both front wheels at standstill on dry ground.
 
         The rule of manufacturers of steering units [Eaton2006]: mu W sqrt(b^2 / 8 + e^2), with the axle load W, the
         tyre width b and the kingpin offset e. Friction of the linkage is omitted.

@@ -48,7 +48,7 @@ PressureBar = Annotated[float, Field(ge=0.3, le=8)]  # Inflation pressure [bar]
 class TractorParameters(Spec):
     """Geometry, masses and tyre sizes: the scenario keys under `[tractor]`.
 
-    The defaults are those of the compact tractor. For other values of mass and wheelbase, default lengths scale with
+    The default values describe the compact tractor. For other values of mass and wheelbase, default lengths scale with
     the wheelbase, masses with the mass, the yaw inertia with mass times wheelbase squared, and the other inertias with
     the yaw inertia. The antenna keeps its height above the rear wheels.
     """
@@ -202,7 +202,7 @@ class TractorParameters(Spec):
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the circle that the CG follows at the steering limit without slip [m]."""
+        """Radius of the circle [m] that the CG follows at the steering limit without slip."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
@@ -247,7 +247,7 @@ class TractorParameters(Spec):
 
     @property
     def antenna(self) -> tuple[float, float, float]:
-        """Position of the GNSS antenna relative to the ground below the rear axle: ahead, left and up [m]."""
+        """Position of the GNSS antenna [m] relative to the ground below the rear axle: ahead, left and up."""
         return self.antenna_ahead_m, self.antenna_left_m, self.antenna_height_m
 
     @property

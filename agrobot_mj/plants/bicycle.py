@@ -301,7 +301,7 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Any:
-        """Return the Ackermann angles of the left and right wheel, shape (2, n), for steering angles (n,) [rad]."""
+        """Return the Ackermann angles [rad] of the left and right wheel, shape (2, n), for steering angles (n,)."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 

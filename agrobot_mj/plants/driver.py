@@ -59,7 +59,7 @@ class Driver:
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
-        """Return the pressure of the steering cylinder after each tick at a constant valve voltage [Pa]."""
+        """Return the pressure [Pa] of the steering cylinder after each tick at a constant valve voltage."""
         found = []
         for _ in range(round(seconds / TICK_S)):
             self.go_by_voltage(TICK_S, steer_voltage)

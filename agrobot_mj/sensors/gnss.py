@@ -166,10 +166,10 @@ class Gnss(Sensor):
     """RTK-GNSS receiver, configured by `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Value from section V-A
+    """Standard deviation of the horizontal position error [m] per axis, white plus correlated. Value from section V-A
     of the paper."""
     float_sigma_m: NonNegative = 0.3
-    """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (0.2-0.5)."""
+    """Standard deviation of the horizontal position error [m] of a float solution per axis. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
     """Correlated fraction of the position error variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
     correlation_time_s: Positive = 30.0
@@ -179,12 +179,12 @@ class Gnss(Sensor):
     float_correlation_time_s: Positive = 120.0
     """Correlation time of the float error [s]. Assumed value (minutes: the ambiguities converge)."""
     multipath_sigma_m: NonNegative = 0.0
-    """Standard deviation of an additional Gauss-Markov error of a fixed solution, horizontal per axis [m]. Default: no
+    """Standard deviation [m] of an additional Gauss-Markov error of a fixed solution, horizontal per axis. Default: no
     such error. Assumed value: 0.004-0.008 in the field."""
     multipath_time_s: Positive = 115.0
     """Correlation time of the multipath error [s]. Assumed value: carrier phase, baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """Standard deviation of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites [m].
+    """Standard deviation [m] of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites.
     Default: no such error. Assumed value (0.005-0.015) for a base station at 10-20 km."""
     drift_time_s: Positive = 900.0
     """Correlation time of the slow error [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
@@ -197,7 +197,7 @@ class Gnss(Sensor):
     latency_s: Latency = 0.0
     """Latency of a solution in whole ticks [s]. Assumed value: below a tick in receivers, up to 0.2 over radio."""
     configured_ahead_m: AntennaPlace | None = None
-    """Distance of the antenna ahead of the rear axle as configured in the on-board computer [m]. Default: true
+    """Distance of the antenna ahead of the rear axle [m] as configured in the on-board computer. Default: true
     value."""
     configured_left_m: AntennaPlace | None = None
     """Lateral offset of the antenna as configured in the on-board computer [m], left positive. Default: the true

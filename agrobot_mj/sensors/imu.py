@@ -128,7 +128,7 @@ def _levelled(
 
 @jit
 def _force(pull: Vector, motion: SensedMotion) -> Vector:
-    """Return the specific force in chassis axes for an acceleration in the level frame [m/s2]."""
+    """Return the specific force [m/s2] in chassis axes for an acceleration in the level frame."""
     return to_body(motion.roll, motion.pitch, (pull[0], pull[1], pull[2] + GRAVITY))
 
 

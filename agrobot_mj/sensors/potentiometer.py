@@ -72,7 +72,7 @@ class Potentiometer(Sensor):
 
     @property
     def weights(self) -> Vector:
-        """Weights of filter and mean, with a sum of 1: the measurement is `weights @ samples`, shape (samples,) [-]."""
+        """Weights of filter and mean [-], with a sum of 1: the measurement is `weights @ samples`, shape (samples,)."""
         return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
 
     @property
@@ -117,7 +117,7 @@ class SteeringPotentiometer(Potentiometer):
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Error at 45 deg [deg], equal for left and right, from a rod that is not perpendicular to the lever at 0 deg."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg with opposite signs for left and right angles, from levers of unequal length [deg]."""
+    """Error [deg] at 45 deg with opposite signs for left and right angles, from levers of unequal length."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Steering angle measured in straight travel [deg]; not 0 if the centre set in the on-board computer is wrong."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
@@ -161,7 +161,7 @@ class PedalPotentiometer(Potentiometer):
         return self.travel_deg
 
     def seen(self, truth: Truth) -> Array:
-        """Return the true pedal position after each physics step, -1 to 1, shape (n,) [-]."""
+        """Return the true pedal position [-] after each physics step, -1 to 1, shape (n,)."""
         return truth.pedal_samples
 
 

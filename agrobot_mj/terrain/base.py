@@ -23,7 +23,7 @@ class Sized(Spec):
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
     size_m: tuple[Side, Side] | None = None
-    """Size of a rectangular field centred at the origin, east by north, instead of `half_size_m` [m]."""
+    """Size of a rectangular field [m] centred at the origin, east by north, instead of `half_size_m`."""
 
     @model_validator(mode="after")
     def _has_one_size(self) -> Self:
@@ -56,7 +56,7 @@ def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]
 
 
 STEEPEST_DEG = 60.0
-"""Maximum accepted slope between neighbouring nodes, steeper than any ground for tractors [deg]. Assumed value."""
+"""Maximum accepted slope [deg] between neighbouring nodes, steeper than any ground for tractors. Assumed value."""
 Grade = Annotated[float, Field(ge=0, lt=45)]
 
 

@@ -51,7 +51,7 @@ class Bumps(Generated):
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing that gives at least five nodes along and across a bump [m]."""
+        """Return the maximum node spacing [m] that gives at least five nodes along and across a bump."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:

@@ -82,7 +82,7 @@ class Generated(Sized, Tilted):
 
 
 def _nodes(half: float, cells: int, spacing: float) -> Array:
-    """Return the node coordinates of one axis, symmetric about the origin, shape (cells + 1,) [m]."""
+    """Return the node coordinates [m] of one axis, symmetric about the origin, shape (cells + 1,)."""
     half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
     return np.linspace(-half, half, cells + 1)
 

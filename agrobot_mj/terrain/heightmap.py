@@ -32,7 +32,7 @@ class Heightmap(Tilted):
     spacing_m: Positive | None = None
     """Distance between nodes of a .npy or .png file [m]. Default: 1. Files of type .asc and .tif state the distance."""
     map_origin_m: tuple[Coordinate, Coordinate] | None = None
-    """Easting and northing of the point x = y = 0 on the map of an .asc or .tif file [m]. Subtract the same numbers
+    """Easting and northing [m] of the point x = y = 0 on the map of an .asc or .tif file. Subtract the same numbers
     from a path surveyed on this map. Default: x = y = 0 is the middle of the grid."""
     rectangular: bool = False
     """Whether a .npy or .png file may be rectangular instead of square; these files do not state their extent."""

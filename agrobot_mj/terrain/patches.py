@@ -13,7 +13,7 @@ from agrobot_mj.terrain.variation import Variation
 
 MOST_CELLS = 4_000_000  # Maximum number of cells in the grid of properties: 64 MB
 MOST_TESTS = 2e8
-"""Maximum number of cells tested for being on a patch, summed over all patches [-]; the tests take several seconds."""
+"""Maximum number of cells [-] tested for being on a patch, summed over all patches; the tests take several seconds."""
 
 GroundPatch = Annotated[RectanglePatch | CirclePatch | PolygonPatch | PicturePatch, Field(discriminator="kind")]
 
@@ -86,7 +86,7 @@ def _window(first: float, between: tuple[float, ...], cell: float) -> slice:
 
 
 def _coarse_enough(cell: float, width: float, height: float) -> float:
-    """Return the minimum cell size for which the grid has at most MOST_CELLS cells [m]."""
+    """Return the minimum cell size [m] for which the grid has at most MOST_CELLS cells."""
     while ceil(height / cell) * ceil(width / cell) > MOST_CELLS:
         cell = rounded_up(1.05 * cell)
     return cell

@@ -43,7 +43,7 @@ class Ridges(Generated):
     """Cross-section: `sine`, or `flat` with level crests and troughs as in beds."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing that gives at least eight nodes per furrow [m]."""
+        """Return the maximum node spacing [m] that gives at least eight nodes per furrow."""
         return self.spacing_m / 8
 
     def bare(self, x: Array, y: Array) -> Array:

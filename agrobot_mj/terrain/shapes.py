@@ -148,7 +148,7 @@ class PicturePatch(Special):
     width_m: Positive = 100.0
     """Width from west to east [m]; the height follows from the proportions of the image."""
     friction_white: Scale | None = None
-    """Factor on the friction at white pixels, interpolated linearly for grey pixels [-]. Default: `friction`."""
+    """Factor on the friction [-] at white pixels, interpolated linearly for grey pixels. Default: `friction`."""
     cone_index_white_kpa: Positive | None = None
     """Cone index at white pixels, interpolated linearly for grey pixels [kPa]. Default: `cone_index_kpa`."""
 

@@ -136,7 +136,7 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Return the static loads of a front and a rear wheel on level ground, including the implement [N]."""
+    """Return the static loads [N] of a front and a rear wheel on level ground, including the implement."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2

@@ -16,7 +16,7 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Maximum angles of the pin in yaw, and in pitch and roll, in both directions [rad]. Assumed values."""
+"""Maximum angles of the pin [rad] in yaw, and in pitch and roll, in both directions. Assumed values."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
@@ -84,7 +84,7 @@ class Drawn(ImplementBase):
     tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Factor on the slip stiffness of the tyres relative to the rear tyres of `plant.tyre` [-]."""
+    """Factor [-] on the slip stiffness of the tyres relative to the rear tyres of `plant.tyre`."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Factor on the rolling resistance of the tyres relative to `plant.tyre` [-]."""
     tool: Tool = Tool()

@@ -58,7 +58,7 @@ class Mounted(ImplementBase):
     antenna_height_m: Length = 2.0
     """Height of the GNSS antenna above level ground, used if `receiver` [m]. Assumed value: as on the tractor."""
     virtual_hitch_ahead_m: Length = 1.0
-    """Distance ahead of the hitch of the point about which a floating implement rotates [m]. Assumed value (0.5-2)."""
+    """Distance [m] ahead of the hitch of the point about which a floating implement rotates. Assumed value (0.5-2)."""
     depth_wheel_behind_m: Length = 0.6
     """Distance of the depth wheel behind the hitch [m]. Assumed value (0.3-1)."""
     depth_wheel_stiffness_n_m: Positive = 8e4

@@ -61,9 +61,9 @@ class Outline(NamedTuple):
     gap: float  # Minimum distance between body and wheels [m]
     inside: float  # Half the free width between the rear wheels [m]
     narrow: float
-    """Half the free width between the front wheels at full steering angle, negative without free width [m]."""
+    """Half the free width [m] between the front wheels at full steering angle, negative without free width."""
     between: tuple[float, float]
-    """Rear and front end of the x interval between the rear wheels and the steered front wheels [m]."""
+    """Rear and front end [m] of the x interval between the rear wheels and the steered front wheels."""
     floor: float
     dash: float  # x coordinate of the bonnet's rear end [m]
     nose: float  # x coordinate of the bonnet's front end [m]

@@ -136,7 +136,7 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def wheel_inertia(wheel: AxleWheel) -> Array:
-    """Return the moments of inertia of a wheel about roll, spin and yaw axis, shape (3,) [kg m2]."""
+    """Return the moments of inertia [kg m2] of a wheel about roll, spin and yaw axis, shape (3,)."""
     inertia: Array = (
         wheel.mass * wheel.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
     )
@@ -255,7 +255,7 @@ def steiner(mass: float, d: Array) -> Array:
 
 
 def is_physical_inertia(inertia: Array) -> bool:
-    """Return whether an inertia (3, 3) is physical: positive moments, each at most the sum of the others."""
+    """Return whether an inertia (3, 3) is physical: positive moments, each at most the sum of the other two."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low > 0 and high <= low + middle)
 

@@ -50,15 +50,15 @@ REST_M_S, REST_S = 0.0005, 1.0
 """Criterion of standstill: maximum speed of the CG and of points 1 m from the CG [m/s], and its minimum duration [s].
 Assumed values; the duration exceeds the period of oscillations on the tyres."""
 AT_THE_LIMIT = 0.99
-"""Fraction of the hydrostat's relief torque above which the hydrostat does not hold the tractor alone [-]."""
+"""Fraction of the hydrostat's relief torque [-] above which the hydrostat does not hold the tractor alone."""
 TRAVELLING, ROLLING = 0.5, 0.5
 """Ratio of mean to maximum velocity above which a tractor moves away instead of rocking, and ratio of rear rim speed to
 mean velocity above which the tractor rolls instead of sliding [-]."""
 GONE_M = 5.0  # Distance above which settling ends for a tractor that moves away [m]. Assumed value.
 SLIDING = 0.02
-"""Mean velocity above which a tractor with locked wheels slides instead of creeping [m/s]. Assumed value."""
+"""Mean velocity [m/s] above which a tractor with locked wheels slides instead of creeping. Assumed value."""
 GRIPPING = 0.95
-"""Used fraction of friction below which locked tyres do not slide but creep numerically [-]. Assumed value."""
+"""Used fraction of friction [-] below which locked tyres do not slide but creep numerically. Assumed value."""
 
 
 TILT_DEG_S = 2.0

@@ -315,7 +315,7 @@ def observe(rig: Held[Assembly]) -> TractorMotion:
 def look(
     rig: Held[Assembly], samples: Array, t: float, radius: float, antenna: Motion, working: tuple[float, float]
 ) -> tuple[Held[Truth], TractorMotion]:
-    """Return the true state at time `t` [s] and the motion; `radius` [m] is that of the rear wheels.
+    """Return the true state at time `t` [s] and the motion; `radius` [m] is the radius of the rear wheels.
 
     `antenna` (NaN for an antenna on the tractor) and the point `working` belong to the implement.
     """
