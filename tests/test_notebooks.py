@@ -21,7 +21,7 @@ def test_first_drive_notebook_shows_imu_reduces_slope_error(tmp_path):
 
 
 @lengths
-def test_own_law_notebook_runs(tmp_path, full):
+def test_notebook_with_a_custom_law_runs(tmp_path, full):
     """The registered law drives; slope and a worn valve make it worse, and every cell of the map is printed."""
     found = "[{k: v.tolist() for k, v in maps.items()}, [t.get_text() for a in axes for t in a.texts]]"
     _, (maps, texts) = executed(tmp_path, "own_law", full, found)

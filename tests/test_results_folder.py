@@ -191,7 +191,7 @@ def alive(pid):
 # --- disks --------------------------------------------------------------------------------------------------------
 
 
-def test_error_for_a_full_disk_names_the_file_and_is_no_input_error(call, monkeypatch):
+def test_error_for_a_full_disk_names_the_file_and_is_not_an_input_error(call, monkeypatch):
     def full(*_, **__):
         raise OSError(errno.ENOSPC, "Error writing bytes to file. Detail: [errno 28]")
 

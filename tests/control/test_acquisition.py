@@ -45,7 +45,7 @@ def test_integral_is_constant_while_the_heading_is_unknown(law, start):
 
 
 @pytest.mark.parametrize(("start", "law"), by_turns(TURNED, LAWS[:2]))
-def test_row_crop_tractor_acquires_line(law, start):
+def test_row_crop_tractor_acquires_its_line(law, start):
     """With lqr after the hard turn of the second start, `ekf_full` reads 4 deg of transient sideslip as heading."""
     more = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True, "physics": "fast"}
     metrics = acquisition(law, start, {"machine": "row_crop", "plant.kind": "mujoco", **more})

@@ -258,7 +258,7 @@ def ramp(steer_of):
     return state
 
 
-def test_stuck_steered_wheels_cause_a_stop_but_lagging_ones_do_not():
+def test_stuck_steered_wheels_cause_a_stop_but_lagging_wheels_do_not():
     late = ramp(lambda commands, k: commands[max(k - 11, 0)])  # 0.55 s, 14 deg
     assert late.mode is Mode.TRACKING
     stuck = ramp(lambda commands, k: np.radians(45))

@@ -183,7 +183,7 @@ def test_latency_fault_adds_to_the_latency_of_the_receiver():
     assert [day.gnss_latency_s for day in days(fault, 60)] == 20 * [0.0] + 20 * [0.25] + 20 * [0.0]
 
 
-def test_delayed_solutions_overtaken_by_newer_ones_are_dropped():
+def test_delayed_solutions_overtaken_by_newer_solutions_are_dropped():
     gnss = Gnss(latency_s=5.0)
     state, late = gnss.init(1), NOMINAL._replace(gnss_latency_s=5.0)
     for k in range(400):

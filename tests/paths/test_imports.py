@@ -104,7 +104,7 @@ THIRD = {
 
 
 @pytest.mark.parametrize("name", THIRD)
-def test_third_column_without_a_name_is_no_heading_or_height(tmp_path, name):
+def test_third_column_without_a_name_is_not_read_as_heading_or_height(tmp_path, name):
     text = "".join(f"{x},{y},{z}\n" for (x, y), z in zip(CIRCLE, THIRD[name], strict=True))
     points, notes = points_of(tmp_path, "unnamed.csv", text)
     np.testing.assert_allclose(points, CIRCLE)

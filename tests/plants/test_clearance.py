@@ -66,7 +66,7 @@ def test_tractor_classified_as_clear_has_no_contacts(terrain):
     assert touching.mean() > 0.1
 
 
-def test_tractor_on_its_wheels_is_clear_and_an_inverted_one_is_not():
+def test_upright_tractor_is_classified_as_clear_and_inverted_is_not():
     plant = plant_on(Flat())
     assert is_clear(plant.clearance, plant.data.qpos)
     plant.data.qpos[2:7] = 3.0, 0.0, 1.0, 0.0, 0.0

@@ -213,7 +213,7 @@ def test_trailer_can_use_native_mujoco_contact():
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 @pytest.mark.parametrize("implement", [Mounted(linkage="float"), Drawn(lowered=True)], ids=["floating", "drawn tool"])
-def test_compiled_kernels_with_an_implement_lose_no_arrays(implement):
+def test_compiled_kernels_with_an_implement_do_not_leak_arrays(implement):
     plant = plant_with(implement, terrain=Rough(half_size_m=20.0))[0]
     _nrt_python.memsys_enable_stats()
     try:

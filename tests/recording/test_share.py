@@ -80,7 +80,7 @@ def test_page_without_vulkan_driver_has_no_poster(eight, tmp_path, monkeypatch, 
     assert "run.rrd: no images; the page has no poster" in capsys.readouterr().err
 
 
-def test_video_without_ffmpeg_is_refused_before_the_viewer_starts(call, eight, tmp_path, monkeypatch):
+def test_video_without_ffmpeg_is_rejected_before_the_viewer_starts(call, eight, tmp_path, monkeypatch):
     monkeypatch.setattr(snapshot.shutil, "which", lambda program: None)
     monkeypatch.chdir(tmp_path)
     status, _, err = call("snapshot", str(eight.path), "--mp4", "--out", "pictures")

@@ -71,7 +71,7 @@ def test_patches_can_be_placed_on_every_terrain(kind):
 
 
 @pytest.mark.parametrize("kind", TILTED)
-def test_tilted_terrain_equals_the_level_one_plus_a_plane(kind):
+def test_tilted_terrain_equals_level_terrain_plus_a_plane(kind):
     level, tilted = (small(kind, grade_deg=grade, direction_deg=30.0).ground() for grade in (0.0, 12.0))
     rows, columns = level.heights.shape
     x = level.x0 + level.spacing * np.arange(columns)

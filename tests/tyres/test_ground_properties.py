@@ -106,7 +106,7 @@ def test_soft_carcass_reduces_slip_stiffness_but_not_peak_force(law):
     assert steady(law(), Flat().ground(), share=0.4)[LOAD] == steady(law(), Flat().ground())[LOAD]
 
 
-def test_friction_on_a_slope_is_that_at_the_contact_point():
+def test_friction_on_a_slope_is_evaluated_at_the_contact_point():
     """Uphill of the point below its centre; half the friction there halves the force of a wheel that slides."""
     slope, tyres = plane(0.5, -0.2, 4.0), tyre_set(MagicFormula(), TractorParameters())
     n = np.array([-0.5, 0.2, 1.0]) / np.sqrt(1.29)

@@ -320,7 +320,7 @@ def test_log_with_only_ksxt_sentences_gives_position_and_speed(tmp_path):
     )
 
 
-def test_kind_whose_checksums_are_all_invalid_is_omitted_with_a_note(tmp_path):
+def test_sentence_type_with_only_wrong_checksums_is_omitted_with_note(tmp_path):
     """Some receivers compute the checksum of one sentence wrongly."""
     lines = []
     for k in range(20):
