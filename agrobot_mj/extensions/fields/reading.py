@@ -13,10 +13,11 @@ import shapely
 from shapely import Polygon
 
 from agrobot_mj.core.errors import ScenarioError, suggestion
+from agrobot_mj.core.geodesy import Origin, to_geodetic
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field, Leg
 from agrobot_mj.extensions.fields.legs import legs_of
-from agrobot_mj.extensions.fields.repair import ring_polygon, without
+from agrobot_mj.extensions.fields.repair import boundary_polygon, inner_polygons, without
 from agrobot_mj.extensions.fields.sources import field_shapes, plan_shapes
 from agrobot_mj.paths.imports import LocalShapes, Polyline, ShapeFile, local_shapes
 from agrobot_mj.paths.imports.plane import FAR_M
@@ -24,6 +25,9 @@ from agrobot_mj.paths.imports.plane import FAR_M
 INNER = ("hole", "obstacle", "headland")  # Roles of rings that belong to the preceding boundary
 SAME, APART = 1e-9, 0.05
 """Distance between the ends of a line, divided by its extent [-]: maximum of a closed ring, minimum of an open line."""
+
+REPEATED = 0.9  # Fraction of a field above which a ring inside it is a second outline [-]. Assumed value.
+CENTRED_M = 1.0  # Maximum distance between the origin and the middle of a boundary whose file has no origin [m]
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
@@ -40,8 +44,12 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
             notes.append("the file has no closed ring; the ends of a line are joined to form the boundary")
         inside = [group for group in groups if group is not chosen and _is_within(group[0].points, chosen[0].points)]
         shapes = [*chosen, *(replace(group[0], role="inner") for group in inside)]
-        local = local_shapes(replace(file, shapes=tuple(shapes)), crs)
-        return _field(local, chosen[0].name or file.name, notes)
+        file, label = replace(file, shapes=tuple(shapes)), chosen[0].name or file.name
+        local = local_shapes(file, crs)
+        field = _field(local, label, notes)
+        if middle := _middle(field, file):
+            field = _field(local_shapes(file, crs, middle), label, notes)
+        return field
     except ValueError as error:
         raise ScenarioError(f"{path.name}: {error}") from None
 
@@ -113,22 +121,23 @@ def _is_within(inner: Array, outer: Array) -> bool:
 
 def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
     """Return a field. The first shape is its boundary, further shapes are its inner rings."""
-    boundary, more = ring_polygon(local.shapes[0].points, "boundary")
+    boundary, more = boundary_polygon(local.shapes[0].points)
     notes = [*local.notes, *notes, *more]
     inner: dict[str, list[Polygon]] = {"hole": [], "obstacle": [], "headland": []}
     for shape in local.shapes[1:]:
-        role = shape.role
-        if role == "inner":
-            polygon = Polygon(shape.points) if len(shape.points) > 3 else Polygon()
-            if not polygon.is_valid or not boundary.contains(polygon.representative_point()):
-                continue  # a field next to this one
-            role = "obstacle"
+        role = shape.role if shape.role != "inner" else "obstacle"
         try:
-            polygon, more = ring_polygon(shape.points, role)
+            parts, more = inner_polygons(shape.points, role)
         except ValueError as error:
             notes.append(f"an inner ring is omitted: {error}")
             continue
-        inner[role].append(polygon)
+        area = shapely.union_all(parts)
+        if shape.role == "inner" and not boundary.contains(area.representative_point()):
+            continue  # a field next to this one
+        if shape.role == "inner" and boundary.intersection(area).area > REPEATED * boundary.area:
+            notes.append("a second outline of the field is omitted")
+            continue
+        inner[role] += parts
         notes += more
     worked, _, said = without(boundary, inner["hole"], "hole")
     worked, obstacles, more = without(worked, inner["obstacle"], "obstacle")
@@ -137,6 +146,20 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
         *(name, worked, tuple(obstacles), local.origin, (*notes, *said, *more), headland, local.crs),
         shift=local.shift,
     )
+
+
+def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
+    """Return the plane whose origin is the middle of the boundary, or None if the field already has its final plane.
+
+    Omitted points and rings count for the first plane of a file, but not for the final plane.
+    """
+    west, south, east, north = field.boundary.bounds
+    x, y = (west + east) / 2, (south + north) / 2
+    if max(abs(x), abs(y)) <= CENTRED_M or file.origin is not None or not (field.plane or any(field.shift)):
+        return None
+    if field.plane is None:
+        return LocalShapes((), shift=(field.shift[0] + round(x), field.shift[1] + round(y)))
+    return LocalShapes((), Origin(*(round(angle, 7) for angle in to_geodetic(field.plane, x, y))))
 
 
 def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:

@@ -8,30 +8,91 @@ from shapely import LineString, Polygon
 
 from agrobot_mj.core.signals import Array
 from agrobot_mj.paths.imports.cleaning import CLOSEST_M, outliers, thinned
+from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
 MOST_POINTS, WITHIN_M = 20_000, 0.02
 """Number of points above which a ring is simplified, and tolerance of the simplification [m]."""
 SLIVER_M2 = 0.01  # Area of removed parts of a polygon below which there is no note [m2]
+MOST_LOST = 0.05  # Maximum fraction of the area that the repair of a boundary may remove [-]. Assumed value.
+SHOWN = 3  # Maximum number of crossings in a message
+FOLD_DEG, SPIKE_DEG = 1.0, 15.0
+"""Interior angles below which a point is omitted, and below which a point is reported [deg]. Assumed values."""
+FOLD_M, SPIKE_M = 1.0, 10.0  # Minimum lengths of both sides of an omitted point, and of a reported point [m]
+MOST_FOLDS = 20  # Maximum number of omitted points that fold back
 
 
-def ring_polygon(points: Array, what: str) -> tuple[Polygon, list[str]]:
-    """Return a valid polygon for a ring of points, shape (n, 2) [m], and notes about repairs.
+def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
+    """Return a valid polygon for a boundary of points, shape (n, 2) [m], and notes about repairs.
+
+    A boundary that crosses itself is reduced to its largest part. Raise ValueError if this part is much smaller than
+    the enclosed area, or if the ring encloses no area.
+    """
+    parts, crossing, notes = _polygons(points, "boundary")
+    found = max(parts, key=lambda each: each.area, default=Polygon())
+    filled = [Polygon(part.exterior) for part in parts] if "crosses" in crossing else parts
+    whole = float(shapely.union_all(filled).area)
+    if (lost := whole - found.area) > MOST_LOST * whole:
+        raise ValueError(f"{crossing}; its largest part has {found.area:.0f} of {whole:.0f} m2; check these points")
+    if crossing:
+        notes.append(
+            f"{crossing} and is repaired" + f", without {lost:.2f} m2 of {whole:.0f} m2" * bool(lost > SLIVER_M2)
+        )
+    if found.area < LEAST_M2:
+        raise ValueError(f"the boundary encloses {found.area:.2g} m2, less than {LEAST_M2:g}; check its coordinates")
+    return found, notes
+
+
+def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
+    """Return all parts of an inner ring of points, shape (n, 2) [m], and notes about repairs.
 
     `what` is the name of the ring in notes and messages. Raise ValueError if the ring encloses no area.
     """
+    parts, crossing, notes = _polygons(points, what)
+    parts = [part for part in parts if part.area > SLIVER_M2]
+    if not parts:
+        raise ValueError(f"the {what} encloses no area")
+    return parts, [*notes, *([f"{crossing}; all its parts are kept"] if crossing else [])]
+
+
+def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
+    """Return the polygons in a ring, a description of its crossings (empty for a valid ring), and notes."""
     notes = list[str]()
-    points = _without_repeats(points, what, notes)
-    if (far := outliers(points)).size:
-        for k in far.tolist():
+    kept = _without_repeats(points, what, notes)
+    if (far := outliers(points[kept])).size:
+        for k in kept[far].tolist():
             away = float(np.hypot(*(points[k] - np.median(points, axis=0))))
             notes.append(f"point {k + 1} of the {what} is omitted, {away:.0f} m away from the others")
-        points = np.delete(points, far, axis=0)
-    if len(points) < 3:
-        raise ValueError(f"the {what} has {len(points)} points; at least 3 are required")
-    if len(points) > MOST_POINTS:
-        points = _simplified(points, what, notes)
-    return _valid(Polygon(points), what, notes), notes
+        kept = np.delete(kept, far)
+    kept = _without_folds(points, kept, what, notes)
+    if len(kept) < 3:
+        raise ValueError(f"the {what} has {len(kept)} points; at least 3 are required")
+    if len(kept) > MOST_POINTS:
+        points = _simplified(points[kept], what, notes)
+        kept = np.arange(0)
+    ring = points[kept] if len(kept) else points
+    polygon = Polygon(ring)
+    if polygon.is_valid:
+        return [polygon], "", notes
+    return polygons_of(shapely.make_valid(polygon)), _crossing(polygon, kept, what), notes
+
+
+def _crossing(polygon: Polygon, numbers: Index, what: str) -> str:
+    """Return where a ring crosses or touches itself. `numbers` are the indices of its points in the file, or empty."""
+    corners = shapely.get_coordinates(polygon.exterior)
+    sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
+    first, second = shapely.STRtree(sides).query(sides, predicate="crosses")
+    pairs = [(a, b) for a, b in zip(first.tolist(), second.tolist(), strict=True) if a < b]
+    if not pairs:
+        place = shapely.is_valid_reason(polygon).partition("[")[2].rstrip("]").split()
+        return f"the {what} touches itself" + (f" at ({float(place[0]):.1f}, {float(place[1]):.1f}) m" if place else "")
+    shown = []
+    for pair in sorted(pairs)[:SHOWN]:
+        at = shapely.intersection(*sides[list(pair)]).centroid
+        between = " and ".join(f"{numbers[k] + 1}-{numbers[(k + 1) % len(numbers)] + 1}" for k in pair if len(numbers))
+        shown.append(f"({at.x:.1f}, {at.y:.1f}) m" + f" between points {between}" * bool(between))
+    more = f" and {len(pairs) - SHOWN} other places" if len(pairs) > SHOWN else ""
+    return f"the {what} crosses itself at {', '.join(shown)}{more}"
 
 
 def _simplified(points: Array, what: str, notes: list[str]) -> Array:
@@ -43,34 +104,51 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
     return found if len(found) > 2 else points[:3]
 
 
-def _without_repeats(points: Array, what: str, notes: list[str]) -> Array:
-    """Return a ring without repeated points, including the closing point. Append a note if others are repeated."""
-    if len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M:
-        points = points[:-1]
-    if len(points) < 2:
-        return points
-    far = np.hypot(*np.diff(points, axis=0, append=points[:1]).T) >= CLOSEST_M
-    if repeated := int((~far).sum()):
+def _without_equal(points: Array, kept: Index) -> Index:
+    """Return the indices `kept` of a ring without points that are equal to the next kept point."""
+    steps = np.diff(points[kept], axis=0, append=points[kept[:1]])
+    found: Index = kept[np.hypot(*steps.T) >= CLOSEST_M]
+    return found
+
+
+def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
+    """Return the indices of a ring without repeated points. Append a note if points besides the last are repeated."""
+    closed = len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M
+    kept = np.arange(len(points) - closed)
+    if len(kept) < 2:
+        return kept
+    found = _without_equal(points, kept)
+    if repeated := len(kept) - len(found):
         notes.append(f"{repeated} repeated {'point' if repeated == 1 else 'points'} of the {what} omitted")
-    kept: Array = points[far]
+    return found
+
+
+def _without_folds(points: Array, kept: Index, what: str, notes: list[str]) -> Index:
+    """Return the indices of a ring without points at which it folds back. Append notes about these and about spikes."""
+    for _ in range(MOST_FOLDS):
+        if len(kept) < 4:
+            return kept
+        angles, sides = _corners(points[kept])
+        folds = np.flatnonzero((angles < FOLD_DEG) & (sides > FOLD_M))
+        if not len(folds):
+            break
+        k = int(folds[np.argmax(sides[folds])])
+        notes.append(f"point {kept[k] + 1} of the {what} is omitted; the {what} folds back over {sides[k]:.0f} m")
+        kept = _without_equal(points, np.delete(kept, k))
+    for k in np.flatnonzero((angles < SPIKE_DEG) & (sides > SPIKE_M))[:SHOWN].tolist():
+        notes.append(
+            f"point {kept[k] + 1} of the {what} is the tip of a spike of {angles[k]:.0f} deg and {sides[k]:.0f} m; "
+            "check it"
+        )
     return kept
 
 
-def _valid(polygon: Polygon, what: str, notes: list[str]) -> Polygon:
-    """Return a polygon without self-intersections. An invalid polygon is reduced to its largest part, with a note."""
-    found = polygon
-    if not polygon.is_valid:
-        reason = shapely.is_valid_reason(polygon)
-        parts = polygons_of(shapely.make_valid(polygon))
-        found = max(parts, key=lambda each: each.area, default=Polygon())
-        place = reason.partition("[")[2].rstrip("]").split()
-        where = f" at ({float(place[0]):.1f}, {float(place[1]):.1f}) m" if len(place) >= 2 else ""
-        text = f"the {what} crosses itself{where} and is repaired"
-        rest = sum(part.area for part in parts) - found.area
-        notes.append(text + (f", without {rest:.2f} m2 of {rest + found.area:.0f} m2" if rest > SLIVER_M2 else ""))
-    if found.area < LEAST_M2:
-        raise ValueError(f"the {what} encloses {found.area:.2g} m2, less than {LEAST_M2:g}; check its coordinates")
-    return found
+def _corners(ring: Array) -> tuple[Array, Array]:
+    """Return interior angle [deg] and length of the shorter side [m] at each point of a ring, shape (n,)."""
+    before, after = np.roll(ring, 1, axis=0) - ring, np.roll(ring, -1, axis=0) - ring
+    across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    angles = np.degrees(np.arctan2(np.abs(across), (before * after).sum(axis=1)))
+    return angles, np.minimum(np.hypot(*before.T), np.hypot(*after.T))
 
 
 def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
@@ -79,6 +157,7 @@ def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
     return [
         each
         for part in parts.tolist()
+        if not part.is_empty
         for each in ([part] if isinstance(part, Polygon) else polygons_of(part) if hasattr(part, "geoms") else [])
     ]
 
@@ -97,7 +176,7 @@ def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Pol
     if crossing:
         notes.append(f"{crossing} {what}{'s' * (crossing > 1)} cut at the boundary")
     parts = polygons_of(boundary.difference(shapely.union_all(kept))) if kept else [boundary]
-    if not parts:
+    if max((part.area for part in parts), default=0.0) < LEAST_M2:
         raise ValueError(f"the {what}s cover the whole field; check the file")
     if len(parts) > 1:
         notes.append(f"{what}s divide the field into {len(parts)} parts; only the largest is kept")

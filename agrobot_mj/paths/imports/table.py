@@ -43,6 +43,8 @@ UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mp
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
+DECIMALS = "write decimal points instead of decimal commas"
+"""Fix for rows with twice the expected number of columns."""
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
 FEWEST, NEAR_RAD = 5, 0.2
 """Minimum number of rows, and maximum median difference from the direction of the path, of a column of headings."""
@@ -62,13 +64,15 @@ def read_table(text: str) -> ShapeFile:
     titles, names = _titles(lines)
     rows = _rows(lines, titles)
     number, cells = next(rows, (0, list[str]()))
+    if not (titles or cells):
+        raise ValueError("the file contains no positions; export it again")
     if titles:
         columns, notes = _named(titles, names)
-    elif cells and not any(map(_is_number, cells)):
+    elif not any(map(_is_number, cells)):
         columns, notes = _named(number, cells)
     else:
         names = _without_empty_end(cells)
-        columns, notes = _positional(number, names) if cells else [], ()
+        columns, notes = _positional(number, names), ()
     read = [(k, _numbers(k, row, columns, len(names))) for k, row in chain([(number, cells)] if cells else [], rows)]
     found = np.array([k for k, row in read if row])
     values = np.array([row for _, row in read if row]).reshape(len(found), len(columns))
@@ -169,9 +173,8 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
 
 def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
-        raise ValueError(
-            f"row {number}: it has {len(cells)} columns; write x, y or x, y, speed, or name them in the first row"
-        )
+        fix = "write x, y or x, y, speed, or name them in the first row"
+        raise ValueError(f"row {number}: it has {len(cells)} columns; {DECIMALS if len(cells) in (4, 6) else fix}")
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
 
@@ -186,7 +189,8 @@ def _is_number(cell: str) -> bool:
 def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
     """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
     if len(cells) < width or any(cells[width:]):
-        raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; use the same number")
+        fix = DECIMALS if len(cells) == 2 * width else "use the same number"
+        raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; {fix}")
     if not any(cells[place] for _, place, _ in columns[:2]):
         return []
     values = []

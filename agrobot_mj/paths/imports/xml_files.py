@@ -54,6 +54,8 @@ def _coordinates(element: ElementTree.Element) -> Array:
 
 def _numbers(cells: list[list[str]]) -> Array:
     try:
+        if any(len(cell) > 3 for cell in cells):
+            raise ValueError("decimal commas")
         points = np.array([(float(cell[0]), float(cell[1])) for cell in cells]).reshape(-1, 2)
     except (ValueError, IndexError):
         raise ValueError("the file has a position that is not longitude,latitude in degrees; export it again") from None
