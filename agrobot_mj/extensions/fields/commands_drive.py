@@ -26,6 +26,8 @@ from agrobot_mj.extensions.fields.options import (
     Price,
     Radius,
     Resume,
+    RowAngle,
+    RowSpacing,
     Sections,
     Speed,
     Turn,
@@ -104,6 +106,8 @@ def field_run(
         Path | None, typer.Option("--plan", metavar="FILE", help="Plan file to use instead of a generated plan.")
     ] = None,
     price: Price = None,
+    row_spacing: RowSpacing = None,
+    row_angle: RowAngle = None,
     resume: Resume = False,
     crs: Crs = "",
     name: FieldName = "",
@@ -117,6 +121,7 @@ def field_run(
     Writes the files of a run and coverage.json, coverage.geojson and coverage.png.
     """
     from agrobot_mj.extensions.fields.boom import Boom
+    from agrobot_mj.extensions.fields.crop_rows import crop_rows
     from agrobot_mj.extensions.fields.driving import FILES, drive
     from agrobot_mj.extensions.fields.given_plan import given_plan, stored_plan
     from agrobot_mj.simulation.results import check_folder
@@ -134,9 +139,10 @@ def field_run(
         plan = _plan(field, rig, headlands, turn, order, _direction(field, base, angle, along), sections, beyond)
     else:
         plan = given_plan(plan_file, stored, field, rig, sections)
+    rows = crop_rows(plan, row_spacing, row_angle)
     _warn(plan, quiet)
     boom = Boom(worked, sections, on_delay, off_delay, look_ahead, look_ahead)
-    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, prices)
+    return drive(field, plan, base, rig, boom, given, out, not no_rrd, quiet, resume, prices, rows)
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":

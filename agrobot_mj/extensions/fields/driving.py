@@ -13,6 +13,7 @@ from agrobot_mj.cli.output import print_hints
 from agrobot_mj.cli.runs import answer
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import Boom
+from agrobot_mj.extensions.fields.crop_rows import CropRows
 from agrobot_mj.extensions.fields.drive import PLAN_FILE, driving_scenario
 from agrobot_mj.extensions.fields.effort import Prices
 from agrobot_mj.extensions.fields.evaluation import FieldDrive, report
@@ -66,6 +67,7 @@ def drive(
     quiet: bool,
     resume: bool,
     prices: Prices,
+    rows: CropRows | None,
 ) -> Answer:
     """Simulate a plan, write all results, and return the result of the command."""
     with tempfile.TemporaryDirectory() as place:
@@ -79,7 +81,7 @@ def drive(
 
         def drove_of(log: Log) -> FieldDrive:
             if not drives:
-                drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices, log.view))
+                drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices, rows, log.view))
             return drives[0]
 
         said = print_hints([scenario], quiet)

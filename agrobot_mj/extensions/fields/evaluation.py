@@ -12,6 +12,7 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import THIN_M, Boom, ImplementMotion, Times, switched, worked
 from agrobot_mj.extensions.fields.coverage import FieldCoverage, areas, coverage, excursion, gaps
+from agrobot_mj.extensions.fields.crop_rows import CropRows, run_over
 from agrobot_mj.extensions.fields.effort import NO_PRICES, Prices, cost, effort
 from agrobot_mj.extensions.fields.operations import StraightPass, capacity, pass_to_pass, summary, turn_of
 from agrobot_mj.extensions.fields.plan import Plan, PlannedPass
@@ -36,6 +37,7 @@ class FieldDrive:
     rig: FieldMachine
     boom: Boom
     prices: Prices = NO_PRICES
+    rows: CropRows | None = None
     view: RunView | None = None  # View of the log with positions relative to the path, if it has been computed
 
     @cached_property
@@ -176,6 +178,8 @@ def report(drive: FieldDrive) -> dict[str, Any]:
     }
     if any(drive.prices):
         content["cost"] = cost(drive.prices, by_part["field"], span)
+    if drive.rows is not None:
+        content["crop_rows"] = run_over(drive.rows, drive.plan, drive.body, drive.rig, log)
     return {**content, "summary": sentence(content)}
 
 
@@ -196,4 +200,6 @@ def sentence(content: dict[str, Any]) -> str:
         text += f"; {share:.0f} % of the missed area is in the {found[0]['place']}"
     for name, each in out.items():
         text += f"; the {name} left the field by {each['largest_m']:.1f} m in the {each['side']}"
+    if rows := content.get("crop_rows"):
+        text += f"; {rows['run_over_m']:.3g} m of crop rows run over ({rows['run_over_percent']:.2g} %)"
     return text

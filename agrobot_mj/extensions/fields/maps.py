@@ -18,6 +18,7 @@ from agrobot_mj.extensions.fields.coverage import SLIVER_M2, FieldCoverage
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.paths.imports.geojson import LOCAL
 
+OUTLINE_M = 0.01  # Tolerance of the outline of covered ground in files [m]
 WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 
 
@@ -88,8 +89,10 @@ def geojson(
         features.append(_feature(found.body, {"kind": "body", "area_m2": found.body.area}, plane))
         for number, ground in enumerate(found.passes):
             features.append(_feature(ground, {"kind": "worked", "number": number, "area_m2": ground.area}, plane))
-        for kind, area in (("overlapped", found.overlapped), ("missed", found.missed)):
-            features.append(_feature(area, {"kind": kind, "area_m2": area.area}, plane))
+        covered = found.union.intersection(field)
+        for kind, area in (("covered", covered), ("overlapped", found.overlapped), ("missed", found.missed)):
+            shape = area.simplify(OUTLINE_M) if kind == "covered" else area
+            features.append(_feature(shape, {"kind": kind, "area_m2": area.area}, plane))
     content: dict[str, Any] = {"type": "FeatureCollection", "name": plan.name, "features": features}
     if plane is None:
         content["crs"] = LOCAL

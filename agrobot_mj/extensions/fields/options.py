@@ -61,6 +61,19 @@ Price = Annotated[
     list[str] | None,
     typer.Option("--price", metavar="NAME=VALUE", help="Price: input_ha, yield_ha (both per hectare) or hour."),
 ]
+RowSpacing = Annotated[
+    float | None, typer.Option(min=0.05, max=5, callback=finite, help="Distance between crop rows [m].")
+]
+RowAngle = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEG",
+        min=-360,
+        max=360,
+        callback=finite,
+        help="Direction of crop rows, from east. Default: along the swaths.",
+    ),
+]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue the interrupted drive with the same options.")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
 Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Switching delay of a section [s].")]

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.geodesy import Origin, to_local
-from agrobot_mj.core.palette import BLACK, ORANGE, VERMILION
+from agrobot_mj.core.palette import BLACK, LIGHT_GREY, ORANGE, VERMILION
 from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line, read_signals, run_page
 from agrobot_mj.studies.pages.report import Reports
 
 SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in the report [m2]
-COLOURS = {"overlapped": ORANGE, "missed": VERMILION}
+COLOURS = {"covered": LIGHT_GREY, "overlapped": ORANGE, "missed": VERMILION}
 EFFORT = (
     ("energy_wheels_mj", "energy at the driven wheels", "MJ"),
     ("energy_ground_mj", "energy of the wheel forces on the ground", "MJ"),
@@ -59,6 +59,9 @@ def _numbers(found: Mapping[str, Any]) -> Iterator[tuple[str, object, str]]:
     for name, text, unit in EFFORT:
         if found["effort"][name] is not None:
             yield text, round(found["effort"][name], 3), unit
+    if rows := found.get("crop_rows"):
+        yield "crop rows", round(rows["rows_m"], 1), "m"
+        yield "crop rows run over outside the tramlines", round(rows["run_over_m"], 2), "m"
     for name, value in found.get("cost", {}).items():
         yield f"cost, {name}", round(value, 2), "-"
     yield "distance", round(found["distance_m"], 1), "m"

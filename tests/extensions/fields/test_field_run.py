@@ -12,6 +12,7 @@ from notebooks import executed, lengths
 from PIL import Image
 from rerun.chunk import RrdReader
 from shapely import Polygon
+from shapely.geometry import shape
 
 from agrobot_mj.cli import main
 from agrobot_mj.core.geodesy import Origin, to_geodetic, to_local
@@ -46,7 +47,8 @@ def driven(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for words in COMMANDS:
-            patch.setattr("sys.argv", ["agrobot-mj", *words])
+            rows = ["--row-spacing", "0.75"] if words[:2] == ["field", "run"] else []
+            patch.setattr("sys.argv", ["agrobot-mj", *words, *rows])
             with pytest.raises(SystemExit) as ended:
                 main()
             assert ended.value.code == 0, words
@@ -82,6 +84,17 @@ def test_field_run_reports_effort_and_plan(driven):
     assert effort["rut_depth_max_m"] is None
     assert 0.0 < plan["missed_percent"] < found["areas"]["field"]["missed_percent"]
     assert "cost" not in found
+
+
+def test_crop_rows_that_the_wheels_run_over_are_reported(driven):
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
+    rows = found["crop_rows"]
+    assert rows["rows_m"] == pytest.approx(found["areas"]["body"]["area_m2"] / 0.75, rel=0.05)
+    assert 0.0 < rows["run_over_m"] < 0.5 * rows["rows_m"]
+    assert found["summary"].endswith(
+        f"{rows['run_over_m']:.3g} m of crop rows run over ({rows['run_over_percent']:.2g} %)"
+    )
+    assert "crop rows run over outside the tramlines" in (driven / "runs" / "field" / "report.html").read_text()
 
 
 def test_metrics_of_the_run_agree_with_its_coverage(driven):
@@ -149,8 +162,12 @@ def test_field_run_writes_all_its_files(driven):
         "report.html",
     }
     shapes = json.loads((driven / "runs" / "field" / "coverage.geojson").read_text())["features"]
-    kinds = {shape["properties"]["kind"] for shape in shapes}
-    assert kinds >= {"field", "body", "pass", "turn", "worked", "overlapped", "missed"}
+    kinds = {each["properties"]["kind"] for each in shapes}
+    found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())["areas"]["field"]
+    assert kinds >= {"field", "body", "pass", "turn", "worked", "covered", "overlapped", "missed"}
+    (covered,) = (shape(each["geometry"]) for each in shapes if each["properties"]["kind"] == "covered")
+    (outline,) = (shape(each["geometry"]) for each in shapes if each["properties"]["kind"] == "field")
+    assert covered.area / outline.area == pytest.approx(found["reached_percent"] / 100, rel=1e-3)
     corner = np.array(shapes[0]["geometry"]["coordinates"][0]).min(axis=0)
     assert corner == pytest.approx([5.0, 52.0], abs=1e-6)
 
@@ -159,6 +176,8 @@ def test_report_of_a_field_run_begins_with_the_coverage(driven):
     text = (driven / "runs" / "field" / "report.html").read_text()
     assert text.index("<h2>Coverage</h2>") < text.index("ha covered") < text.index("<h2>Track</h2>")
     assert "pass-to-pass error at the implement" in text
+    layers = [text.index(f'"name": "{name}"') for name in ("covered", "overlapped", "missed", "track", "boundary")]
+    assert layers == sorted(layers)
 
 
 @pytest.mark.parametrize(

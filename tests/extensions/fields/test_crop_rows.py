@@ -1,0 +1,81 @@
+"""Crop rows under the wheels against closed forms: a plan that is followed with a constant lateral offset."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import shapely
+from field_shapes import default_plan, machine
+
+from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.fields.crop_rows import CropRows, crop_rows, lines_of, run_over, wheel_tracks
+from agrobot_mj.extensions.fields.field import Field
+from agrobot_mj.extensions.fields.planner.area import body_of
+from agrobot_mj.machine.tractor import TractorParameters
+
+TRACTOR = TractorParameters()
+"""The compact tractor: track 1.0 m, rear tyres of 0.24 m and narrower front tyres."""
+FIELD = Field("oblong", shapely.box(0, 0, 50, 39))
+PLAN = default_plan(FIELD)
+BODY = body_of(FIELD, PLAN)
+SWATHS = sum(one.part == "body" for one in PLAN.passes)
+
+
+def followed(offset):
+    """Log of a drive along the plan with a lateral offset, left positive [m]."""
+    course = PLAN.course.divided()
+    x, y, yaw = course.joints()
+    found = {"t": course.distances(), "x": x - offset * np.sin(yaw), "y": y + offset * np.cos(yaw), "yaw": yaw}
+    return SimpleNamespace(scenario=SimpleNamespace(tractor=TRACTOR), column={**found, "steer": 0 * x}.__getitem__)
+
+
+def found(offset, angle=None, spacing=0.75):
+    """Rows run over with a lateral offset [m], for rows along the swaths turned by `angle` [deg]."""
+    rows = CropRows(spacing, PLAN.angle_deg + (angle or 0.0))
+    return run_over(rows, PLAN, BODY, machine(), followed(offset))
+
+
+def test_rows_fill_the_body_with_the_edges_of_swaths_midway():
+    lines = lines_of(CropRows(0.75, PLAN.angle_deg), PLAN, BODY)
+    assert shapely.length(lines).sum() == pytest.approx(BODY.area / 0.75, rel=0.03)
+    west, south, *_ = BODY.bounds
+    across = np.sort([np.ptp(shapely.get_coordinates(line), axis=0).argmin() for line in lines])
+    assert set(across) == {across[0]}
+    first = shapely.get_coordinates(lines[0])[0, across[0]] - (west, south)[across[0]]
+    assert first == pytest.approx(0.375, abs=1e-6)
+
+
+def test_wheels_on_a_straight_line_cover_two_strips():
+    x = np.linspace(0.0, 100.0, 1001)
+    tracks = wheel_tracks(TRACTOR, x, x, 0 * x, 0 * x, 0 * x)
+    assert shapely.union_all(tracks).area == pytest.approx(2 * (100.0 * 0.24 + TRACTOR.wheelbase_m * 0.16), rel=1e-6)
+
+
+@pytest.mark.parametrize("angle", [None, 90.0])
+def test_exactly_followed_plan_runs_over_no_rows(angle):
+    assert found(0.0, angle)["run_over_m"] < 1e-3 * found(0.0, angle)["rows_m"]
+
+
+def test_offset_onto_a_row_runs_over_one_row_of_each_swath():
+    """Wheels at 0.5 m, displaced by 0.2 m, reach one of the two rows at 0.375 m."""
+    rows = len(lines_of(CropRows(0.75, PLAN.angle_deg), PLAN, BODY))
+    for offset in (0.2, -0.2):
+        assert found(offset)["run_over_percent"] == pytest.approx(100 * SWATHS / rows, rel=0.002)
+
+
+@pytest.mark.parametrize(("offset", "wide"), [(0.1, 0.1), (0.2, 0.2), (0.3, 0.24)])
+def test_crossed_rows_lose_the_width_of_the_displaced_tracks(offset, wide):
+    fraction = SWATHS * 2 * wide / np.ptp(shapely.get_coordinates(BODY), axis=0).min()
+    assert found(offset, 90.0)["run_over_percent"] == pytest.approx(100 * fraction, rel=0.002)
+
+
+def test_rows_without_a_known_direction_or_spacing_are_rejected():
+    unknown = SimpleNamespace(angle_deg=None)
+    assert crop_rows(PLAN, None, None) is None
+    assert crop_rows(unknown, 0.5, 30.0) == CropRows(0.5, 30.0)
+    with pytest.raises(
+        ScenarioError, match=r"--row-spacing 0\.5: the plan has no direction of swaths; set --row-angle"
+    ):
+        crop_rows(unknown, 0.5, None)
+    with pytest.raises(ScenarioError, match="--row-angle 30: the spacing of the rows is missing; set --row-spacing"):
+        crop_rows(PLAN, None, 30.0)
