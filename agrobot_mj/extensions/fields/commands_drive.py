@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from agrobot_mj.extensions.fields.field import Field
     from agrobot_mj.extensions.fields.plan import Plan
     from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+    from agrobot_mj.extensions.fields.planner.swaths import Frame
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_OVERLAP = 0.5  # Maximum planned overlap of passes divided by the working width [-]
@@ -74,7 +75,7 @@ def field_plan(
 
     field = _field(file, crs, name, quiet)
     base, rig = _rig(field, width, overlap, turn, speed, radius, overrides(sets))
-    plan = _plan(field, rig, headlands, turn, order, _direction(field, base, angle, along), sections, beyond)
+    plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
     folder = results_folder(out, f"plan-{field.name}")
     with results(folder, PLAN_FILES):
         write_plan(folder, field, plan)
@@ -136,7 +137,7 @@ def field_run(
     if out is not None:
         check_folder(out, (*files_of_run(base), *FILES))
     if plan_file is None:
-        plan = _plan(field, rig, headlands, turn, order, _direction(field, base, angle, along), sections, beyond)
+        plan = _plan(field, rig, headlands, turn, order, _frame(field, base, angle, along), sections, beyond)
     else:
         plan = given_plan(plan_file, stored, field, rig, sections)
     rows = crop_rows(plan, row_spacing, row_angle)
@@ -175,16 +176,17 @@ def _rig(
     return base, rig_of(base, width, overlap)
 
 
-def _direction(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> float | None:
-    """Return the direction of the swaths [rad], or None for the direction with the fewest swaths."""
+def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> "Frame | None":
+    """Return the frame of the swaths, or None for the direction with the fewest swaths."""
     from agrobot_mj.core.errors import ScenarioError
-    from agrobot_mj.extensions.fields.planner.contours import contour_direction
+    from agrobot_mj.extensions.fields.planner.contours import contour_frame
+    from agrobot_mj.extensions.fields.planner.swaths import Frame
 
     if along is None:
-        return None if angle is None else radians(angle)
+        return None if angle is None else Frame(radians(angle))
     if angle is not None:
         raise ScenarioError(f"--along {along}: --angle is also given; omit one of them")
-    return contour_direction(field.boundary, base.terrain.ground())
+    return contour_frame(field.boundary, base.terrain.ground())
 
 
 def _plan(
@@ -193,13 +195,13 @@ def _plan(
     headlands: int | None,
     turn: Any,
     order: str,
-    direction: float | None,
+    frame: "Frame | None",
     sections: int,
     beyond: float,
 ) -> "Plan":
     from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 
-    return make_plan(field, rig, Options(headlands, turn, order, direction, sections, beyond))
+    return make_plan(field, rig, Options(headlands, turn, order, frame, sections, beyond))
 
 
 def _prices(given: list[str] | None) -> "Prices":

@@ -48,7 +48,7 @@ Angle = Annotated[
 ]
 Along = Annotated[
     Literal["contours"] | None,
-    typer.Option(help="Direction of the swaths: perpendicular to the mean slope of the terrain."),
+    typer.Option(help="Swaths along the contour lines of the terrain, straight or as arcs."),
 ]
 Radius = Annotated[
     float | None, typer.Option(min=0.5, max=100, callback=finite, help="Turn radius [m]. Default: from the machine.")

@@ -43,7 +43,7 @@ class Plan:
     passes: tuple[PlannedPass, ...]  # Passes in the order of driving
     pause_s: float = 2.0  # Duration of the standstill at each cusp [s]
     angle_deg: float | None = None
-    """Direction of the swaths, counter-clockwise from east [deg], or None for a plan of another program."""
+    """Direction of straight swaths, counter-clockwise from east [deg], or None for arcs and plans of other programs."""
     headlands: int = 0  # Number of headland laps, or 0 for a plan of another program
     margin: float = 0.0  # Width of the strip along the boundary that is not worked [m]
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]

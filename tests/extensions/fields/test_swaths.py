@@ -8,9 +8,9 @@ import shapely
 from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.fields.planner.contours import contour_direction
+from agrobot_mj.extensions.fields.planner.contours import contour_frame
 from agrobot_mj.extensions.fields.planner.laps import lap, offset, rings, smoothed
-from agrobot_mj.extensions.fields.planner.swaths import best_pattern, ordered, pattern
+from agrobot_mj.extensions.fields.planner.swaths import Frame, best_pattern, ordered, pattern
 from agrobot_mj.terrain import Slope
 
 
@@ -19,34 +19,34 @@ def ground(layout, width):
     boxes = [
         shapely.box(s.start, s.across - width / 2, s.end, s.across + width / 2) for cell in layout.cells for s in cell
     ]
-    return shapely.affinity.rotate(shapely.union_all(boxes), layout.angle * 180 / pi, origin=(0, 0))
+    return shapely.affinity.rotate(shapely.union_all(boxes), layout.frame.angle * 180 / pi, origin=(0, 0))
 
 
 def test_swaths_of_a_rectangle_run_along_its_longer_side():
     layout = best_pattern(RECTANGLE.boundary, 4.0, 1)
-    assert (layout.number, layout.angle, layout.length) == (10, 0.0, pytest.approx(600.0))
+    assert (layout.number, layout.frame.angle, layout.length) == (10, 0.0, pytest.approx(600.0))
 
 
 def test_swath_angle_of_a_rotated_rectangle_is_its_rotation():
     turned = shapely.affinity.rotate(RECTANGLE.boundary, 33.0)
-    assert best_pattern(turned, 4.0, 1).angle == pytest.approx(radians(33.0), abs=1e-5)
+    assert best_pattern(turned, 4.0, 1).frame.angle == pytest.approx(radians(33.0), abs=1e-5)
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
 @pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
 def test_swaths_cover_the_whole_field(field, angle):
-    layout = pattern(field.boundary, angle, 3.7, 1)
+    layout = pattern(field.boundary, Frame(angle), 3.7, 1)
     assert field.boundary.difference(ground(layout, 3.7)).area < 0.05
 
 
 def test_field_is_divided_into_cells_at_holes_and_inner_corners():
-    assert len(pattern(RECTANGLE.boundary, 0.0, 4.0, 1).cells) == 1
-    assert len(pattern(L_SHAPE.boundary, pi / 2, 4.0, 1).cells) == 1
-    assert len(pattern(HOLE.boundary, 0.0, 4.0, 1).cells) == 4
+    assert len(pattern(RECTANGLE.boundary, Frame(0.0), 4.0, 1).cells) == 1
+    assert len(pattern(L_SHAPE.boundary, Frame(pi / 2), 4.0, 1).cells) == 1
+    assert len(pattern(HOLE.boundary, Frame(0.0), 4.0, 1).cells) == 4
 
 
 def test_each_section_is_switched_at_its_own_part_of_the_boundary():
-    layout = pattern(SLANTED.boundary, 0.0, 5.0, 5)
+    layout = pattern(SLANTED.boundary, Frame(0.0), 5.0, 5)
     swath = layout.cells[0][0]
     starts, ends = np.array(swath.sections).T
     assert swath.start == starts.min()
@@ -90,11 +90,11 @@ def test_laps_of_a_round_field_are_drivable():
 
 
 @pytest.mark.parametrize("uphill", [0.0, 30.0, 90.0, 200.0])
-def test_contour_direction_is_perpendicular_to_the_slope(uphill):
-    found = contour_direction(L_SHAPE.boundary, Slope(grade_deg=5.0, direction_deg=uphill).ground())
-    assert found == pytest.approx(radians(uphill + 90.0) % pi, abs=1e-6)
+def test_contour_frame_is_perpendicular_to_the_slope(uphill):
+    found = contour_frame(L_SHAPE.boundary, Slope(grade_deg=5.0, direction_deg=uphill).ground())
+    assert found == pytest.approx((radians(uphill + 90.0) % pi, 0.0, 0.0, 0.0), abs=1e-6)
 
 
-def test_level_field_has_no_contour_direction():
+def test_level_field_has_no_contour_frame():
     with pytest.raises(ScenarioError, match="--along contours: the field is level; set a slope"):
-        contour_direction(RECTANGLE.boundary, Slope(grade_deg=0.0).ground())
+        contour_frame(RECTANGLE.boundary, Slope(grade_deg=0.0).ground())

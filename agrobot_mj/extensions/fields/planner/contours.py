@@ -1,4 +1,4 @@
-"""Direction of the contour lines of a field."""
+"""Swaths along the contour lines of a field: straight lines or concentric arcs."""
 
 from math import hypot, pi
 
@@ -7,24 +7,39 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.errors import ScenarioError
+from agrobot_mj.extensions.fields.planner.swaths import Frame
 from agrobot_mj.terrain.grid import Ground, heights
 
 STATIONS = 40  # Number of evaluated points of the field in each direction
 LEVEL = 1e-3  # Mean gradient below which a field has no contour direction [-]
+STRAIGHT_RAD = 0.02  # Change of direction over a field below which its contour lines are straight [rad]
+TIGHTEST_M = 20.0  # Minimum radius of swaths [m]. Assumed value: followed at working speed by all machines.
 
 
-def contour_direction(area: BaseGeometry, ground: Ground) -> float:
-    """Return the direction perpendicular to the mean gradient of a field [rad], counter-clockwise from east.
+def contour_frame(area: BaseGeometry, ground: Ground) -> Frame:
+    """Return the frame of swaths along the contour lines of a field.
 
-    The mean gradient is that of the plane fitted to the heights. Raises `ScenarioError` for a level field.
+    Direction and curvature are those of the contour line through the centroid on the quadratic surface fitted to the
+    heights. Swaths are straight and perpendicular to the mean gradient if the contour lines are nearly straight, or if
+    arcs would be tighter than `TIGHTEST_M`. Raises `ScenarioError` for a level field.
     """
     west, south, east, north = area.bounds
     x, y = (
         grid.ravel() for grid in np.meshgrid(np.linspace(west, east, STATIONS), np.linspace(south, north, STATIONS))
     )
     inside = shapely.contains_xy(area, x, y)
-    x, y = x[inside], y[inside]
-    plane, *_ = np.linalg.lstsq(np.column_stack([x, y, np.ones_like(x)]), heights(ground, x, y), rcond=None)
-    if hypot(plane[0], plane[1]) < LEVEL:
+    z, middle = heights(ground, x[inside], y[inside]), area.centroid
+    x, y = x[inside] - middle.x, y[inside] - middle.y
+    terms = np.column_stack([x, y, np.ones_like(x), x * x / 2, x * y, y * y / 2])
+    slope_x, slope_y, *_ = np.linalg.lstsq(terms[:, :3], z, rcond=None)[0].tolist()
+    if hypot(slope_x, slope_y) < LEVEL:
         raise ScenarioError("--along contours: the field is level; set a slope or height map with --set terrain.kind")
-    return float(np.arctan2(plane[1], plane[0]) + pi / 2) % pi
+    straight = Frame(float(np.arctan2(slope_y, slope_x) + pi / 2) % pi)
+    gx, gy, _, xx, xy, yy = np.linalg.lstsq(terms, z, rcond=None)[0].tolist()
+    if (gradient := hypot(gx, gy)) < LEVEL:
+        return straight
+    curvature = -(xx * gy**2 - 2 * xy * gx * gy + yy * gx**2) / gradient**3
+    if abs(curvature) * hypot(east - west, north - south) < STRAIGHT_RAD:
+        return straight
+    frame = Frame(float(np.arctan2(gy, gx) - pi / 2), float(curvature), middle.x, middle.y)
+    return frame if area.convex_hull.distance(shapely.Point(frame.centre)) > TIGHTEST_M else straight

@@ -20,7 +20,7 @@ from agrobot_mj.extensions.fields.planner.joins import Shape, join
 from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
-from agrobot_mj.extensions.fields.planner.swaths import Pattern, Swath, best_pattern, ordered, pattern
+from agrobot_mj.extensions.fields.planner.swaths import Frame, Pattern, Swath, best_pattern, ordered, pattern
 from agrobot_mj.extensions.fields.planner.words import end_of, length_of, shortest_arcs, straight
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
@@ -41,8 +41,8 @@ class Options(NamedTuple):
     headlands: int | None = None  # Number of headland laps. None: two, or more if the turns need more space.
     turn: Shape = "clothoid"  # Preferred turn shape between neighbouring swaths
     order: str = "boustrophedon"  # Order of the swaths of a cell
-    angle: float | None = None
-    """Direction of the swaths [rad], counter-clockwise from east. None: the direction with the fewest swaths."""
+    frame: Frame | None = None
+    """Frame of the swaths: their direction and curvature. None: straight in the direction with the fewest swaths."""
     sections: int = 1  # Number of sections of the implement
     beyond: float = 0.0  # Distance by which the machine may extend beyond the field [m]
 
@@ -110,14 +110,16 @@ class _Work:
         start = _pose(layout, swath, forth)
         if self.start is None or hypot(start.x - self.pose.x, start.y - self.pose.y) > CLOSE_M:
             self.to([start])
-        behind, first = self.rig.behind, self.distance
-        self.go(straight(swath.length + behind, self.rig.path.speed_m_s))
-        zero = first + behind
+        behind, zero = self.rig.behind, self.distance + self.rig.behind
+        stretch = layout.frame.stretch(swath.across)
+        curvature = layout.frame.curvature / stretch * (1.0 if forth else -1.0)
+        self.go((Piece(stretch * swath.length + behind, curvature, self.rig.path.speed_m_s),))
         if forth:
-            spans = [(zero + a - swath.start, zero + b - swath.start) for a, b in reversed(swath.sections)]
+            spans = [(a - swath.start, b - swath.start) for a, b in reversed(swath.sections)]
         else:
-            spans = [(zero + swath.end - b, zero + swath.end - a) for a, b in swath.sections]
-        self.passes.append(PlannedPass("body", zero, zero + swath.length, tuple(spans)))
+            spans = [(swath.end - b, swath.end - a) for a, b in swath.sections]
+        worked = tuple((zero + stretch * a, zero + stretch * b) for a, b in spans)
+        self.passes.append(PlannedPass("body", zero, zero + stretch * swath.length, worked))
 
     def cells(self, layout: Pattern) -> None:
         """Append the swaths of all cells, starting each time with the nearest remaining cell."""
@@ -143,7 +145,8 @@ class _Work:
             f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
         ]
-        angle = None if self.layout is None else round(degrees(self.layout.angle), 4)
+        frame = self.layout and self.layout.frame
+        angle = None if frame is None or frame.curvature else round(degrees(frame.angle), 4)
         return Plan(
             *(name, self.rig.width, self.rig.behind, self.start or self.pose, tuple(self.pieces), tuple(self.passes)),
             *(self.rig.path.cusp_pause_s, angle, headlands, margin, self.rig.overlap),
@@ -154,8 +157,8 @@ class _Work:
 
 def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
     """Return the pose of the CG at the start of a swath, driven in the swath direction (`forth`) or against it."""
-    x, y = layout.point(swath.start if forth else swath.end, swath.across)
-    return Pose(x, y, layout.angle if forth else layout.angle + pi)
+    pose = layout.frame.pose(swath.start if forth else swath.end, swath.across)
+    return pose if forth else pose._replace(yaw=pose.yaw + pi)
 
 
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
@@ -201,11 +204,10 @@ def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, mar
     for ring in area.laps:
         work.lap(ring)
     if area.body.area > LEAST_AREA * rig.width**2:
-        given = options.angle
         work.cells(
             best_pattern(area.body, rig.spacing, options.sections)
-            if given is None
-            else pattern(area.body, given, rig.spacing, options.sections)
+            if options.frame is None
+            else pattern(area.body, options.frame, rig.spacing, options.sections)
         )
     if work.start is None:
         raise ScenarioError(f"--width {rig.width:g}: the field is too narrow for one swath; use a smaller width")

@@ -1,29 +1,34 @@
 """Swaths: parallel strips of equal width that cover an area, in the direction with the fewest swaths, grouped in cells.
 
+Swaths are straight, or concentric arcs. In a frame of stations along the swaths and offsets across, both are straight.
+
 Rows of strips lie side by side, starting at the lowest edge of the area. A row has one swath for each connected part of
 the area in its strip. A swath is as long as this part, so that the full width is worked at oblique edges. A cell is a
 series of swaths in adjacent rows, each with exactly one neighbour in the next row: the decomposition of [Choset2000].
 """
 
 from collections.abc import Iterator
-from math import ceil, cos, degrees, hypot, pi, sin
+from math import ceil, copysign, cos, hypot, pi, sin
 from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely.affinity import rotate
 from shapely.geometry.base import BaseGeometry
 
+from agrobot_mj.core.geometry import wrap
+from agrobot_mj.core.signals import Array
+from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.parallel import skipping
 
 THINNEST = 0.02  # Minimum width of a part of a strip that gets a swath, divided by the width of the strip [-]
 ANGLE_STEP = pi / 18  # Step between evaluated swath directions [rad]. The directions of edges are also evaluated.
 ROUNDING = 1e-6  # Rounding error that is ignored in the number of swaths across an area [-]
+EDGE_M = 1.0  # Maximum distance between the points of an edge that is converted to a curved frame [m]
 Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
-    """Strip worked in one pass. Stations are distances along the swath direction; offsets are to its left."""
+    """Strip worked in one pass, in the frame of the swaths."""
 
     start: float  # Station at the first end [m]
     end: float  # Station at the second end [m]
@@ -32,14 +37,51 @@ class Swath(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Length of the strip [m]."""
+        """Difference of the stations of both ends [m]."""
         return self.end - self.start
+
+
+class Frame(NamedTuple):
+    """Stations along parallel swaths, and offsets to their left: straight lines, or concentric arcs."""
+
+    angle: float  # Direction of the swaths at the origin of the frame [rad], counter-clockwise from east
+    curvature: float = 0.0  # Curvature of the swath with the offset 0 [1/m], left positive, or 0 for straight swaths
+    x: float = 0.0  # East coordinate of the origin [m]
+    y: float = 0.0  # North coordinate of the origin [m]
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Common centre of the arcs [m]."""
+        return self.x - sin(self.angle) / self.curvature, self.y + cos(self.angle) / self.curvature
+
+    def of(self, points: Array) -> Array:
+        """Convert points, shape (n, 2) [m], to stations on the swath with the offset 0, and offsets [m]."""
+        c, s = cos(self.angle), sin(self.angle)
+        if not self.curvature:
+            found: Array = (points - (self.x, self.y)) @ [[c, -s], [s, c]]
+            return found
+        side = copysign(1.0, self.curvature)
+        east, north = side * (points - self.centre).T
+        turned = wrap(np.arctan2(east, -north) - self.angle)
+        return np.column_stack([turned / self.curvature, 1 / self.curvature - side * np.hypot(east, north)])
+
+    def stretch(self, across: float) -> float:
+        """Return the length of a swath divided by the difference of its stations, for its offset [-]."""
+        return 1.0 - self.curvature * across
+
+    def pose(self, station: float, across: float) -> Pose:
+        """Return the pose in the swath direction at a station and an offset [m]."""
+        c, s = cos(self.angle), sin(self.angle)
+        if not self.curvature:
+            return Pose(self.x + c * station - s * across, self.y + s * station + c * across, self.angle)
+        yaw, radius = self.angle + self.curvature * station, 1 / self.curvature - across
+        return Pose(self.centre[0] + radius * sin(yaw), self.centre[1] - radius * cos(yaw), yaw)
 
 
 class Pattern(NamedTuple):
     """Parallel swaths that cover an area."""
 
-    angle: float  # Direction of the swaths [rad], counter-clockwise from east
+    frame: Frame  # Frame of the stations and offsets of the swaths
     cells: tuple[tuple[Swath, ...], ...]  # Cells; a cell is a tuple of adjacent swaths from right to left
 
     @property
@@ -50,19 +92,14 @@ class Pattern(NamedTuple):
     @property
     def length(self) -> float:
         """Total length of the swaths [m]."""
-        return sum(swath.length for cell in self.cells for swath in cell)
-
-    def point(self, station: float, across: float) -> tuple[float, float]:
-        """Convert a station and an offset [m] to east and north coordinates [m]."""
-        c, s = cos(self.angle), sin(self.angle)
-        return c * station - s * across, s * station + c * across
+        return sum(swath.length * self.frame.stretch(swath.across) for cell in self.cells for swath in cell)
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
     """Return the pattern with the fewest swaths over the evaluated directions, and the least length among equals."""
-    found = (pattern(area, angle, width, 1) for angle in _angles(area, width))
+    found = (pattern(area, Frame(angle), width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
-    return pattern(area, best.angle, width, sections)
+    return pattern(area, best.frame, width, sections)
 
 
 def _angles(area: BaseGeometry, width: float) -> list[float]:
@@ -76,13 +113,13 @@ def _angles(area: BaseGeometry, width: float) -> list[float]:
     return sorted(angles)
 
 
-def pattern(area: BaseGeometry, angle: float, width: float, sections: int) -> Pattern:
-    """Return the swaths of an area in the direction `angle` [rad], for a working width [m] and a number of sections."""
-    turned = rotate(area, -degrees(angle), origin=(0.0, 0.0))
+def pattern(area: BaseGeometry, frame: Frame, width: float, sections: int) -> Pattern:
+    """Return the swaths of an area along a frame, for a working width [m] and a number of sections."""
+    turned = shapely.transform(area.segmentize(EDGE_M) if frame.curvature else area, frame.of)
     west, south, east, north = turned.bounds
     count = max(1, ceil((north - south) / width - ROUNDING))
     rows = [_row(turned, (west - 1, east + 1), south + k * width, width, sections) for k in range(count)]
-    return Pattern(angle, tuple(tuple(cell) for cell in _cells(rows)))
+    return Pattern(frame, tuple(tuple(cell) for cell in _cells(rows)))
 
 
 def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int) -> list[Swath]:
