@@ -1,12 +1,12 @@
 """Each extension can be removed: its folder, its tests and its pages. What stays works, with fewer commands."""
 
 import os
-import shutil
 import subprocess
 import sys
 from importlib.metadata import entry_points
 from pathlib import Path
 
+import bare
 import pytest
 
 from agrobot_mj.cli.panels import command_name
@@ -45,14 +45,13 @@ def copied_without(names, place, *folders):
     gone = [(folder, "extensions", name) for folder in FOLDERS for name in names]
     for name in filter(None, listed.stdout.decode().split("\0")):
         if (file := ROOT / name).is_file() and Path(name).parts[:3] not in gone:
-            (place / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, place / name)
+            bare.copy(file, place / name)
     return place
 
 
-def called(place, *command, **variables):
+def called(place, *command):
     """Run a command of Python in a copy, with the copy's package."""
-    environment = {**os.environ, "PYTHONPATH": str(place), **variables}
+    environment = {**os.environ, "PYTHONPATH": str(place)}
     ran = subprocess.run(
         [sys.executable, *map(str, command)], cwd=place, env=environment, capture_output=True, text=True, check=False
     )
@@ -75,8 +74,10 @@ def commands(names):
 def test_package_works_without_any_of_its_extensions(names, tmp_path):
     place = copied_without(names, tmp_path / "copy", "agrobot_mj", "models", "scenarios")
     short = ("--set", "duration_s=0.2", "--set", "plant.kind=bicycle", "--no-rrd", "--out", tmp_path / "out")
-    said = called(place, "-c", EVERY_COMMAND + EVERY_MODULE, place, "run", "circle", *short, NUMBA_DISABLE_JIT="1")
-    shown = set(said.rpartition("commands:\n")[2].splitlines())
+    code = EVERY_COMMAND + EVERY_MODULE
+    done = bare.python(place, "-c", code, place, "run", "circle", *short, PYTHONPATH=str(place))
+    assert done.returncode == 0, done.stdout + done.stderr
+    shown = set(done.stdout.rpartition("commands:\n")[2].splitlines())
     assert shown >= commands(set(NAMES) - set(names))
     assert not shown & commands(names)
     assert (tmp_path / "out" / "metrics.json").is_file()

@@ -1,8 +1,6 @@
 """Commands in an installation without the extras for recordings, figures and filters."""
 
-import subprocess
-import sys
-
+import bare
 import pytest
 
 from agrobot_mj.core.errors import missing_extra
@@ -20,8 +18,7 @@ def lean(tmp_path):
     """Return a function that runs a command in `tmp_path` in a process that cannot import the optional libraries."""
 
     def call(*arguments, left_out=LEFT_OUT):
-        command = [sys.executable, "-c", START.format(left_out), *arguments]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        return bare.python(tmp_path, "-c", START.format(left_out), *arguments)
 
     return call
 

@@ -9,6 +9,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import bare
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -60,7 +61,7 @@ def checkout(tmp_path_factory):
     """Copy of the source tree, changed as described on the page."""
     folder = tmp_path_factory.mktemp("checkout")
     for name in ("agrobot_mj", "scenarios", "models", "tests", "docs", "scripts", "examples"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__", "images"))
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("images"))
     for file in [file for file in ROOT.iterdir() if file.is_file()]:
         shutil.copy(file, folder)
     for path, block in PYTHON.items():
@@ -75,9 +76,7 @@ def checkout(tmp_path_factory):
 
 def call(folder, *arguments):
     """The command in that checkout; without compiled kernels, which would take longer than the run."""
-    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-m", "agrobot_mj", *arguments]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return bare.python(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=str(folder))
 
 
 @pytest.fixture(scope="module")

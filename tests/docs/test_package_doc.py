@@ -8,6 +8,7 @@ import sys
 from math import atan, degrees
 from pathlib import Path
 
+import bare
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -41,27 +42,36 @@ def package(tmp_path_factory):
     return folder
 
 
+def path(folder):
+    """Search path of modules with the installed package."""
+    return os.pathsep.join(map(str, (ROOT, folder.parent / "site", folder / "site")))
+
+
 def python(folder, *arguments):
     """Output and messages of a Python process with the installed package, which must succeed."""
-    path = os.pathsep.join(map(str, (ROOT, folder.parent / "site", folder / "site")))
-    environment = {**os.environ, "PYTHONPATH": path, "NUMBA_DISABLE_JIT": "1"}
+    environment = {**os.environ, "PYTHONPATH": path(folder), "NUMBA_DISABLE_JIT": "1"}
     command = [sys.executable, *map(str, arguments)]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout, done.stderr
 
 
+def agrobot_mj(folder, *arguments):
+    """Output of a command with the installed package, which must succeed."""
+    done = bare.python(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=path(folder))
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
 def test_command_of_the_example_package_reports_the_terrain_grade(package):
-    said, _ = python(package, "-m", "agrobot_mj", "grades", "circle", "--set", "terrain.kind=terraces")
+    said = agrobot_mj(package, "grades", "circle", "--set", "terrain.kind=terraces")
     (grade,) = re.findall(r"^circle: at most ([\d.]+) deg$", said, re.M)
     assert 0.8 * degrees(atan(0.5 / 5)) < float(grade) < degrees(atan(0.5 / 5))
 
 
 def test_command_and_kind_of_the_example_package_are_listed(package):
-    assert "grades" in python(package, "-m", "agrobot_mj", "--help")[0]
-    assert re.search(
-        r"^terrain +terraces +Level strips", python(package, "-m", "agrobot_mj", "list", "--kinds")[0], re.M
-    )
+    assert "grades" in agrobot_mj(package, "--help")
+    assert re.search(r"^terrain +terraces +Level strips", agrobot_mj(package, "list", "--kinds"), re.M)
 
 
 def test_tests_of_the_example_package_pass(package):

@@ -8,6 +8,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import bare
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -34,10 +35,12 @@ def folder(tmp_path_factory):
     return folder
 
 
-def python(folder, *arguments, path=(), **variables):
-    """A Python process in a folder; warnings of the users' kind are errors."""
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *map(str, path)]), **variables}
-    words = [sys.executable, "-W", "error::UserWarning", *arguments]
+def python(folder, *arguments, path=(), separate=False):
+    """A Python process in a folder; warnings of the users' kind are errors. `separate` is one with compiled kernels."""
+    variables = {"PYTHONPATH": os.pathsep.join([str(ROOT), *map(str, path)])}
+    if not separate:
+        return bare.python(folder, *arguments, **variables)
+    words, environment = [sys.executable, "-W", "error::UserWarning", *arguments], os.environ | variables
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
@@ -62,7 +65,7 @@ def test_tyre_sensor_and_metric_plugins_on_the_page_work(folder):
         if driven and "brush" not in line:
             done = command(folder, *words)
         else:
-            done = python(folder, "-m", "agrobot_mj", *words, **({"NUMBA_DISABLE_JIT": "1"} if driven else {}))
+            done = python(folder, "-m", "agrobot_mj", *words, separate=not driven)
         assert (done.returncode, done.stderr) == (0, ""), line
     assert (folder / "runs" / "rig-brush" / "curves.parquet").is_file()
     signals = {name: pq.read_table(folder / f"mine-{name}" / "signals.parquet") for name in ("brush", "accelerometer")}
@@ -143,7 +146,7 @@ def test_installed_plugin_needs_no_option_even_in_worker_processes(folder):
     assert (done.returncode, done.stderr) == (0, "")
     assert re.search(r"^guidance +my_law +Pure pursuit", done.stdout, re.M)
     (folder / "workers.py").write_text(WORKERS, encoding="utf-8")
-    done = python(folder, "workers.py", path=[site])
+    done = python(folder, "workers.py", path=[site], separate=True)
     assert (done.returncode, sorted(done.stdout.split())) == (0, ["False", "True"]), done.stderr
 
 
@@ -165,5 +168,5 @@ def test_error_names_a_broken_installed_plugin(tmp_path, law, message):
 def test_parallel_comparison_uses_the_plugin(folder):
     options = ["--plugin", "my_law.py", "--set", "guidance.kind=my_law", "--set", "duration_s=1", "--no-rrd"]
     cases = ["--controllers", "pd", "--plants", "bicycle", "--seeds", "2", "--out", "cmp"]
-    done = python(folder, "-m", "agrobot_mj", "compare", "straight_line", *options, *cases)
+    done = python(folder, "-m", "agrobot_mj", "compare", "straight_line", *options, *cases, separate=True)
     assert (done.returncode, without_progress(done.stderr)) == (0, "")
