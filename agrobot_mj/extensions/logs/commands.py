@@ -81,6 +81,8 @@ def twin(
     identify fits stiffnesses, steering offset, delay and backlash; keys fits any scenario key; replay simulates a plant
     with the recorded steering and speed; valve fits the steering valve to a run.
     """
+    from agrobot_mj.core.errors import ScenarioError
+    from agrobot_mj.core.table_columns import FieldLogError
     from agrobot_mj.extensions.logs.parts import Job, analyse, chosen_parts
 
     if described:
@@ -92,7 +94,10 @@ def twin(
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
     job = Job(logs, map_file, scenario, **options)
     lines = [] if chosen == ["valve"] else job.health()
-    found = analyse(parts, job, folder)
+    try:
+        found = analyse(parts, job, folder)
+    except FieldLogError as error:
+        raise ScenarioError("\n".join([str(error), *lines])) from None
     lines += [line for each in found.values() for line in each.lines]
     if folder is not None and any(each.content for each in found.values()):
         lines.append(str(folder if chosen else folder / "report.html"))

@@ -14,8 +14,9 @@ import numpy as np
 
 from agrobot_mj.core.table_columns import FieldLogError, Source
 from agrobot_mj.extensions.logs.direction import LONGEST_STEP_S, directed
+from agrobot_mj.extensions.logs.identify.windows import FIT_S
 from agrobot_mj.extensions.logs.maps import LogMap, SteerColumn
-from agrobot_mj.extensions.logs.pieces import Bursts, bursts
+from agrobot_mj.extensions.logs.pieces import SHORTEST_S, Bursts, bursts
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import scatter
@@ -153,8 +154,8 @@ def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
     """Yield sentences about the properties of one log."""
     if h.bursts:
         yield (
-            f"recorded in {h.bursts.number} bursts of {h.bursts.length:.1f} s, one every {h.bursts.period:.1f} s; only "
-            "bursts of 5 s or more can be fitted or replayed"
+            f"recorded in {h.bursts.number} bursts of {h.bursts.length:.1f} s, one every {h.bursts.period:.1f} s; a "
+            f"replay needs bursts of at least {SHORTEST_S:g} s, a fit of {FIT_S:g} s"
         )
     if h.scatter_m is not None:
         yield f"the positions scatter by {100 * h.scatter_m:.2g} cm from fix to fix"

@@ -13,6 +13,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError, Mask, Source
 from agrobot_mj.extensions.logs.direction import STANDING_M_S, directed, is_signed
+from agrobot_mj.extensions.logs.identify.windows import FIT_S
 from agrobot_mj.extensions.logs.maps import LogMap
 from agrobot_mj.extensions.logs.recording import LONGEST_GAP_S, FieldRecording, read_recording
 from agrobot_mj.extensions.logs.series import TimeSeries, axle_speed, longest_pause
@@ -90,7 +91,7 @@ def bursts(recording: FieldRecording) -> Bursts | None:
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])
     lengths = (ends - starts)[ends > starts]
-    if len(lengths) < FEWEST_BURSTS or np.median(lengths) >= SHORTEST_S:
+    if len(lengths) < FEWEST_BURSTS or np.median(lengths) >= FIT_S:
         return None
     return Bursts(len(lengths), float(np.median(lengths)), float(np.median(np.diff(starts))))
 

@@ -57,6 +57,7 @@ LARGEST_STEER, LARGEST_SPEED = radians(75), 20.0
 """Maximum plausible steering angle [rad] and speed [m/s] of a tractor. Larger values indicate a wrong unit."""
 LARGEST_FIELD_M = 100e3  # Maximum extent of the positions [m]. A larger extent indicates invalid fixes.
 FARTHEST_M = 50e3  # Maximum east or north coordinate [m]. Coordinates of a map grid (UTM) are larger.
+MOST_REPEATED = 0.1  # Fraction of repeated headings in motion above which they are reported [-]. Assumed value.
 MOST_JUMPS = 0.2  # Fraction of positions with jumps above which all positions are rejected [-]. Assumed value.
 
 
@@ -75,7 +76,7 @@ class FieldRecording(NamedTuple):
     yaw_rate_source: str  # Source of the yaw rate: `gyro`, `heading`, `course`, or `none`
     heading: TimeSeries | None  # Heading from east [rad], counter-clockwise, unwrapped
     position: TimeSeries | None  # East and north coordinates of the recorded point, shape (n, 2) [m]
-    left_out: tuple[str, ...]  # Descriptions of implausible values that were omitted
+    left_out: tuple[str, ...]  # Descriptions of repeated and implausible values that were omitted
     arm: tuple[float, float, float]  # Position of the recorded point relative to R: ahead, to the left and up [m]
     inputs: dict[str, str]  # Columns of the inputs: `speed`, and `steer` or `voltage`
     signed: bool  # Whether the map declares the speed as negative in reverse
@@ -133,7 +134,8 @@ def read_recording(
     r = _Reader(name, t - t[0], data, good, [])
     steer = r.steer(m.steer.as_read() if readings else m.steer, inf if readings else LARGEST_STEER) if m.steer else None
     voltage = r.voltage(m.valve) if m.valve else None
-    speed, heading = r.speed(m.speed), r.heading(m.heading) if m.heading else None
+    speed = r.speed(m.speed)
+    heading = r.heading(m.heading, speed) if m.heading else None
     position = r.position(m.position, speed) if m.position else None
     yaw_rate, found = (r.yaw_rate(m.yaw_rate), "gyro") if m.yaw_rate else _derived(heading, position, speed)
     inputs = [series for series in (steer, voltage, speed) if series is not None]
@@ -191,7 +193,7 @@ class _Reader(NamedTuple):
         rate = self._settled(c.column, sign * ANGLES[c.unit] * (self.data[c.column] - c.offset))
         return self._known("yaw_rate", c, rate, LARGEST_YAW_RATE, "rad/s")
 
-    def heading(self, c: HeadingColumn) -> TimeSeries:
+    def heading(self, c: HeadingColumn, speed: TimeSeries) -> TimeSeries:
         read = self.data[c.column]
         known = read[np.isfinite(read)]
         turns_over = len(known) > 1 and np.abs(np.diff(known)).max() > 6.0 and np.ptp(known) <= 2 * pi
@@ -203,6 +205,9 @@ class _Reader(NamedTuple):
         angle = np.angle(self._settled(c.column, np.exp(1j * angle)))
         series = self._known("heading", c, pi / 2 - angle if c.convention == "compass" else angle)
         found = fresh(series)
+        repeated = (np.abs(np.interp(series.t, *speed)) > LEAST_SPEED) & ~np.isin(series.t, found.t)
+        if repeated.mean() > MOST_REPEATED:
+            self.left_out.append(f"{repeated.sum()} repeated values of {c.column!r} (slow or coarse sensor)")
         steady = turned_headings(found)
         if jumps := len(found.t) - len(steady.t):
             self.left_out.append(f"{jumps} values of {c.column!r} that jump or are next to a jump")

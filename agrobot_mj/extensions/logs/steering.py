@@ -16,7 +16,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.core.table_columns import FieldLogError
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.residuals import moving
-from agrobot_mj.extensions.logs.series import TimeSeries
+from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)  # Evaluated latencies of the yaw rate relative to the steering [s]
 LEAST_EXPLAINED = 0.5
@@ -74,10 +74,13 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
         raise FieldLogError(f"{name}: too few values of yaw rate, heading or position in motion; add one to the map")
     best = line_of(found)
     if best.explained < LEAST_EXPLAINED:
-        share = 100 * max(best.explained, 0.0)
+        share, noisy = 100 * max(best.explained, 0.0), ""
+        if pieces[0].yaw_rate_source == "course" and pieces[0].position is not None:
+            noise = 100 * scatter(pieces[0].position.value)
+            noisy = f", or add a heading or a gyro, because the positions scatter by {noise:.2g} cm"
         raise FieldLogError(
             f"{name}: a straight-line fit to the steering measurements explains {share:.0f} % of the yaw rate; check "
-            "that [steer] is the wheel angle and that the log has bends to both sides"
+            f"that [steer] is the wheel angle and that the log has bends to both sides{noisy}"
         )
     return two_sided(found, best)
 

@@ -65,7 +65,13 @@ def map_lines(c: Calibration) -> str:
 
 def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     centre, given, off = c.found["steer.offset"], c.steer.offset, c.centre_error
-    if "offset" not in c.steer.model_fields_set:
+    first, *_, second = c.centres
+    if degrees(abs(c.rough.scale * (second - first))) > MOVED_DEG:
+        yield (
+            f"The steering centre changes from {first:.3g} in the first half of the drive to {second:.3g} in the "
+            "second. If the sensor has slipped, calibrate the time before and the time after separately (--from, --to)."
+        )
+    elif "offset" not in c.steer.model_fields_set:
         yield f"The steering centre is about {centre.text}{_unit(c)}."
     elif not centre.excludes(given):
         yield f"The steering centre in the map agrees with the log: {centre.text}{_unit(c)}."
@@ -77,12 +83,6 @@ def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
             f"{abs(degrees(off)):.1f} deg further to the {_side(off)} than the map says, so that pure pursuit with a "
             f"look-ahead distance of {LOOKAHEAD_M:g} m drives {abs(100 * left):.0f} cm to the {_side(left)} of its line"
             f"{' (with the heading error)' if turned else ''}."
-        )
-    first, *_, second = c.centres
-    if degrees(abs(c.rough.scale * (second - first))) > MOVED_DEG:
-        yield (
-            f"The steering centre changes from {first:.3g} in the first half of the drive to {second:.3g} in the "
-            "second. If the sensor has slipped, calibrate the time before and the time after separately (--from, --to)."
         )
 
 

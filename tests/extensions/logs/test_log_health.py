@@ -111,3 +111,19 @@ def test_describe_and_replay_report_the_health_of_the_log(tmp_path, call, option
     status, out, err = call("twin", str(tmp_path / "log.csv"), "--map", str(tmp_path / "map.toml"), *options, *out_of)
     assert (status, err) == (0, "")
     assert "but the map has 432: the sensor has moved" in out
+
+
+def test_health_of_the_log_follows_the_reason_of_its_rejection(tmp_path, call):
+    columns = field_log(path(duration=120.0), counts=counts_about(432))
+    kept = columns["t"] % 8.0 < 2.0
+    pacsv.write_csv(pa.table({name: values[kept] for name, values in columns.items()}), tmp_path / "log.csv")
+    lines = ['time.column = "t"', 'speed.column = "speed"', f'steer = {{ column = "steer", scale = {SCALE} }}']
+    (tmp_path / "map.toml").write_text("\n".join([*lines, '[position]\neast = "east"', 'north = "north"']))
+    status, out, err = call("twin", str(tmp_path / "log.csv"), "--map", str(tmp_path / "map.toml"), "--out", "out")
+    assert (status, out) == (2, "")
+    reason, health, *_ = err.splitlines()
+    assert reason.endswith("a segment needs 5 s; record without pauses")
+    assert health == (
+        "log.csv: recorded in 15 bursts of 2.0 s, one every 8.0 s; a replay needs bursts of at least 5 s, a fit of 7 s"
+    )
+    assert not (tmp_path / "out").exists()

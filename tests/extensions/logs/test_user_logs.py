@@ -26,7 +26,10 @@ def test_log_with_randomly_repeated_headings_is_calibrated(share):
     slow = np.arange(len(repeated)) % 10 == 0
     for name in ("east", "north"):
         columns[name] = np.where(slow, columns[name], np.nan)
-    found = calibrate([pa.table(columns)], field_map(columns), UTILITY).found
+    done = calibrate([pa.table(columns)], field_map(columns), UTILITY)
+    found = done.found
+    note = f"log: omitted {repeated[1:].sum()} repeated values of 'heading' (slow or coarse sensor)"
+    assert note in done.pieces.notes
     assert not found["steer.scale"].excludes(1.0)
     assert abs(found["steer.offset"].value) < 0.1
 
@@ -39,6 +42,15 @@ def test_noisy_positions_do_not_reverse_the_direction_of_travel(speed, noise_m, 
     found = directed(recording)
     assert found.reverse_m == 0.0
     assert found.recording.speed.value.min() > 0
+
+
+def test_inaccurate_positions_without_a_heading_are_named_as_reason():
+    columns = field_log(path(duration=40.0), every=10, noise_m=0.26, heading=False)
+    told = "that the log has bends to both sides, or add a heading or a gyro, because the positions scatter by 2"
+    with pytest.raises(FieldLogError, match=told):
+        calibrate([pa.table(columns)], field_map(columns), UTILITY)
+    better = field_log(path(duration=40.0), every=10, noise_m=0.02, heading=False)
+    assert abs(calibrate([pa.table(better)], field_map(better), UTILITY).found["steer.offset"].value) < 0.3
 
 
 @pytest.mark.parametrize("noise_m", [0.01, 0.1])
@@ -91,6 +103,10 @@ def test_bursts_are_reported_with_length_and_period():
     assert (found.number, found.length, found.period) == (15, pytest.approx(2.0, abs=0.1), pytest.approx(8.0))
     with pytest.raises(FieldLogError, match=r"15 bursts of \d.\d s, one every 8\.0 s, .* needs 5 s; record with"):
         pieces([recording])
+    longer = {name: values[columns["t"] % 12.0 < 6.0] for name, values in columns.items()}
+    with pytest.raises(FieldLogError, match=r"record without pauses, because a fit uses segments of at least 7 s"):
+        calibrate([pa.table(longer)], field_map(columns), UTILITY)
+    assert bursts(recorded(longer)).length == pytest.approx(6.0, abs=0.1)
     assert bursts(recorded(columns)) is None
 
 

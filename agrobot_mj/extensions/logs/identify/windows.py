@@ -33,6 +33,7 @@ PLAYING = radians(0.1)
 """Noise of the wheel angle after this filter [rad]. Assumed value: larger noise would move the wheels through their
 play and resemble soft tyres."""
 SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
+FIT_S = SETTLE_S + WINDOW_S  # Minimum duration of a segment for a fit [s]
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
 """Time between samples above which a window has a gap [s]. This limit is at least 2.5 times the mean spacing."""
@@ -99,10 +100,12 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
     """Return recordings prepared for a fit. Raises `TooLittleError` if they have fewer than `windows` windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
+        remedy = "use a longer log, several logs or --share 0.9, or remove columns with gaps from the map"
+        if np.median([each.end - each.start for each in recordings]) < FIT_S:
+            remedy = f"record without pauses, because a fit uses segments of at least {FIT_S:g} s"
         raise TooLittleError(
             f"{recordings[0].name}: the log has {data.windows} complete windows of 5 s in motion with all columns, "
-            f"and the fit needs {windows}; use a longer log, several logs or --share 0.9, or remove columns with gaps "
-            "from the map"
+            f"and the fit needs {windows}; {remedy}"
         )
     return data
 

@@ -98,7 +98,9 @@ def test_shift_of_the_steering_centre_between_log_halves_is_detected(log):
     t, read = (np.asarray(log.signals[name]) for name in ("t", "steer_measured"))
     at = log.signals.column_names.index("steer_measured")
     slipped = log.signals.set_column(at, "steer_measured", pa.array(read + radians(3) * (t > 30)))
-    (line,) = [line for line in told_of(slipped) if "The steering centre changes" in line]
+    line, *others = [line for line in told_of(slipped) if "steering centre" in line]
+    assert line.startswith("The steering centre changes")
+    assert not others
     first, second = (float(line.split(word)[1].split()[0]) for word in (" changes from ", " of the drive to "))
     assert second - first == pytest.approx(radians(3), abs=radians(0.2))
 

@@ -136,17 +136,22 @@ def place_of(k):
     return f"5052.6200000,N,00441.{9400000 + 1000 * k:07d},E"
 
 
-def test_sentences_between_binary_messages_are_read(tmp_path):
+@pytest.mark.parametrize("kind", ["GGA", "GNS"])
+def test_sentences_between_binary_messages_are_read(tmp_path, kind):
     """Frames of a receiver may hold any byte, such as $, and need no end of line."""
     rng = np.random.default_rng(3)
     parts = []
     for k in range(50):
         frame = b"\xb5\x62\x01\x07" + rng.integers(0, 256, 92, dtype=np.uint8).tobytes() + b"$GP$"
-        parts += [frame, checked(f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0").encode()]
+        text = f"$GNGGA,{timed(k)},{place_of(k)},4,12,0.7,35.0,M,0.0,M,1.0,0"
+        if kind == "GNS":
+            text = f"$GNGNS,{timed(k)},{place_of(k)},RRRR,31,0.5,35.0,0.0,1.0,0,V"
+        parts += [frame, checked(text).encode()]
     (tmp_path / "receiver.ubx").write_bytes(b"".join(parts))
     log = open_log(tmp_path / "receiver.ubx")
     assert log.reader == "nmea"
-    assert log.notes == ("from GGA: quality, latitude, longitude",)
+    assert log.notes == (f"from {kind}: quality, latitude, longitude",)
+    assert log.missing == "the log has no wheel angle and no speed"
     assert log.source["quality"].to_pylist() == [4] * 50
     assert log.source["longitude"].to_numpy()[-1] == pytest.approx(4 + (41.94 + 49e-4) / 60, abs=1e-9)
 
