@@ -17,7 +17,7 @@ class SignalLine(NamedTuple):
     pending: tuple[float, ...] = ()  # Values in transit, oldest first
 
     def carried(self, value: float, distortion: Distortion, dt: float) -> "tuple[SignalLine, float]":
-        """Return the line after a tick of `dt` [s] and the value that arrives; NaN (no signal) arrives as NaN."""
+        """Return the line after a tick of `dt` [s] and the received value; NaN (no signal) is received as NaN."""
         if distortion == SOUND or value != value:
             return SignalLine(value), value
         if distortion.lost:

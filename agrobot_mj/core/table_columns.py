@@ -231,7 +231,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """Return cells minus `origin`, as a writable array; the subtraction keeps the digits of nanoseconds since 1970."""
+    """Return cells minus `origin` as a writable array, so that nanoseconds since 1970 keep all digits."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)

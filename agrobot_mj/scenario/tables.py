@@ -89,7 +89,7 @@ class Tables(Spec):
     guidance: Guidance = Kinematic()
     """Guidance law: computes steering angle and speed from estimate and path."""
     gains: Gains = "tuned"
-    """Source of gains that are not set, for a law with a yaw controller: `tuned`, or as in the figures of the paper."""
+    """Default gains for a law with a yaw controller: `tuned`, or `paper` for the gains of the figures in the paper."""
     supervisor: Supervisor = Supervisor()
     """Supervisor: limits of autonomous operation, and controlled stop."""
     speed: SpeedLoop = SpeedLoop()

@@ -154,7 +154,7 @@ def is_bare(name: object) -> bool:
 
 
 def temporary_path(path: Path) -> Path:
-    """Return a new absolute path in the folder of `path`; pyarrow interprets the start of `a:/b` as a file system."""
+    """Return a new absolute path in the folder of `path`; pyarrow would read a path such as `a:/b` as a file system."""
     return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 

@@ -136,7 +136,7 @@ class Structure(NamedTuple):
     trail_m: float = 0.0  # Pneumatic trail at small slip [m]
     cone_index_pa: float = 0.0  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral carcass stiffness divided by vertical stiffness; 0 selects `relaxation_radii` [-]."""
+    """Longitudinal and lateral carcass stiffness divided by vertical stiffness [-]; 0 selects `relaxation_radii`."""
     bearing: Bearing = FIRM  # Parameters of soil with plastic sinkage. Default: firm ground.
     load_follows: bool = False
     """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""

@@ -91,7 +91,7 @@ class AngleLearner(LearningLaw):
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law's command plus the angle `ahead`. The wheels have reached the angle `answered`."""
+        """Return the inner law's command plus the angle `ahead`, of which the wheels have reached `answered` [rad]."""
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         wanted, limit = command.steer + ahead, situation.machine.steer_limit
         free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None

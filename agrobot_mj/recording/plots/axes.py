@@ -24,8 +24,8 @@ USUAL_STEPS, FEW_STEPS = 6.0, 1.35
 ROOM = 1.02  # Length of the time axis divided by the duration of the run [-]
 EDGE = 0.045  # Width at the end of the time axis within which a label would be cut off [fraction of the axis]
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""Limits for axes that cut off rare values: if the maximum exceeds `CUT_ABOVE` times e = `CUT_AT` times the quantile
-`CUT_QUANTILE` of the values, the axis ends at e."""
+"""Limits for axes that cut off rare values: with e = `CUT_AT` times the quantile `CUT_QUANTILE` of the values, the axis
+ends at e if the maximum exceeds `CUT_ABOVE` times e."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),

@@ -79,13 +79,13 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the line for the consequent of a rule. Its colour shows the set of x2, its width the set of x1."""
+    """Return the line of a rule consequent. The colour shows the set of x2, the line width the set of x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the line for a parameter of a fuzzy set. Its colour shows the set, its width the lower or upper bound."""
+    """Return the line of a fuzzy-set parameter. The colour shows the set, the line width the lower or upper bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(

@@ -94,7 +94,7 @@ def stopping(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of holding torque, deceleration and parking. Quick mode: only lightest and heaviest tractor."""
+    """Yield checks of holding torque, deceleration and parking. Quick mode tests the lightest and heaviest tractor."""
     for tyre in force_tyres():
         yield from holding(m, tyre)
         yield stopping(m, tyre)

@@ -26,7 +26,7 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the change with every tyre on the full path. Quick mode: first seconds, tyres with force law."""
+    """Yield checks of the change with every tyre. Quick mode simulates the first seconds, on tyres with a force law."""
     for tyre in force_tyres() if m.quick else tyres():
         coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
         change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")

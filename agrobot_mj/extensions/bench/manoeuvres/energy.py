@@ -132,7 +132,7 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the energy balance for every tyre with a force law. In quick mode a run lasts a few seconds."""
+    """Yield checks of the energy balance for every tyre with a force law. In quick mode, a run lasts a few seconds."""
     for tyre in force_tyres():
         plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
         books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)

@@ -44,7 +44,7 @@ def _numbers(estimate: Estimate) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the differences for the estimator of the paper and for `ekf_bias`. Quick mode: first seconds."""
+    """Yield checks of the differences for the paper's estimator and `ekf_bias`. Quick mode lasts `BRIEFLY_S`."""
     for kind in KINDS:
         found = differences(kind, BRIEFLY_S if m.quick else None)
         for quantity, unit, value in zip(

@@ -148,7 +148,7 @@ def pulls(m: Trial, seconds: float) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield all checks of implements. Quick mode: shorter runs."""
+    """Yield all checks of implements. Quick mode has shorter runs."""
     seconds = 14.0 if m.quick else 25.0
     yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
     yield from turns(m, TRAILER, with_trailer, "trailer", seconds)

@@ -156,7 +156,7 @@ def trailing(m: Trial, tyre: Any) -> Check:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield all checks with `magic_formula`, the caster check with `linear`. Quick mode: no sweeps while rolling."""
+    """Yield all checks with `magic_formula`, the caster check with `linear`. Quick mode omits sweeps while rolling."""
     if m.quick:
         yield lifted(m)
     else:

@@ -38,7 +38,7 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the wheel loads with every tyre. Quick mode is identical."""
+    """Yield checks of the wheel loads with every tyre, also in quick mode."""
     for tyre in tyres():
         theory_tyre = tyre if tyre.judged else LINEAR
         for facing, direction in FACING.items():

@@ -43,7 +43,7 @@ def scenario_of(machine: str) -> Scenario:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of every machine. Quick mode: only the machines in `QUICK`."""
+    """Yield checks of every machine. Quick mode tests only the machines in `QUICK`."""
     for machine in QUICK if m.quick else machine_files():
         yield from _on_slope(m, machine)
 

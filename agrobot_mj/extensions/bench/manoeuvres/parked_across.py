@@ -31,7 +31,7 @@ LEANS = 0.02  # Fraction of the load added because roll on soil shifts the centr
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of parked tractors of every mass on soft and firm ground. Quick mode: only the default tractor."""
+    """Yield checks of parked tractors of every mass on soft and firm ground. Quick mode tests the default tractor."""
     for mass in MASSES_KG[:1] if m.quick else MASSES_KG:
         for tyre in (MagicFormula(), Soil(), Ruts()):
             plant, truth = m.mujoco(tyre, SLOPE, Machine(tractor=tractor_of(mass)))

@@ -32,7 +32,7 @@ def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the displacement with every tyre. Quick mode: only half a minute."""
+    """Yield checks of the displacement with every tyre. Quick mode simulates only half a minute."""
     seconds = BRIEFLY_S if m.quick else PARKED_S
     for tyre in tyres():
         for facing, direction in FACING.items():

@@ -129,7 +129,7 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of plate, towed wheel and repeated passes. Quick mode: only one soil."""
+    """Yield checks of plate, towed wheel and repeated passes. Quick mode tests only one soil."""
     yield from plate(m, Ruts())
     for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m

@@ -38,7 +38,7 @@ def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, f
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the crab angles with every tyre. Quick mode: all slopes except 10 degrees."""
+    """Yield checks of the crab angles with every tyre. Quick mode tests all slopes except 10 degrees."""
     for tyre in tyres():
         for grade in GRADES_DEG:
             if m.quick and grade == 10.0:

@@ -78,7 +78,7 @@ def parked(m: Trial, machine: Machine) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of tractors of every mass. Quick mode: every second mass."""
+    """Yield checks of tractors of every mass. Quick mode tests every second mass."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
         machine, size = grown(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor

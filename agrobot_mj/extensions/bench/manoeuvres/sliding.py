@@ -47,7 +47,7 @@ def traction(soil: Soil, s: float) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of force directions with every tyre, and of traction on soil. Quick mode: only one speed."""
+    """Yield checks of force directions with every tyre, and of traction on soil. Quick mode tests only one speed."""
     speeds = SPEEDS_M_S[1:2] if m.quick else SPEEDS_M_S
     pulled = [(v * cos(radians(a)), v * sin(radians(a)), 0.0) for v in speeds for a in LOCKED_DEG]
     spun = [(v, v * SIDE, v / (1 - s)) for v in speeds for s in SPINNING]

@@ -38,7 +38,7 @@ def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of every tyre on both types of ground. Quick mode: only 20 s."""
+    """Yield checks of every tyre on both types of ground. Quick mode simulates only 20 s."""
     seconds = BRIEFLY_S if m.quick else DURATION_S
     for tyre in tyres():
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):

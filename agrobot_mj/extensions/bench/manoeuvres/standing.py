@@ -91,7 +91,7 @@ def deceleration(m: Trial, s: Scenario) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of machines (start, parking, braking) and of parked tyres. Quick mode: 2 machines, 30 s."""
+    """Yield checks of machines (start, parking, braking) and parked tyres. Quick mode tests 2 machines for 30 s."""
     for machine in QUICK if m.quick else machine_files():
         yield from _machine(m, bare(machine), machine)
     for kind, tyre in families()["plant.tyre"].items():

@@ -169,7 +169,7 @@ def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the valve (every plant) and cylinder (every tyre). Quick mode: only bicycle and `linear`."""
+    """Yield checks of valve (every plant) and cylinder (every tyre). Quick mode tests only the bicycle and `linear`."""
     plants = m.level_plants(only_linear=m.quick)
     for subject, plant, _ in plants:
         yield from identification(m, subject, plant)

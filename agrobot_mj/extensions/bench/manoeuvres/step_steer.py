@@ -156,7 +156,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of steady gain and response for the bicycle and every tyre. Quick mode: shorter runs."""
+    """Yield checks of steady gain and response for the bicycle and every tyre. Quick mode has shorter runs."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)

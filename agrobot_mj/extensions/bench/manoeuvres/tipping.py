@@ -62,7 +62,7 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Ti
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the tipping slope with every tyre. Quick mode: tipping to one side only."""
+    """Yield checks of the tipping slope with every tyre. Quick mode tests tipping to one side only."""
     for tyre in tyres():
         wanted = Tractor(tyre=tyre).tipping_deg
         for left_side_up in (True,) if m.quick else (True, False):

@@ -74,7 +74,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of oscillating loads and of full load cycles. Quick mode: a third of the duration."""
+    """Yield checks of oscillating loads and of full load cycles. Quick mode takes a third of the duration."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])

@@ -96,7 +96,7 @@ LOOPBACK = (127, 0, 0, 1)
 
 
 class Tally(NamedTuple):
-    """Numbers of messages and events that the board has counted."""
+    """Counters of the messages and events of a board."""
 
     steer_data: int = 0
     hellos: int = 0  # Number of hello messages of the communication program

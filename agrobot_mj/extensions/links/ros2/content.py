@@ -91,7 +91,7 @@ class Site(NamedTuple):
 
 
 def site_of(scenario: Scenario) -> Site:
-    """Return the values of a scenario. The geographic origin comes from its guidance or is the default origin."""
+    """Return the `Site` of a scenario. The geographic origin comes from the guidance or is the default origin."""
     tractor, sensors = scenario.tractor, scenario.sensors
     keys = scenario.guidance if isinstance(scenario.guidance, CmdVel | AgOpenGps) else CmdVel()
     gnss, imu, gyro = sensors.gnss, sensors.imu, sensors.gyro
