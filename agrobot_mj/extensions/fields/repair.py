@@ -25,14 +25,15 @@ MOST_FOLDS = 20  # Maximum number of omitted points that fold back
 def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
     """Return a valid polygon for a boundary of points, shape (n, 2) [m], and notes about repairs.
 
-    A boundary that crosses itself is reduced to its largest part. Raise ValueError if this part is much smaller than
-    the enclosed area, or if the ring encloses no area.
+    A boundary that crosses or touches itself is reduced to its largest part. Raise ValueError if the boundary crosses
+    itself and this part is much smaller than the enclosed area, or if the ring encloses no area.
     """
     parts, crossing, notes = _polygons(points, "boundary")
     found = max(parts, key=lambda each: each.area, default=Polygon())
-    filled = [Polygon(part.exterior) for part in parts] if "crosses" in crossing else parts
-    whole = float(shapely.union_all(filled).area)
-    if (lost := whole - found.area) > MOST_LOST * whole:
+    crosses = "crosses" in crossing
+    whole = float(shapely.union_all([Polygon(part.exterior) for part in parts] if crosses else parts).area)
+    lost = whole - found.area
+    if crosses and lost > MOST_LOST * whole:
         raise ValueError(f"{crossing}; its largest part has {found.area:.0f} of {whole:.0f} m2; check these points")
     if crossing:
         notes.append(

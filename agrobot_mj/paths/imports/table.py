@@ -44,7 +44,7 @@ UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mp
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
 """Words in the columns working and direction, and their values."""
 DECIMALS = "write decimal points instead of decimal commas"
-"""Fix for rows with twice the expected number of columns."""
+"""Fix for rows whose numbers are split at decimal commas."""
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
 FEWEST, NEAR_RAD = 5, 0.2
 """Minimum number of rows, and maximum median difference from the direction of the path, of a column of headings."""
@@ -174,8 +174,13 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
 def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
         fix = "write x, y or x, y, speed, or name them in the first row"
-        raise ValueError(f"row {number}: it has {len(cells)} columns; {DECIMALS if len(cells) in (4, 6) else fix}")
+        raise ValueError(f"row {number}: it has {len(cells)} columns; {DECIMALS if _split_decimals(cells) else fix}")
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
+
+
+def _split_decimals(cells: list[str]) -> bool:
+    """Return whether the cells of a row are numbers that are split at decimal commas."""
+    return len(cells) in (4, 6) and all(cell.lstrip("+-").isdecimal() for cell in cells)
 
 
 def _is_number(cell: str) -> bool:
@@ -189,7 +194,7 @@ def _is_number(cell: str) -> bool:
 def _numbers(number: int, cells: list[str], columns: list[TableColumn], width: int) -> list[float]:
     """Return the values of a row in the order of `columns`, or an empty list for a row without a position."""
     if len(cells) < width or any(cells[width:]):
-        fix = DECIMALS if len(cells) == 2 * width else "use the same number"
+        fix = DECIMALS if len(cells) == 2 * width and _split_decimals(cells) else "use the same number"
         raise ValueError(f"row {number}: it has {len(cells)} columns, but others have {width}; {fix}")
     if not any(cells[place] for _, place, _ in columns[:2]):
         return []

@@ -28,6 +28,11 @@ REPAIRED = {
         20_506.4,
         "the boundary crosses itself at (200.8, 100.8) m between points 3-4 and 5-6 and is repaired, without 3.25 m2",
     ),
+    "two areas that touch": (
+        metres([(0, 0), (200, 0), (200, 100), (0, 100), (-80, 180), (-80, 100), (0, 100)]),
+        20_000,
+        "the boundary touches itself at (0.0, 100.0) m and is repaired, without 3200.00 m2 of 23200 m2",
+    ),
     "a line out and back": (
         metres([*RING, (-150, 900)]),
         45_400,
@@ -143,6 +148,8 @@ HOSTILE = {
     ),
     "a hole around": (geojson(feature(degrees(RING), degrees(2 * RING))).encode(), "the holes cover the whole field"),
     "decimal commas": (b"lat,lon\n52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),
+    "six columns": (b"1,2.5,3,4,5,6\n2,2.5,3,4,5,6\n", "it has 6 columns; write x, y or x, y, speed"),
+    "decimal commas without names": (b"52,31,6,72\n52,31,6,73\n", "write decimal points instead of decimal commas"),
     "decimal commas in KML": (
         b"<kml><Placemark><LineString><coordinates>6,72,52,31 6,73,52,31</coordinates></LineString></Placemark></kml>",
         "a position that is not longitude,latitude",
