@@ -50,8 +50,11 @@ def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: Loca
         return _from_degrees(swapped, crs, turned, plane)
     if np.abs(lat).max() > 90 or np.abs(lon).max() > 360:
         raise ValueError("the file has no latitudes and longitudes in degrees; specify its coordinate system with crs")
-    middle = (float(lon.min() + lon.max()) / 2, float(lat.min() + lat.max()) / 2)
-    origin = plane.origin if plane and plane.origin else Origin(round(middle[1], 7), round(middle[0], 7))
+    if plane is not None and plane.origin is not None:
+        origin = plane.origin
+        shapes = [replace(shape, points=_around(origin.longitude, shape.points)) for shape in shapes]
+    else:
+        origin = Origin(round(float(lat.min() + lat.max()) / 2, 7), round(float(lon.min() + lon.max()) / 2, 7))
     moved = [replace(shape, points=local_points(origin, shape.points[:, 1], shape.points[:, 0])) for shape in shapes]
     checked_extent(moved)
     wrapped = Origin(origin.latitude, (origin.longitude + 180) % 360 - 180)
@@ -67,6 +70,11 @@ def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
             replace(shape, points=np.column_stack([shape.points[:, 0] % 360, shape.points[:, 1]])) for shape in shapes
         ]
     return shapes
+
+
+def _around(longitude: float, points: Array) -> Array:
+    """Return points in degrees with longitudes within 180 deg of a given longitude."""
+    return np.column_stack([longitude + (points[:, 0] - longitude + 180) % 360 - 180, points[:, 1]])
 
 
 def _converter(crs: str) -> Callable[[Array], Array]:

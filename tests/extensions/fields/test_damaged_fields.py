@@ -10,7 +10,7 @@ pytest.importorskip("shapely")
 from field_texts import FILES, HOLE, ORIGIN, RING, degrees, feature, field_of, geojson, task_data
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.fields.reading import read_field
+from agrobot_mj.extensions.fields.reading import read_field, read_plan
 
 
 def metres(ring):
@@ -194,6 +194,13 @@ def test_field_across_the_antimeridian_has_one_boundary(tmp_path):
     field = field_of(tmp_path, "fiji.json", json.dumps({"type": "Polygon", "coordinates": [ring]}))
     assert field.boundary.area == pytest.approx(212.98 * 110.65, rel=1e-3)
     assert abs(field.plane.longitude) == pytest.approx(180)
+    for ends in ([179.9992, -179.9992], [179.9998, 179.9992], [-179.9998, -179.9992]):
+        line = json.dumps({"type": "LineString", "coordinates": [[lon, -16.9995] for lon in ends]})
+        (tmp_path / "plan.json").write_text(line)
+        (leg,) = read_plan(tmp_path / "plan.json", field)
+        east = [(lon % 360 - 180) * 106_486 for lon in ends]
+        assert leg.points[:, 0] == pytest.approx(east, rel=1e-3)
+        assert leg.points[:, 1] == pytest.approx([0.0, 0.0], abs=0.1)
 
 
 def test_boundary_with_many_points_is_simplified(tmp_path):
