@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from agrobot_mj.core.geodesy import Origin, to_local
-from agrobot_mj.core.palette import BLACK, LIGHT_GREY, ORANGE, VERMILION
-from agrobot_mj.studies.pages.document import Chart, Document, layout
+from agrobot_mj.core.palette import BLACK, ORANGE, VERMILION
+from agrobot_mj.studies.pages.document import SHADE, Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line, read_signals, run_page
 from agrobot_mj.studies.pages.report import Reports
 
 SMALLEST_M2 = 0.01  # Area below which a gap or an overlap is not drawn in the report [m2]
-COLOURS = {"covered": LIGHT_GREY, "overlapped": ORANGE, "missed": VERMILION}
+COLOURS = {"covered": SHADE, "overlapped": ORANGE, "missed": VERMILION}
 EFFORT = (
     ("energy_wheels_mj", "energy at the driven wheels", "MJ"),
     ("energy_ground_mj", "energy of the wheel forces on the ground", "MJ"),

@@ -191,9 +191,13 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
             f"--headlands {first}: the machine would leave the field by {worst.largest} in its turns; use {remedy}, "
             "or allow it with --beyond"
         )
-    notes = [f"has {count} headland laps instead of {first}, so that the turns stay inside"] if count > first else []
+    notes = (
+        [f"the plan has {count} headland laps instead of {first}, so that the turns stay inside"]
+        if count > first
+        else []
+    )
     if margin:
-        notes.append(f"keeps {margin:.2f} m from the boundary, so that the implement stays inside in the laps")
+        notes.append(f"the plan keeps {margin:.2f} m from the boundary, so that the implement stays inside in the laps")
     return work.plan(field.name, count, margin, notes)
 
 
