@@ -1,7 +1,8 @@
 """Python processes without this package, with kernels as plain Python, that start fast.
 
 They are forked from a server that has imported the libraries of the package, but not the package. Therefore each
-process may use another copy of the package. Plain Python starts in four seconds of processor time instead of one.
+process may use another copy of the package. A separate Python would import the libraries again, which takes three to
+four seconds of processor time.
 """
 
 import atexit

@@ -66,6 +66,11 @@ def program(folder, code, *arguments):
     """Run the text of a program as a file in a folder."""
     file = Path(folder) / "own.py"
     file.write_text(code, encoding="utf-8")
+    return script(folder, file, *arguments)
+
+
+def script(folder, file, *arguments):
+    """Run the program of a file with arguments in a folder."""
     return _done(folder, runpy.run_path, str(file), [str(file), *arguments], None)
 
 

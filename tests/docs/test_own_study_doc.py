@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import bare
+
 import agrobot_mj
 
 TEXT = (Path(__file__).parents[2] / "docs" / "own_study.md").read_text(encoding="utf-8")
@@ -26,18 +28,17 @@ def test_example_study_runs_as_a_command_and_resumes(tmp_path):
     group = group.removeprefix("[project.entry-points.").strip('"]')
     (info / "entry_points.txt").write_text(f"[{group}]\n{line.replace(chr(34), '')}\n")
     keys = ("--set", "plant.kind=bicycle", "--set", "duration_s=1", "--jobs", "1", "--json", "--out", "out")
-    command = [sys.executable, "-m", "agrobot_mj", "speeds", "circle", *keys]
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}:{Path(agrobot_mj.__file__).parents[1]}"}
+    path = {"PYTHONPATH": f"{tmp_path}:{Path(agrobot_mj.__file__).parents[1]}"}
 
     def answer():
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        done = bare.python(tmp_path, "-m", "agrobot_mj", "speeds", "circle", *keys, **path)
         assert done.returncode == 0, done.stderr
         rows = {file: file.stat().st_mtime_ns for file in tmp_path.glob("out/rows/*/*.json")}
         return json.loads(done.stdout), rows
 
     code = "import sys; from agrobot_mj.cli import app; app(['list'], standalone_mode=False); print(*sys.modules)"
     listed = [sys.executable, "-c", code]
-    done = subprocess.run(listed, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    done = subprocess.run(listed, cwd=tmp_path, env=os.environ | path, capture_output=True, text=True, check=True)
     modules = set(done.stdout.splitlines()[-1].split())
     assert "speeds" in modules
     assert not modules & {"numpy", "agrobot_mj.scenario.schema"}

@@ -1,12 +1,11 @@
 """examples/turning_ekf.py: its derivatives, and a run with the example as a plugin."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import command
 from turning_ekf import TurningEkf
 
 ROOT = Path(__file__).parents[2]
@@ -29,16 +28,8 @@ def test_derivatives_equal_finite_differences(mean):
 def test_example_drives_a_circle_as_a_plugin(tmp_path):
     keys = ("estimator.kind=turning_ekf", "guidance.kind=lqr", "plant.kind=bicycle", "duration_s=20")
     plugin = ("--plugin", ROOT / "examples" / "turning_ekf.py", "--no-rrd", "--out", tmp_path / "run")
-    command = [
-        sys.executable,
-        "-m",
-        "agrobot_mj",
-        "run",
-        "circle",
-        *plugin,
-        *(x for key in keys for x in ("--set", key)),
-    ]
-    subprocess.run(list(map(str, command)), check=True, capture_output=True)
+    done = command(tmp_path, "run", "circle", *plugin, *(x for key in keys for x in ("--set", key)))
+    assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "run" / "metrics.json").read_text("utf-8"))
     assert metrics["xte_estimator_rms"] < 0.02
     assert 0.2 < metrics["position_nees"] < 8.0

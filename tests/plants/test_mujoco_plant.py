@@ -3,11 +3,9 @@ bicycle, rolling over, and the numerics (step size, determinism, compiled agains
 """
 
 import json
-import os
-import subprocess
-import sys
 from math import atan, degrees, radians
 
+import bare
 import numpy as np
 import pytest
 
@@ -462,12 +460,12 @@ answers = [run(tyre()) for tyre in every(Tyre) if tyre().judged]
 """
 
 
-def test_uncompiled_tick_equals_the_compiled_kernel():
+def test_uncompiled_tick_equals_the_compiled_kernel(tmp_path):
     here = {}
     exec(UNCOMPILED, here)
     script = UNCOMPILED + "print(json.dumps([numba.config.DISABLE_JIT, answers]))"
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    there = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    there = bare.python(tmp_path, "-c", script)
+    assert there.returncode == 0, there.stderr
     disabled, answers = json.loads(there.stdout)
     assert disabled
     assert np.array(answers) == pytest.approx(np.array(here["answers"]), rel=1e-9, abs=1e-9)

@@ -1,11 +1,9 @@
 """The kernels are plain Python underneath: uncompiled they compute the same run, on every ground, load and stack."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
+import bare
 import numpy as np
 import pytest
 
@@ -42,9 +40,8 @@ for name, more in CASES.items():
 def test_every_compiled_kernel_equals_plain_python():
     here = {}
     exec(RUNS, here)
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(ROOT)}
     script = f"{RUNS}\nprint(json.dumps([numba.config.DISABLE_JIT, answers]))"
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
+    done = bare.python(ROOT, "-c", script)
     assert done.returncode == 0, done.stderr
     disabled, there = json.loads(done.stdout)
     assert disabled

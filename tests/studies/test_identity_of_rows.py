@@ -3,13 +3,13 @@
 import json
 import os
 import shutil
-import subprocess
 import sys
 import tomllib
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import bare
 import processes
 import pyarrow.parquet as pq
 import pytest
@@ -239,7 +239,6 @@ def test_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
     written(tmp_path, helping_py="ANGLE = 0.03\n")
     written(tmp_path, plug_py="from helping import ANGLE\n" + LAW.format(angle="ANGLE"))
     kind = "installed" if edited.startswith("parts") else "bent"
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path / 'site'}:{EXAMPLES.parent}"}
     text = 'base = "straight_line"\n[set]\nduration_s = 1\n"plant.kind" = "bicycle"\n'
     written(tmp_path, s_toml=f'{text}"guidance.kind" = "{kind}"\n')
 
@@ -249,8 +248,8 @@ def test_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
         if kind == "bent":
             done = processes.command(tmp_path, *command, before=partial(import_from, str(tmp_path)))
         else:  # the server has looked for installed plugins already
-            python = [sys.executable, "-m", "agrobot_mj", *command]
-            done = subprocess.run(python, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+            path = f"{tmp_path / 'site'}:{EXAMPLES.parent}"
+            done = bare.python(tmp_path, "-m", "agrobot_mj", *command, PYTHONPATH=path)
         assert done.returncode == 0, done.stderr
         return done.stderr, pq.read_table(tmp_path / "out" / "sweep.parquet")["lateral_abs_p95"].to_pylist()
 

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from processes import program
 
 pytest.importorskip("gymnasium", reason="needs gymnasium; pip install agrobot-mj[gym]")
 
@@ -25,8 +26,8 @@ def python(code):
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_programs_on_the_page_run_in_order():
-    done = python("\n".join(PROGRAMS))
+def test_programs_on_the_page_run_in_order(tmp_path):
+    done = program(tmp_path, "\n".join(PROGRAMS))
     assert (done.returncode, done.stderr) == (0, "")
     driven, drawn, shape = done.stdout.splitlines()
     assert re.fullmatch(r"completed 0\.\d+", driven)

@@ -93,10 +93,10 @@ def test_required_number_of_runs_is_the_smallest_sufficient_one(reliability, con
 def test_error_rate_of_certain_results_is_within_the_confidence_level(reliability, seeds):
     """Laws of one reliability at all values, 500 values each: 10 % are the promise at a reliability of 80 %."""
     wrong = values = 0
+    question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=seeds, tolerance=9.0)
+    condition = Condition(question.until, METRICS)
     for first in range(100):
         scenario = SCENARIO.changed({"seed": 1000 * first})
-        question = Question(KEY, 0.0, 4.0, "lateral_rms > 0.3", seeds=seeds, tolerance=9.0)
-        condition = Condition(question.until, METRICS)
         found = find_limit("law", scenario, question, condition, machine(lambda v: reliability), lambda tried: None)
         values += len(found.tried)
         wrong += sum(t.certain and t.holds != (reliability >= 0.8) for t in found.tried)
