@@ -487,7 +487,7 @@ def until(condition, seconds):
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.slow), signal.SIGINT])
 def test_interrupted_comparison_leaves_no_process(number):
     """Days of driving lie before it, and further runs behind those where there are few processors."""
-    arguments = ["--controllers", "pd", "--plants", "mujoco", "--seeds", "4", "--set", "duration_s=80000"]
+    arguments = ["--controllers", "pd", "--plants", "bicycle", "--seeds", "4", "--set", "duration_s=80000"]
     command = [sys.executable, "-m", "agrobot_mj", "compare", "circle", *arguments, "--out", "cmp"]
     Path("scratch").mkdir()
     environment = {**os.environ, "PYTHONPATH": str(Path(cli.__file__).parents[2]), "TMPDIR": "scratch"}

@@ -17,7 +17,7 @@ from agrobot_mj.scenario.loading import load_scenario
 UTILITY = load_scenario("straight_line", {"machine": "utility", "tractor.wheelbase_m": WHEELBASE_M})
 
 
-@pytest.mark.parametrize("share", [0.3, 0.45])
+@pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.45])
 def test_log_with_randomly_repeated_headings_is_calibrated(share):
     columns = field_log(path(duration=40.0), every=1)
     repeated = np.random.default_rng(4).random(len(columns["t"])) < share

@@ -88,8 +88,11 @@ def test_required_number_of_runs_is_the_smallest_sufficient_one(reliability, con
     assert n == 1 or sequential_interval(n - 1, n - 1, confidence)[0] < reliability
 
 
-@pytest.mark.parametrize("reliability", [0.7, 0.75, 0.8, 0.85, 0.9])
-@pytest.mark.parametrize("seeds", [SHOWN_RUNS, 26])
+RELIABILITIES = (0.7, 0.75, 0.8, 0.85, 0.9)
+LONG = [pytest.param(26, each, marks=() if each == 0.8 else pytest.mark.slow) for each in RELIABILITIES]
+
+
+@pytest.mark.parametrize(("seeds", "reliability"), [*((SHOWN_RUNS, each) for each in RELIABILITIES), *LONG])
 def test_error_rate_of_certain_results_is_within_the_confidence_level(reliability, seeds):
     """Laws of one reliability at all values, 500 values each: 10 % are the promise at a reliability of 80 %."""
     wrong = values = 0

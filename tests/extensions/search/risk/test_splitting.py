@@ -106,7 +106,7 @@ def test_reference_probabilities_agree_with_theory():
 
 
 @pytest.mark.parametrize("process", SHORT, ids=["whole steps", "normal steps"])
-@pytest.mark.parametrize(("n", "worst"), [(2, 1), (4, 1), (20, 5)])
+@pytest.mark.parametrize(("n", "worst"), [(2, 1), (4, 1), pytest.param(20, 5, marks=pytest.mark.slow)])
 def test_splitting_estimate_is_unbiased_for_few_paths(process, n, worst):
     mean, error = means(process, n, worst, 1000)
     assert error < 0.15 * process.exact
