@@ -120,13 +120,13 @@ def test_release_states_the_url_of_its_repository(tmp_path):
 
 @pytest.fixture(scope="module")
 def image(tmp_path_factory):
-    """Return the files of the checkout that are in the image."""
+    """Return the files of the checkout that are in the image, with bytecode, which otherwise is compiled again."""
     folder = tmp_path_factory.mktemp("image")
     for name in IN_IMAGE:
         source, target = ROOT / name, folder / name
         target.parent.mkdir(parents=True, exist_ok=True)
         if source.is_dir():
-            shutil.copytree(source, target, ignore=shutil.ignore_patterns("__pycache__", "*.nb?"))
+            shutil.copytree(source, target, ignore=shutil.ignore_patterns("*.nb?"))
         else:
             shutil.copy(source, target)
     return folder
@@ -151,7 +151,7 @@ def test_docker_image_installs_and_runs_its_demo(image, demo):
     done = subprocess.run(install, cwd=image, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     (drive,) = (line for line in demo.splitlines() if " -m agrobot_mj " in line)
-    short = f"{drive.partition(';')[0]} --set duration_s=0.2 --no-rrd --jobs 1 --quiet"
+    short = f"{drive.partition(';')[0]} --set duration_s=0.2 --set physics=fast --no-rrd --jobs 1 --quiet"
     plain = environment | {"NUMBA_DISABLE_JIT": "1"}  # else the kernels are compiled for this folder
     subprocess.run(short, shell=True, cwd=image, env=plain, capture_output=True, check=True)
     (folder,) = re.findall(r"--out ([^\s;]+)", drive)
