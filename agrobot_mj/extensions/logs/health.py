@@ -7,7 +7,7 @@ sensor has slipped.
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from math import degrees, hypot, sqrt
+from math import degrees, hypot, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,15 @@ from agrobot_mj.extensions.logs.pieces import SHORTEST_S, Bursts, bursts
 from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import scatter
-from agrobot_mj.extensions.logs.steering import LEAST_SAMPLES, RoughSteering, centre_of, line_of, turning, two_sided
+from agrobot_mj.extensions.logs.steering import (
+    BLOCKS,
+    LEAST_SAMPLES,
+    RoughSteering,
+    centre_of,
+    line_of,
+    turning,
+    two_sided,
+)
 
 WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
 PART_S, MOST_PARTS = 15.0, 6
@@ -41,6 +49,7 @@ class CentrePart(NamedTuple):
     start: float
     end: float
     centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
+    error: float  # Standard error of the centre, from its scatter over blocks of the part [unit of the sensor]
 
 
 class LogHealth(NamedTuple):
@@ -87,11 +96,22 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
     borders = [int(each) for each in np.linspace(0, len(seen.t) - 1, max(number, 1) + 1)]
     parts = []
     for a, b in pairwise(borders):
-        start, end = float(seen.t[a]), float(seen.t[b])
-        part = recording._replace(yaw_rate=recording.yaw_rate.between(start, end))
-        if (centre := centre_of([part], WHEELBASE_M, rough)) is not None:
-            parts.append(CentrePart(start, end, centre))
+        times = [float(seen.t[k]) for k in np.linspace(a, b, BLOCKS + 1).astype(int)]
+        blocks = list(_centres(recording, times, rough))
+        error = float(np.std(blocks, ddof=1)) / sqrt(len(blocks)) if len(blocks) > 1 else inf
+        parts += [
+            CentrePart(times[0], times[-1], centre, error) for centre in _centres(recording, times[::BLOCKS], rough)
+        ]
     return rough, tuple(parts)
+
+
+def _centres(recording: FieldRecording, times: Sequence[float], rough: RoughSteering) -> Iterator[float]:
+    """Yield the steering centre in each interval between `times` [s] that has samples."""
+    assert recording.yaw_rate is not None
+    for span in pairwise(times):
+        part = recording._replace(yaw_rate=recording.yaw_rate.between(*span))
+        if (centre := centre_of([part], WHEELBASE_M, rough)) is not None:
+            yield centre
 
 
 def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
@@ -178,9 +198,10 @@ def _of_steering(h: LogHealth, steering: RoughSteering, m: SteerColumn) -> Itera
     per_reading = degrees(abs(steering.scale))
     digits, centres = _digits(per_reading), [part.centre for part in h.parts]
     middle, moved = h.centre, max(centres) - min(centres)
+    least, most = (by(h.parts, key=lambda part: part.centre) for by in (min, max))
     where = ", ".join(f"{each.centre:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
     yield f"the steering explains {share:.0f} % of the yaw rate; steering centre: {where}"
-    if per_reading * moved > MOVED_DEG:
+    if per_reading * (moved - SIGMAS * hypot(least.error, most.error)) > MOVED_DEG:
         yield f"the steering centre moves by {moved:.{digits}f} within this log; check whether the sensor is loose"
     elif (
         m.unit != "1/m"

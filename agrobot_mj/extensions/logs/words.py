@@ -1,7 +1,7 @@
 """Sentences about results of a log analysis: calibration, identification, replay and twin."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from math import atan, degrees, sin, tan
+from math import degrees, sin, tan
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,9 @@ def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     elif "offset" not in c.steer.model_fields_set:
         yield f"The steering centre is about {centre.text}{_unit(c)}."
     elif not centre.excludes(given):
-        yield f"The steering centre in the map agrees with the log: {centre.text}{_unit(c)}."
+        low, high = centre.ends
+        text = f"{centre.text}{_unit(c)} ({low} to {high})"
+        yield f"The steering centre of {given:g} in the map agrees with the log: {text}."
     else:
         turned = c.heading_error if c.heading_error is not None else 0.0
         left = tan(off) * LOOKAHEAD_M**2 / (2 * tractor.wheelbase_m) - LOOKAHEAD_M * sin(turned)
@@ -247,8 +249,8 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
             f"{mean:.2f} m/s; plant.kind = bicycle follows it exactly"
         )
     yield from _way_doubts(m["position"])
-    if (rate := m["yaw_rate"]) and rate["source"] == "heading" and mean:
-        off = degrees(atan(tractor.wheelbase_m * rate["bias"] / mean))
+    if (rate := m["yaw_rate"]) and rate["source"] == "heading":
+        off = degrees(rate["steer_error"])
         if abs(off) > MOVED_DEG:
             side = "right" if off > 0 else "left"
             yield (

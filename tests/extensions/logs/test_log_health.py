@@ -53,6 +53,15 @@ def test_steering_centre_that_moves_within_a_log_is_reported():
     assert float(told.split("moves by ")[1].split()[0]) == pytest.approx(20, abs=2)
 
 
+def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
+    """Positions of a receiver without a heading: the centres of the parts differ by noise alone."""
+    columns = field_log(DRIVEN, counts=counts_about(432), heading=False, noise_m=0.08, every=10)
+    (told,) = [line for line in lines_of(columns) if "steering centre: " in line]
+    centres = [float(part.split()[0]) for part in told.split("centre: ")[1].split("), ")]
+    assert SCALE * np.ptp(centres) > 1.0
+    assert not any("moves by" in line for line in lines_of(columns))
+
+
 def test_steering_centre_that_moves_between_two_logs_is_reported():
     logs = [pa.table(field_log(DRIVEN, counts=counts_about(centre), seed=centre)) for centre in (432, 452)]
     log_map = field_map(field_log(DRIVEN), steer={"scale": SCALE})
@@ -63,8 +72,9 @@ def test_steering_centre_that_moves_between_two_logs_is_reported():
     assert not any("has moved" in line for line in health_lines([logs[0], logs[0]], log_map))
 
 
-def test_replay_reports_the_offset_of_the_steering_centre():
-    columns = field_log(path(duration=40.0), counts=counts_about(432))
+@pytest.mark.parametrize("reverse", [[], [(12.0, 30.0)]])
+def test_replay_reports_the_offset_of_the_steering_centre(reverse):
+    columns = field_log(path(duration=40.0, reverse=reverse), counts=counts_about(432), signed=True)
     steer = {"offset": 412, "scale": SCALE}
     found = replay([pa.table(columns)], field_map(columns, steer=steer), BICYCLE)
     (told,) = [line for line in doubts(found, BICYCLE.tractor) if "whether the steering sensor has moved" in line]

@@ -6,7 +6,7 @@ track by rigid motions, which separates errors of the plant from errors of the i
 """
 
 from collections.abc import Iterator, Sequence
-from math import isfinite, nan
+from math import atan, isfinite, nan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -148,11 +148,13 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
         if recording.steer is not None
     ]
     off, spread = model - value, float(np.var(value))
+    u = np.concatenate([_speed(recording, seen.t) for seen, recording, _ in pairs])
     return {
         "source": pairs[0][1].yaw_rate_source,
         "samples": len(value),
         "recorded_rms": _rms(value),
         "bias": float(off.mean()),
+        "steer_error": atan(wheelbase * float(off @ u) / float(u @ u)),
         "rms": _rms(off),
         "rms_without_bias": float(np.std(off)),
         "kinematic_rms_without_bias": float(np.std(np.concatenate(slipless))) if slipless else None,
