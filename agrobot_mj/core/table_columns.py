@@ -243,7 +243,7 @@ def _described(kind: pa.DataType, cells: pa.ChunkedArray) -> str:
         row, sample = next((word for word in words if not NUMBER.fullmatch(word[1])), words[0] if words else (1, ""))
         if re.fullmatch(r"[+-]?\d+,\d+", sample):
             return f"decimal commas ({sample!r}); write decimal points"
-        return f"text ({sample[:20]!r} in row {row}), not numbers; export it as numbers or specify another column"
+        return f"text ({sample[:20]!r} in row {row}), not numbers; remove that row or specify another column"
     return f"{kind}, not numbers; export one number per row or specify another column"
 
 

@@ -93,7 +93,7 @@ def twin(
     folder, scenario = _folder(out, chosen, logs[0]), _scenario(logs[0], sets)
     options = {"names": names(fitted, "--fit"), "share": share, "start_s": start, "end_s": end, "by": by}
     job = Job(logs, map_file, scenario, **options)
-    lines = [] if chosen == ["valve"] else job.health()
+    lines = [] if chosen == ["valve"] else list(job.health)
     try:
         found = analyse(parts, job, folder)
     except FieldLogError as error:

@@ -53,8 +53,9 @@ class Job:
             raise ScenarioError(f"{other[0]}: the columns differ from those of {self.logs[0]}; {more}")
         return [loaded(each.source) for each in found], maps[0]
 
+    @cached_property
     def health(self) -> list[str]:
-        """Return sentences about properties of the logs. Without a wheel angle, the list is empty."""
+        """Sentences about properties of the logs. Without a wheel angle, the list is empty."""
         sources, log_map = self.opened
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
@@ -219,7 +220,7 @@ def whole(job: Job) -> Finding:
         "held_out": found.held_out.metrics,
         "notes": list(found.calibration.pieces.notes),
     }
-    return Finding(twin_sentences(found), content, lambda folder: write_twin(found, folder))
+    return Finding(twin_sentences(found), content, lambda folder: write_twin(found, job.health, folder))
 
 
 PARTS = {

@@ -17,18 +17,17 @@ from agrobot_mj.studies.pages.document import Chart, Document, layout
 from agrobot_mj.studies.pages.drive import line
 
 
-def page(t: Twin) -> Document:
-    """Return the report page of a twin."""
+def page(t: Twin, health: Sequence[str]) -> Document:
+    """Return the report page of a twin, with sentences about the `health` of its logs."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",
         f"plant {t.scenario.plant.kind}",
         f"identity {t.identity}",
-        *c.pieces.notes,
     ]
     found = Document(f"Twin of {t.name}", facts)
     found.section("Summary")
-    for text in twin_sentences(t):
+    for text in [*health, *twin_sentences(t)]:
         found.text(text)
     found.section(
         "Evaluation on held-out data",
@@ -99,8 +98,8 @@ REPORT = "report.html"
 FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")  # Files of a twin, in addition to `twin.json`
 
 
-def write_twin(t: Twin, folder: Path) -> None:
+def write_twin(t: Twin, health: Sequence[str], folder: Path) -> None:
     """Write all files to `folder`. Raises `ScenarioError` before writing if plotly is not installed."""
-    page(t).write(folder / REPORT)
+    page(t, health).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         write_text(folder / name, text)
