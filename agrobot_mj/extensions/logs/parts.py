@@ -32,7 +32,7 @@ from agrobot_mj.extensions.logs.words import (
     vehicle_sentences,
 )
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.results import results, write_json, write_text
+from agrobot_mj.simulation.results import remove, results, write_json, write_text
 
 
 class Job:
@@ -97,6 +97,8 @@ def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict
             if folder is not None and found[name].content:
                 found[name].write(folder)
                 write_json(folder / part.file, found[name].content)
+            elif folder is not None:
+                remove(folder, (part.file, *part.others(job.scenario)))  # results of other logs would mislead
     return found
 
 
@@ -127,7 +129,7 @@ def vehicle(job: Job) -> Finding:
     except TooLittleError as error:
         lesser = calibrate(sources, log_map, scenario, options["start_s"], options["end_s"])
         lines, more = _calibration(lesser, scenario, "").lines, advice(lesser.pieces.kept, ["cornering_stiffness"])
-        return Finding([str(error), "Results that this log supports:", *lines, *more])
+        return Finding(["Results that this log supports:", *lines, *more], failed=str(error))
     except NothingExplainedError as error:
         return Finding((), failed=str(error))
     content = {"identity": job.identity("names", "share"), **found._asdict(), "found": quantity_numbers(found.found)}

@@ -201,10 +201,15 @@ def test_swapped_axes_that_mirror_the_steering_are_reported(log):
 
 
 def test_short_log_calibrates_sensors_without_identifying_stiffness(log, tmp_path, call):
-    pq.write_table(log.signals.slice(0, 500), tmp_path / "short.parquet")
-    status, out, err = call("twin", "--only", "identify", "short.parquet", "--set", "plant.kind=bicycle")
-    assert (status, err) == (0, "")
-    assert "complete windows of 5 s in motion" in out
+    arguments = "twin", "--only", "identify", "log.parquet", "--set", "plant.kind=bicycle", "--out", "found"
+    pq.write_table(log.signals, tmp_path / "log.parquet")
+    assert call(*arguments)[0] == 0
+    assert (tmp_path / "found" / "vehicle.json").exists()
+    pq.write_table(log.signals.slice(0, 500), tmp_path / "log.parquet")
+    status, out, err = call(*arguments)
+    assert (status, out.count("vehicle.json")) == (1, 0)
+    assert not (tmp_path / "found" / "vehicle.json").exists()
+    assert "complete windows of 5 s in motion" in err
     assert "Results that this log supports:" in out
     assert "steer.scale" in out
 
