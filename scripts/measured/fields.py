@@ -34,7 +34,7 @@ from agrobot_mj.extensions.fields.planner.area import inside_laps, whole_of
 from agrobot_mj.extensions.fields.planner.joins import depth_of_turn
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.rig import rig_of
-from agrobot_mj.extensions.fields.planner.swaths import Frame
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.reading import read_field
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
@@ -133,7 +133,7 @@ def turned(drive: Drive) -> Row:
     count, length = drive.size
     body = shapely.box(0, 0, length, count * drive.width)
     field, shape = Field("swaths", body), drive.place
-    log, drove = driven(field, drive, Options(0, shape, frame=Frame(0.0), beyond=BEYOND_M), VALVES[drive.valve])  # type: ignore[arg-type]
+    log, drove = driven(field, drive, Options(0, shape, frame=SwathFrame(0.0), beyond=BEYOND_M), VALVES[drive.valve])  # type: ignore[arg-type]
     row = {**drive._asdict(), "ends": log.outcome, "expected": log.as_expected}
     if log.as_expected:
         turns, found = drove.turns(), areas(drove.coverage)["body"]

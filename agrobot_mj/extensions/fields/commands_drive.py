@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from agrobot_mj.extensions.fields.field import Field
     from agrobot_mj.extensions.fields.plan import Plan
     from agrobot_mj.extensions.fields.planner.rig import FieldMachine
-    from agrobot_mj.extensions.fields.planner.swaths import Frame
+    from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_OVERLAP = 0.5  # Maximum planned overlap of passes divided by the working width [-]
@@ -176,14 +176,14 @@ def _rig(
     return base, rig_of(base, width, overlap)
 
 
-def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> "Frame | None":
+def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> "SwathFrame | None":
     """Return the frame of the swaths, or None for the direction with the fewest swaths."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.planner.contours import contour_frame
-    from agrobot_mj.extensions.fields.planner.swaths import Frame
+    from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 
     if along is None:
-        return None if angle is None else Frame(radians(angle))
+        return None if angle is None else SwathFrame(radians(angle))
     if angle is not None:
         raise ScenarioError(f"--along {along}: --angle is also given; omit one of them")
     return contour_frame(field.boundary, base.terrain.ground())
@@ -195,7 +195,7 @@ def _plan(
     headlands: int | None,
     turn: Any,
     order: str,
-    frame: "Frame | None",
+    frame: "SwathFrame | None",
     sections: int,
     beyond: float,
 ) -> "Plan":

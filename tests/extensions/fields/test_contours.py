@@ -11,7 +11,7 @@ from agrobot_mj.extensions.fields.planned import planned_coverage
 from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.extensions.fields.planner.contours import contour_frame
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
-from agrobot_mj.extensions.fields.planner.swaths import Frame, pattern
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame, pattern
 from agrobot_mj.terrain.grid import Ground
 
 SPACING = 1.0
@@ -38,7 +38,7 @@ def test_swaths_are_straight_if_the_top_is_inside_the_field():
 
 @pytest.mark.parametrize("curvature", [0.0, 0.004, -0.004])
 def test_poses_of_a_frame_agree_with_its_stations_and_offsets(curvature):
-    frame = Frame(0.7, curvature, 10.0, -5.0)
+    frame = SwathFrame(0.7, curvature, 10.0, -5.0)
     for station, across in ((0.0, 0.0), (40.0, 30.0), (-60.0, -20.0)):
         pose, ahead = frame.pose(station, across), frame.pose(station + 1e-3, across)
         assert frame.of(np.array([pose[:2]]))[0] == pytest.approx((station, across), abs=1e-9)
@@ -49,7 +49,7 @@ def test_poses_of_a_frame_agree_with_its_stations_and_offsets(curvature):
 
 @pytest.mark.parametrize("curvature", [0.004, -0.004])
 def test_curved_swaths_cover_the_area_without_overlap(curvature):
-    frame, area = Frame(0.1, curvature, 30.0, 20.0), RECTANGLE.boundary
+    frame, area = SwathFrame(0.1, curvature, 30.0, 20.0), RECTANGLE.boundary
     layout = pattern(area, frame, 3.0, 1)
     strips = [
         shapely.Polygon([frame.pose(s, d)[:2] for d, ends in ((a - 1.5, 1), (a + 1.5, -1)) for s in at[::ends]])

@@ -20,7 +20,7 @@ from agrobot_mj.extensions.fields.planner.area import SWING_M, TOLERANCE_M, area
 from agrobot_mj.extensions.fields.planner.joins import _turns, depth_of_turn, join
 from agrobot_mj.extensions.fields.planner.leaving import Leaving
 from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
-from agrobot_mj.extensions.fields.planner.swaths import Frame
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.planner.words import end_of
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.track import chain
@@ -100,12 +100,14 @@ def test_skip_order_of_passes_needs_no_additional_reversals():
 
 
 def test_specified_swath_angle_is_used():
-    assert make_plan(SLANTED, machine(), Options(frame=Frame(np.pi / 2))).angle_deg == 90.0
+    assert make_plan(SLANTED, machine(), Options(frame=SwathFrame(np.pi / 2))).angle_deg == 90.0
 
 
 def test_section_control_reduces_overlap_at_oblique_field_ends():
     rig = machine()
-    one, six = (planned(make_plan(SLANTED, rig, Options(frame=Frame(0.0), sections=n)), SLANTED, n) for n in (1, 6))
+    one, six = (
+        planned(make_plan(SLANTED, rig, Options(frame=SwathFrame(0.0), sections=n)), SLANTED, n) for n in (1, 6)
+    )
     assert six["field"]["overlapped_m2"] < one["field"]["overlapped_m2"] - 5.0
     assert six["body"]["missed_m2"] < one["body"]["missed_m2"] + 0.1
 

@@ -10,7 +10,7 @@ from field_shapes import FIELDS, HOLE, L_SHAPE, RECTANGLE, SLANTED, machine
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.fields.planner.contours import contour_frame
 from agrobot_mj.extensions.fields.planner.laps import lap, offset, rings, smoothed
-from agrobot_mj.extensions.fields.planner.swaths import Frame, best_pattern, ordered, pattern
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame, best_pattern, ordered, pattern
 from agrobot_mj.terrain import Slope
 
 
@@ -35,18 +35,18 @@ def test_swath_angle_of_a_rotated_rectangle_is_its_rotation():
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
 @pytest.mark.parametrize("angle", [0.0, 0.4, 2.0])
 def test_swaths_cover_the_whole_field(field, angle):
-    layout = pattern(field.boundary, Frame(angle), 3.7, 1)
+    layout = pattern(field.boundary, SwathFrame(angle), 3.7, 1)
     assert field.boundary.difference(ground(layout, 3.7)).area < 0.05
 
 
 def test_field_is_divided_into_cells_at_holes_and_inner_corners():
-    assert len(pattern(RECTANGLE.boundary, Frame(0.0), 4.0, 1).cells) == 1
-    assert len(pattern(L_SHAPE.boundary, Frame(pi / 2), 4.0, 1).cells) == 1
-    assert len(pattern(HOLE.boundary, Frame(0.0), 4.0, 1).cells) == 4
+    assert len(pattern(RECTANGLE.boundary, SwathFrame(0.0), 4.0, 1).cells) == 1
+    assert len(pattern(L_SHAPE.boundary, SwathFrame(pi / 2), 4.0, 1).cells) == 1
+    assert len(pattern(HOLE.boundary, SwathFrame(0.0), 4.0, 1).cells) == 4
 
 
 def test_each_section_is_switched_at_its_own_part_of_the_boundary():
-    layout = pattern(SLANTED.boundary, Frame(0.0), 5.0, 5)
+    layout = pattern(SLANTED.boundary, SwathFrame(0.0), 5.0, 5)
     swath = layout.cells[0][0]
     starts, ends = np.array(swath.sections).T
     assert swath.start == starts.min()

@@ -7,7 +7,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from agrobot_mj.core.errors import ScenarioError
-from agrobot_mj.extensions.fields.planner.swaths import Frame
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.terrain.grid import Ground, heights
 
 STATIONS = 40  # Number of evaluated points of the field in each direction
@@ -16,7 +16,7 @@ STRAIGHT_RAD = 0.02  # Change of direction over a field below which its contour 
 TIGHTEST_M = 20.0  # Minimum radius of swaths [m]. Assumed value: followed at working speed by all machines.
 
 
-def contour_frame(area: BaseGeometry, ground: Ground) -> Frame:
+def contour_frame(area: BaseGeometry, ground: Ground) -> SwathFrame:
     """Return the frame of swaths along the contour lines of a field.
 
     Direction and curvature are those of the contour line through the centroid on the quadratic surface fitted to the
@@ -34,12 +34,12 @@ def contour_frame(area: BaseGeometry, ground: Ground) -> Frame:
     slope_x, slope_y, *_ = np.linalg.lstsq(terms[:, :3], z, rcond=None)[0].tolist()
     if hypot(slope_x, slope_y) < LEVEL:
         raise ScenarioError("--along contours: the field is level; set a slope or height map with --set terrain.kind")
-    straight = Frame(float(np.arctan2(slope_y, slope_x) + pi / 2) % pi)
+    straight = SwathFrame(float(np.arctan2(slope_y, slope_x) + pi / 2) % pi)
     gx, gy, _, xx, xy, yy = np.linalg.lstsq(terms, z, rcond=None)[0].tolist()
     if (gradient := hypot(gx, gy)) < LEVEL:
         return straight
     curvature = -(xx * gy**2 - 2 * xy * gx * gy + yy * gx**2) / gradient**3
     if abs(curvature) * hypot(east - west, north - south) < STRAIGHT_RAD:
         return straight
-    frame = Frame(float(np.arctan2(gy, gx) - pi / 2), float(curvature), middle.x, middle.y)
+    frame = SwathFrame(float(np.arctan2(gy, gx) - pi / 2), float(curvature), middle.x, middle.y)
     return frame if area.convex_hull.distance(shapely.Point(frame.centre)) > TIGHTEST_M else straight

@@ -20,7 +20,7 @@ from agrobot_mj.extensions.fields.planner.joins import Shape, join
 from agrobot_mj.extensions.fields.planner.laps import Ring, lap, pieces_of
 from agrobot_mj.extensions.fields.planner.leaving import Leaving, leaving
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
-from agrobot_mj.extensions.fields.planner.swaths import Frame, Pattern, Swath, best_pattern, ordered, pattern
+from agrobot_mj.extensions.fields.planner.swaths import Pattern, Swath, SwathFrame, best_pattern, ordered, pattern
 from agrobot_mj.extensions.fields.planner.words import end_of, length_of, shortest_arcs, straight
 from agrobot_mj.paths.arc import Pose
 from agrobot_mj.paths.headland import half_turn_width
@@ -41,7 +41,7 @@ class Options(NamedTuple):
     headlands: int | None = None  # Number of headland laps. None: two, or more if the turns need more space.
     turn: Shape = "clothoid"  # Preferred turn shape between neighbouring swaths
     order: str = "boustrophedon"  # Order of the swaths of a cell
-    frame: Frame | None = None
+    frame: SwathFrame | None = None
     """Frame of the swaths: their direction and curvature. None: straight in the direction with the fewest swaths."""
     sections: int = 1  # Number of sections of the implement
     beyond: float = 0.0  # Distance by which the machine may extend beyond the field [m]

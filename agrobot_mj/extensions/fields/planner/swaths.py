@@ -41,7 +41,7 @@ class Swath(NamedTuple):
         return self.end - self.start
 
 
-class Frame(NamedTuple):
+class SwathFrame(NamedTuple):
     """Stations along parallel swaths, and offsets to their left: straight lines, or concentric arcs."""
 
     angle: float  # Direction of the swaths at the origin of the frame [rad], counter-clockwise from east
@@ -81,7 +81,7 @@ class Frame(NamedTuple):
 class Pattern(NamedTuple):
     """Parallel swaths that cover an area."""
 
-    frame: Frame  # Frame of the stations and offsets of the swaths
+    frame: SwathFrame  # Frame of the stations and offsets of the swaths
     cells: tuple[tuple[Swath, ...], ...]  # Cells; a cell is a tuple of adjacent swaths from right to left
 
     @property
@@ -97,7 +97,7 @@ class Pattern(NamedTuple):
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
     """Return the pattern with the fewest swaths over the evaluated directions, and the least length among equals."""
-    found = (pattern(area, Frame(angle), width, 1) for angle in _angles(area, width))
+    found = (pattern(area, SwathFrame(angle), width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.frame, width, sections)
 
@@ -113,7 +113,7 @@ def _angles(area: BaseGeometry, width: float) -> list[float]:
     return sorted(angles)
 
 
-def pattern(area: BaseGeometry, frame: Frame, width: float, sections: int) -> Pattern:
+def pattern(area: BaseGeometry, frame: SwathFrame, width: float, sections: int) -> Pattern:
     """Return the swaths of an area along a frame, for a working width [m] and a number of sections."""
     turned = shapely.transform(area.segmentize(EDGE_M) if frame.curvature else area, frame.of)
     west, south, east, north = turned.bounds
