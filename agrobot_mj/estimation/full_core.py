@@ -88,6 +88,8 @@ class Crab(NamedTuple):
 
     mean: float = 0.0  # Mean excess sideslip [rad]
     time: float = 0.0  # Duration of the averaging of `mean` so far [s]
+    late: float = 0.0  # Mean excess sideslip of the last seconds [rad]
+    variance: float = 0.0  # Mean squared difference between `late` and `mean` [rad2]
 
 
 class Core(NamedTuple):

@@ -3,6 +3,7 @@
 On a straight line only the sum of sideslip and mounting error is observable: the course minus the measured heading.
 Sideslip of several degrees does not occur on level ground. If the mean of the sum over `WINDOW_S` exceeds `CRAB` plus
 the effect of the turn offset in a bend, the sum is attributed to the mounting error, which becomes an estimated state.
+The sum of a heading that a faulty receiver repeats is neither constant in bends nor small, and is ignored.
 """
 
 from math import atan2, isfinite, pi, radians
@@ -19,6 +20,11 @@ TURN_OFFSET = 0.5
 """Maximum turn offset [m]; its product with the curvature is added to `CRAB`. Assumed value; 0.35 in deep ruts."""
 WINDOW_S = 5.0
 """Averaging time of the sum of sideslip and mounting error [s]. Assumed value; noise and bumps then cause 0.3 deg."""
+LATE_S = 1.5  # Averaging time that suppresses the oscillation of the antenna on rough ground [s]. Assumed value.
+STEADY, SPREAD = 0.12, radians(3.0)
+"""Maximum standard deviation of the mean over `LATE_S`, divided by the mean over `WINDOW_S` [-], and in itself [rad].
+Assumed values: rough ground causes 1-2 deg; a repeated heading in a bend causes 0.18 of the mean."""
+MOST = radians(30.0)  # Maximum mounting error [rad]. Assumed value: three times `MOUNT_SIGMA`.
 MOUNT_SIGMA = radians(10.0)
 """Initial standard deviation of the mounting error [rad]. Assumed value for antennas aligned by eye."""
 SIGMA = radians(0.5)
@@ -36,7 +42,11 @@ def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
     course = atan2(fix.vy, fix.vx) + (pi if v < 0.0 else 0.0)
     crab = wrap(course - fix.heading + core.mean[MOUNT] + modelled_crab(core.mean, v, side))
     time = min(core.crab.time + dt, WINDOW_S)
-    return Crab(core.crab.mean + (crab - core.crab.mean) * dt / time, time)
+    before = core.crab
+    mean = before.mean + (crab - before.mean) * dt / time
+    late = before.late + (crab - before.late) * dt / min(time, LATE_S)
+    variance = before.variance + ((late - mean) * (late - mean) - before.variance) * dt / time
+    return Crab(mean, time, late, variance)
 
 
 @jit
@@ -50,7 +60,10 @@ def with_mounting(mean: Vector, covariance: Matrix, crab: Crab, bend: float) -> 
     """Return mean, covariance and excess sideslip; add the mounting error as a state if the sideslip is implausible."""
     if crab.time < WINDOW_S or not implausible(crab, bend):
         return mean, covariance, crab
+    spread = min(STEADY * abs(crab.mean), SPREAD)
+    if crab.variance > spread * spread or abs(mean[MOUNT] - crab.mean) > MOST:
+        return mean, covariance, crab
     mean, P = mean.copy(), alone(covariance, PSI, SIGMA)
     mean[PSI] += crab.mean
     mean[MOUNT], mean[BETA] = mean[MOUNT] - crab.mean, 0.0
-    return mean, alone(alone(P, BETA, SIGMA), MOUNT, MOUNT_SIGMA), Crab(0.0, 0.0)
+    return mean, alone(alone(P, BETA, SIGMA), MOUNT, MOUNT_SIGMA), Crab(0.0, 0.0, 0.0, 0.0)

@@ -63,3 +63,27 @@ def test_large_constant_crab_angle_is_attributed_to_antenna_mounting(v):
 )
 def test_small_or_brief_crab_angle_is_not_a_mounting_error(crab_deg, bend, seconds):
     assert straight(radians(crab_deg), bend=bend, seconds=seconds).mean[MOUNT] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("rate_deg_s", "seconds"),
+    [(7.0, 20.0), (2.0, 12.0), (-1.0, 20.0)],
+    ids=["arc", "wide arc", "gentle bend to the right"],
+)
+def test_repeated_heading_in_a_bend_is_not_a_mounting_error(rate_deg_s, seconds):
+    """The course turns while the receiver repeats one heading."""
+    mean = np.zeros(N + 2)
+    mean[V] = 1.5
+    core = Core(mean, np.diag(np.full(N + 2, 1e-4)), search=FOUND)
+    for k in range(round(seconds / TICK_S)):
+        course = radians(rate_deg_s) * k * TICK_S
+        fix = Fix(0.0, 0.0, 1.5 * cos(course), 1.5 * sin(course), heading=0.0)
+        core = core._replace(crab=with_crab(core, fix, SideLoad(), TICK_S))
+        found, _, _ = with_mounting(core.mean, core.covariance, core.crab, 0.0)
+        assert found[MOUNT] == 0.0, k * TICK_S
+
+
+@pytest.mark.parametrize("mounting_deg", [-4.0, 24.0])
+def test_mounting_error_is_estimated_on_rough_ground(mounting_deg):
+    trace = followed("figure_eight", mounting_deg, terrain={"kind": "rough", "iso_class": "D"})
+    assert degrees(abs(np.mean(trace.heading[trace.t > 15.0]))) < 1.0
