@@ -141,7 +141,7 @@ def injected(chance: random.Random) -> str:
         given = {name: getattr(message, name) for name in message._fields if name != "t"}
         changed = chance.choice([name for name, v in given.items() if isinstance(v, float) and isfinite(v)])
         message = message._replace(**{changed: value})
-        return (found[0], message) if stage != "plant" else held(message) if kind == "mujoco" else message
+        return held(message) if stage == "plant" else (found[0], message)
 
     try:
         with patch.object(owner, method, spoilt):
