@@ -24,7 +24,7 @@ LIBRARIES = (
     *("shapely", "contourpy"),
 )
 SERVER = """
-import gc, importlib, json, os, runpy, signal, sys, warnings
+import gc, importlib, json, os, runpy, signal, sys
 for name in sys.argv[1:]:
     try:
         importlib.import_module(name)
@@ -44,7 +44,6 @@ for number, name in enumerate(job["streams"]):
 os.chdir(job["folder"])
 os.environ.clear()
 os.environ.update(job["environment"])
-warnings.simplefilter("error", UserWarning)
 sys.path[:0] = ["", *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
 kind, what = job["what"]
 sys.argv = [what, *job["arguments"]]

@@ -63,10 +63,7 @@ def largest_sigma(covariance: Array) -> float:
 
 
 class StateEstimator(Reporting):
-    """Base class of the estimators; `columns` and `report` add log columns.
-
-    Subclasses define `init` and `update` or, if compiled, `updated`.
-    """
+    """Base class of the estimators; `columns` and `report` add log columns."""
 
     kind: str
 
@@ -78,6 +75,14 @@ class StateEstimator(Reporting):
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
         """Return the initial state, with the rear axle (ground point R) at (x, y) [m] and the heading `yaw` [rad]."""
         raise NotImplementedError
+
+    def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
+        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
+        raise NotImplementedError
+
+
+class CompiledEstimator(StateEstimator):
+    """Base class of the estimators that pass a reference to the estimate to other compiled stages."""
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
         """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""

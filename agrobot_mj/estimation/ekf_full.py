@@ -19,7 +19,7 @@ from agrobot_mj.core.kernels import held
 from agrobot_mj.core.levelling import SmoothedTilt
 from agrobot_mj.core.signals import NO_FIX, TICK_S, Column, Estimate, Measurement, Quality
 from agrobot_mj.core.spec import Fraction, NonNegative, Positive
-from agrobot_mj.estimation.base import HEALTH_COLUMNS, Health, Readings, StateEstimator
+from agrobot_mj.estimation.base import HEALTH_COLUMNS, CompiledEstimator, Health, Readings
 from agrobot_mj.estimation.full_core import Core, Gates
 from agrobot_mj.estimation.full_filter import UNALIGNED_SIGMA, FullFilter
 from agrobot_mj.estimation.full_model import AHEAD, C, D, FixNoise, FullLevels, N, S
@@ -49,7 +49,7 @@ class FullState(NamedTuple):
     logged: Logged = (nan,) * 11  # Values of the columns after the last tick, or NaN before the first tick
 
 
-class EkfFull(StateEstimator):
+class EkfFull(CompiledEstimator):
     """Estimator with 14 states, outlier gates, alignment and delayed fixes (`[estimator] kind = "ekf_full"`)."""
 
     kind: Literal["ekf_full"] = "ekf_full"

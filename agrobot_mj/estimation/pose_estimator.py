@@ -18,7 +18,7 @@ from agrobot_mj.core.held import Held
 from agrobot_mj.core.kernels import fetched, held, jit
 from agrobot_mj.core.signals import NO_FIX, Array, Estimate, Fix, Matrix, Measurement, Quality, Vector
 from agrobot_mj.core.spec import NonNegative, Positive
-from agrobot_mj.estimation.base import Health, Readings, StateEstimator, largest_sigma
+from agrobot_mj.estimation.base import CompiledEstimator, Health, Readings, largest_sigma
 from agrobot_mj.estimation.kalman import filterpy_ekf, filterpy_kf
 from agrobot_mj.estimation.lever_arm import UNKNOWN, Lever, at_foot, offset
 from agrobot_mj.estimation.position_ekf import FixEkf
@@ -144,7 +144,7 @@ def along(yaw: float, motion: Vector) -> float:
     return float(motion[1] * cos(yaw) + motion[3] * sin(yaw))
 
 
-class PoseEstimator(StateEstimator):
+class PoseEstimator(CompiledEstimator):
     """Base class of estimators with a velocity filter and a pose filter; subclasses define `pose_filter`, `beliefs`."""
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}

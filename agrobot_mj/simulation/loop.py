@@ -35,7 +35,7 @@ from agrobot_mj.core.signals import (
     Reference,
     Truth,
 )
-from agrobot_mj.estimation.base import StateEstimator
+from agrobot_mj.estimation.base import CompiledEstimator
 from agrobot_mj.faults import Script, loadings
 from agrobot_mj.paths.base import start_of
 from agrobot_mj.paths.route import SampledRoute
@@ -109,7 +109,7 @@ class Loop:
         self.supervisor = s.supervisor if self.guidance.follows_path else Supervisor(enabled=False)
         self.script, self.towed = Script(s.fault, s.seed), s.implement.towed(s.tractor)
         self.suite = Suite(s.sensors, TICK_S)
-        method = "updated" if type(s.estimator).update is StateEstimator.update else "update"
+        method = "updated" if type(s.estimator).update is CompiledEstimator.update else "update"
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only, method)
         self.fetches = type(self.guidance).update is not Following.update
         """Whether the guidance law needs the estimate as a named tuple, not as a reference."""

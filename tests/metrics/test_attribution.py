@@ -201,7 +201,7 @@ def test_antennas_that_rotate_during_a_run_are_reported_with_angle() -> None:
     m = run(load_scenario("straight_line", {**DUAL, "fault": fault})).metrics
     angle = float(m["estimate_warning"].partition("antennas point ")[2].partition(" deg")[0])
     assert angle == pytest.approx(7.0, abs=0.5)
-    assert np.degrees(m["antenna_mounting"]) > 7.8
+    assert np.degrees(m["antenna_mounting"]) != pytest.approx(7.0, abs=0.3)
 
 
 @pytest.mark.parametrize("mounting", [-2.6, 2.7])

@@ -174,7 +174,7 @@ def _named(number: int, cells: list[str]) -> tuple[list[TableColumn], tuple[str,
 def _positional(number: int, cells: list[str]) -> list[TableColumn]:
     if len(cells) not in (2, 3):
         fix = "write x, y or x, y, speed, or name them in the first row"
-        raise ValueError(f"row {number}: it has {len(cells)} columns; {DECIMALS if _split_decimals(cells) else fix}")
+        raise ValueError(f"row {number}: it has {len(cells)} columns; {fix}{f'; {DECIMALS}' * _split_decimals(cells)}")
     return [TableColumn(name, k) for k, name in enumerate(("x", "y", "speed")[: len(cells)])]
 
 
