@@ -99,7 +99,7 @@ def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str],
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root
-    tags: dict[str, type[Spec]] = {}
+    tags: Mapping[str, type[Spec]] = {}
     for step in loc:
         if isinstance(step, int):
             keys[-1] += f"[{step}]"
@@ -113,6 +113,6 @@ def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str],
         owner = following
         keys.append(shortened(str(step)))
         data = data.get(step) if isinstance(data, Mapping) else None
-        tags = dict(members(owner.model_fields[step].annotation)) if owner and step in owner.model_fields else {}
+        tags = members(owner.model_fields[step].annotation) if owner and step in owner.model_fields else {}
         following = next(iter(tags.values())) if len(tags) == 1 else None
     return keys, owner

@@ -6,7 +6,7 @@ ground under the wheels on exactly followed passes. The track of a wheel has the
 counts once, and only if it is outside the tramlines. Wheels of the implement are not counted.
 """
 
-from math import ceil, cos, floor, radians, sin
+from math import ceil, floor, radians
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.boom import ImplementMotion, swept
 from agrobot_mj.extensions.fields.plan import Plan
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
+from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.simulation.log import Log
 
@@ -46,18 +47,16 @@ def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> Cro
 
 def lines_of(rows: CropRows, plan: Plan, body: BaseGeometry) -> Array:
     """Return the crop rows on the body of a field as lines, shape (n,)."""
-    c, s = cos(radians(rows.angle_deg)), sin(radians(rows.angle_deg))
-    x, y, _ = plan.course.joints()
+    frame, (x, y, _) = SwathFrame(radians(rows.angle_deg)), plan.course.joints()
     first = next((one for one in plan.passes if one.part == "body"), None)
     if first is None or body.is_empty:
         return np.empty(0, object)
     k = int(np.searchsorted(plan.course.distances(), first.start, "right")) - 1
-    edge = -s * x[k] + c * y[k] - plan.width / 2 + rows.spacing / 2
-    corners = shapely.get_coordinates(body)
-    along, across = corners @ [c, s], corners @ [-s, c]
+    edge = frame.of(np.array([[x[k], y[k]]]))[0, 1] - plan.width / 2 + rows.spacing / 2
+    along, across = frame.of(shapely.get_coordinates(body)).T
     numbers = range(ceil((across.min() - edge) / rows.spacing), floor((across.max() - edge) / rows.spacing) + 1)
-    ends = np.array([[(a, edge + n * rows.spacing) for a in (along.min(), along.max())] for n in numbers])
-    found: Array = shapely.intersection(shapely.linestrings(ends.reshape(-1, 2, 2) @ [[c, s], [-s, c]]), body)
+    ends = [[frame.pose(a, edge + n * rows.spacing)[:2] for a in (along.min(), along.max())] for n in numbers]
+    found: Array = shapely.intersection(shapely.linestrings(np.array(ends).reshape(-1, 2, 2)), body)
     return found
 
 

@@ -1,7 +1,7 @@
 """Command-line options of field work."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -36,16 +36,13 @@ Beyond = Annotated[
 ]
 Turn = Annotated[Literal["omega", "bulb", "clothoid", "k"], typer.Option(help=f"Preferred turn ({PAGE}).")]
 Order = Annotated[Literal["boustrophedon", "skip"], typer.Option(help="Order of the swaths.")]
-Angle = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DEG",
-        min=-360,
-        max=360,
-        callback=finite,
-        help="Direction of the swaths, from east. Default: fewest swaths.",
-    ),
-]
+
+
+def _direction(text: str) -> Any:
+    return typer.Option(metavar="DEG", min=-360, max=360, callback=finite, help=text)
+
+
+Angle = Annotated[float | None, _direction("Direction of the swaths, from east. Default: fewest swaths.")]
 Along = Annotated[
     Literal["contours"] | None,
     typer.Option(help="Swaths along the contour lines of the terrain, straight or as arcs."),
@@ -64,16 +61,7 @@ Price = Annotated[
 RowSpacing = Annotated[
     float | None, typer.Option(min=0.05, max=5, callback=finite, help="Distance between crop rows [m].")
 ]
-RowAngle = Annotated[
-    float | None,
-    typer.Option(
-        metavar="DEG",
-        min=-360,
-        max=360,
-        callback=finite,
-        help="Direction of crop rows, from east. Default: along the swaths.",
-    ),
-]
+RowAngle = Annotated[float | None, _direction("Direction of crop rows, from east. Default: along the swaths.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Continue the interrupted drive with the same options.")]
 Sections = Annotated[int, typer.Option(min=1, max=200, help="Number of sections of the implement.")]
 Delay = Annotated[float, typer.Option(min=0, max=10, callback=finite, help="Switching delay of a section [s].")]
