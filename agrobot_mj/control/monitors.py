@@ -112,7 +112,7 @@ class SupervisorLimits(Reporting):
     """Maximum estimated cross-track error [m]; a larger initial error may decrease first. Assumed value (0.5-3): less
     than the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Maximum time [s] without an approach to a path at a distance above `max_cross_track_m`. Assumed value (10-60)."""
+    """Maximum time [s] without coming closer to a path farther away than `max_cross_track_m`. Assumed value (10-60)."""
     max_nis: Positive = 120.0
     """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): the mean is 2 for
     a consistent filter and 85 across 3 cm ridges at 2.5 m/s; wrong fixes, limited to 200 each, give 126 after 5 s."""

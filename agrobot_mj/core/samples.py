@@ -13,7 +13,7 @@ STEP_M = 0.05  # Spacing of the samples [m]
 WINDOW_M = 4.0  # Half-width of the search window around the given arc length [m]
 ROUNDING_M = 1e-6  # Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]
 BEND = 1.4
-"""Maximum heading change of the path [rad] from the middle of the search window to each end, below a right angle."""
+"""Maximum heading change of the path [rad] between the middle and each end of the search window; less than 90 deg."""
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)  # Column numbers of the sample array, as in `Sample`
 
 

@@ -38,7 +38,7 @@ ABSURD_STEER = radians(90.0)
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
 """Exception types that arithmetic with numbers that are not finite may raise."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Parts of ValueError messages that identify arithmetic with numbers that are not finite."""
+"""Parts of the messages of ValueError that indicate an operand of NaN or infinity."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """Maximum plausible distance from the origin [m] and speed [m/s] of a fix: a quarter of the equator, and Mach 3."""

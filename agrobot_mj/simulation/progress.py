@@ -51,7 +51,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count finished tasks. `expected`: they ended as expected; `there`: their results already existed."""
+        """Count finished tasks: whether they ended as `expected`, and whether their results were already `there`."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected

@@ -112,7 +112,7 @@ def network_columns(columns: Sequence[str]) -> list[str]:
 
 
 class Firing:
-    """Sender of the heat maps of rule firing strengths to the recording, for runs with a network."""
+    """Recorder of the heat maps of rule firing strengths, for runs with a network."""
 
     def __init__(self, rows: Rows) -> None:
         self.rows, columns = rows, rows.columns

@@ -1,4 +1,4 @@
-"""Sender of the plots of a run to the recording, as defined by `catalogue`.
+"""Recorder of the plots of a run, as defined by `catalogue`.
 
 The entity `plots/<path>` contains the series of one plot. Series are sent as columns, which is ten times as fast as
 sending rows. Rows with a missing value are omitted; therefore signals that may be missing have separate plots. At the
@@ -43,7 +43,7 @@ class _Lines(NamedTuple):
 
 
 class Signals:
-    """Sender of the plots of a run to the recording, in blocks of log rows."""
+    """Recorder of the plots of a run, in blocks of log rows."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
         """Create the catalogue plots for the existing columns except `without`, followed by the plots `more`."""

@@ -77,7 +77,7 @@ def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], 
 
 
 class States:
-    """Sender of the state lanes to the recording. A state is sent when it changes."""
+    """Recorder of the state lanes. A state is sent when it changes."""
 
     def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
         scripted = [

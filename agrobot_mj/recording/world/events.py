@@ -26,7 +26,7 @@ QUIET_TICKS = 40  # Number of ticks without saturated steering after which the n
 
 
 class Events:
-    """Sender of the event markers to the recording."""
+    """Recorder of the event markers."""
 
     def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
         self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size

@@ -29,7 +29,7 @@ THICKNESS_M, REACH_M = 1e-3, 0.2
 
 
 class Belief:
-    """Sender of the position's uncertainty ellipse to the recording, at every tick."""
+    """Recorder of the position's uncertainty ellipse, at every tick."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
@@ -78,7 +78,7 @@ PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descri
 
 
 class BodyMotion:
-    """Sender of all moving content of the scene to the recording, up to the first invalid pose."""
+    """Recorder of all moving content of the scene, up to the first invalid pose."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground, scenario: Scenario, reference: Array) -> None:
         self.rows, self.scene, self.ground, self.last = rows, scene, ground, -1

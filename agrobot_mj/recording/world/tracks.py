@@ -51,7 +51,7 @@ TRACKS = (
 
 
 class Tracks:
-    """Sender of the tracks of the tractor and of the GNSS fixes to the recording."""
+    """Recorder of the tracks of the tractor and of the GNSS fixes."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground

@@ -27,7 +27,7 @@ SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
 
 
 class Trail:
-    """Sender of the tyre marks to the recording."""
+    """Recorder of the tyre marks."""
 
     def __init__(self, wheels: Wheels, ticks: int) -> None:
         self.wheels, self.sent = wheels, 0

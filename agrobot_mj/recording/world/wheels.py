@@ -85,7 +85,7 @@ UNKNOWN_USE = 0.0
 
 
 class Forces:
-    """Sender of the force arrows of the wheels to the recording, at every tick."""
+    """Recorder of the force arrows of the wheels, at every tick."""
 
     def __init__(self, wheels: Wheels, tractor: TractorParameters) -> None:
         self.wheels, self.size = wheels, tractor.size

@@ -7,7 +7,7 @@ import pytest
 
 
 def checkout(repository, commit):
-    """Return the folder of a checkout of `owner/name`. Without a checkout, the test is skipped."""
+    """Return the local checkout of the repository `owner/name`. Skip the test if there is none."""
     variable = "AGROBOT_PUBLIC_LOGS"
     folder = Path(os.environ.get(variable, "")) / repository.partition("/")[2]
     if not os.environ.get(variable) or not folder.is_dir():
