@@ -1,4 +1,4 @@
-"""Guidance laws, yaw controllers and steering loops, with one union type per family."""
+"""Guidance laws, yaw controllers and steering loops, with a union type for each of the three families."""
 
 from typing import Annotated
 
@@ -20,7 +20,7 @@ from agrobot_mj.control.pure_pursuit import PurePursuit
 from agrobot_mj.control.stanley import Stanley
 
 Guidance = Annotated[InnerLaw, Field(discriminator="kind")]
-"""Union of the guidance laws of the core, selected by `kind`."""
+"""Union type of the guidance laws of the core; the key `kind` selects the law."""
 
 Controller = Annotated[
     OpenLoop
@@ -31,10 +31,10 @@ Controller = Annotated[
     | PdIsgn,
     Field(discriminator="kind"),
 ]  # fmt: skip
-"""Union of the yaw controllers, selected by `kind`."""
+"""Union type of the yaw controllers; the key `kind` selects the controller."""
 
 Loop = Annotated[SteeringLoop, Field(discriminator="kind")]
-"""Union of the steering loops of the core, selected by `kind`."""
+"""Union type of the steering loops of the core; the key `kind` selects the loop."""
 
 __all__ = [
     "AngleLoop",

@@ -1,9 +1,10 @@
-"""Interfaces of the guidance laws and yaw controllers.
+"""Interfaces of the guidance laws, yaw controllers and steering loops.
 
 A guidance law receives a `Situation` (state estimate, path, known machine parameters; never the true state) and returns
-a `Command` of steering angle and speed. The paper's law (`kinematic`) passes a yaw-rate reference to the yaw controller
-configured in `[controller]`; other laws need no yaw controller. State is passed explicitly: `init() -> State` and
-`update(state, ...) -> (State, output)`. `columns` declares additional log columns; `report` returns their values.
+a `Command` of steering angle and speed. The laws `kinematic` (from the paper) and `feedforward` pass a yaw-rate
+reference to the yaw controller configured in `[controller]`; other laws need no yaw controller. State is passed
+explicitly: `init() -> State` and `update(state, ...) -> (State, output)`. `columns` declares additional log columns;
+`report` returns the values of these columns.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,10 +23,10 @@ SLOWEST_M_S = 0.3  # Minimum speed used to compute lateral accelerations and spe
 
 
 class Route(Protocol):
-    """Path of a run, with queries for the nearest point and for points ahead."""
+    """Interface of the path of a run, with queries for the nearest point and for points ahead."""
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]."""
+        """Return the reference (position, velocity, heading and curvature) at time `t` [s]."""
         ...
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
@@ -36,19 +37,19 @@ class Route(Protocol):
         ...
 
     def ahead(self, s: float) -> PathPoint:
-        """Return the path point at arc length `s` [m], with `offset` 0, extrapolating straight beyond the ends."""
+        """Return the path point at arc length `s` [m], with `offset` 0; the path is extended straight at its ends."""
         ...
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures at the arc lengths `distances` [m], extrapolated as in `ahead`, shape (n,) [1/m]."""
+        """Return the path curvatures [1/m] at the arc lengths `distances` [m], shape (n,), extended as in `ahead`."""
         ...
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the arc lengths of the start and end of the leg on which the reference is at time `t` [s], in [m]."""
+        """Return the start and end arc lengths [m] of the leg on which the reference is at time `t` [s]."""
         ...
 
     def passed(self, t: float) -> float:
-        """Return the arc length [m] that the reference has covered at time `t` [s], within a few centimetres."""
+        """Return the arc length [m] of the reference at time `t` [s], accurate to a few centimetres."""
         ...
 
     def lap(self) -> float:
@@ -71,7 +72,7 @@ class Situation(NamedTuple):
     towed: TowedImplement = TowedImplement()  # Dimensions and state of the implement
 
     def fetched(self) -> "Situation":
-        """Return the situation with the estimate as a named tuple, with a read-only covariance."""
+        """Return the situation with the estimate as a named tuple whose covariance is read-only."""
         estimate = fetched(self.estimate)
         if estimate is self.estimate:
             return self
@@ -79,16 +80,16 @@ class Situation(NamedTuple):
         return Situation(self.t, estimate, *self[2:])  # faster than `_replace`
 
     def steer_limit(self, lateral_acceleration_m_s2: float) -> float:
-        """Return the maximum absolute steering angle [rad] for a given maximum lateral acceleration."""
+        """Return the maximum steering angle [rad] that keeps the lateral acceleration below a given maximum [m/s2]."""
         m, u = self.machine, max(abs(self.estimate.speed), SLOWEST_M_S)
         return min(m.steer_limit, atan(m.wheelbase_m * lateral_acceleration_m_s2 / (u * u)))
 
 
 class Learner(Reporting):
-    """Base class of components that can learn, and can save the learned values for the next run."""
+    """Base class of the components whose learned values can be saved for the next run."""
 
     def check(self) -> None:
-        """Read the files that the component needs. Raise ValueError with the key if a file is invalid."""
+        """Read the files of the component. Raise ValueError with the scenario key if a file is invalid."""
 
     def learned(self, state: Any) -> Learned:
         """Return the learned quantities (see `core.learned`), or an empty mapping if the component does not learn."""
@@ -100,25 +101,25 @@ class GuidanceLaw(Learner):
 
     kind: str
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Keys that can be tuned, with their search ranges in the unit of the key. Default: none."""
+    """Search range of each tunable key, in the unit of the key. Default: none."""
     tuned: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Tuned gains by law and dotted scenario key, in addition to `control.gains.TUNED`."""
+    """Tuned gains of each law by dotted scenario key, in addition to `control.gains.TUNED`."""
     timed: ClassVar[bool] = True
     """Whether a run with this law ends as `diverged` if the tractor is far from the moving reference."""
     holds_lane_change: ClassVar[bool] = False
-    """Whether the tests require a cross-track RMS below 0.25 m on a lane change and stability with a worn valve."""
+    """Whether the tests require a lane change with a cross-track RMS below 0.25 m, and stability with a worn valve."""
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the law requires, each mapped to the scenario key that error messages name."""
+        """Required sensors, each mapped to the scenario key that requires the sensor. Default: none."""
         return {}
 
     def init(self) -> Any:
-        """Return the initial state."""
+        """Return the initial state of the law."""
         return None
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
-        """Return the new state and the command after a tick of `dt` [s]."""
+        """Return the new state of the law and the command for a tick of `dt` [s]."""
         raise NotImplementedError
 
     def feedback(self, state: Any, command: Command) -> float:
@@ -132,7 +133,7 @@ class GuidanceLaw(Learner):
 
     @property
     def outside(self) -> str:
-        """Subcommand that runs this law in an external program, or an empty string if the law needs no program."""
+        """Subcommand of `agrobot-mj` that runs this law in an external program, or an empty string if not external."""
         return ""
 
     def using(self, controller: "YawController") -> "GuidanceLaw":
@@ -141,7 +142,7 @@ class GuidanceLaw(Learner):
 
 
 class LawAround(GuidanceLaw):
-    """Base class of the laws that wrap another law."""
+    """Base class of the guidance laws that wrap another guidance law."""
 
     inner: GuidanceLaw
     """Wrapped guidance law."""
@@ -173,7 +174,7 @@ class YawCommand(NamedTuple):
     steer: float  # Front-wheel angle [rad], positive left, limited to the maximum steering angle
     tau_c: float = 0.0  # Output of the conventional (PD) controller [rad]
     tau_n: float = 0.0
-    """Output tau_n of the network or of the integral term [rad]; `steer` is tau_c - tau_n, limited to the maximum."""
+    """Output of the network or integral term [rad]. `steer` is tau_c - tau_n, limited to the maximum steering angle."""
     q: float = nan
     """Weight of the lower firing strengths in the output of a type-2 fuzzy network [-], or NaN without a network."""
 
@@ -185,19 +186,18 @@ class YawController(Reporting):
     closed_loop: ClassVar[bool] = True
     """Whether the controller uses the measured yaw rate."""
     tunable: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    """Keys that can be tuned, with their search ranges in the unit of the key."""
+    """Search range of each tunable key, in the unit of the key."""
 
     def init(self) -> Any:
-        """Return the initial state."""
+        """Return the initial state of the controller."""
         raise NotImplementedError
 
     def update(
         self, state: Any, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[Any, YawCommand]:
-        """Return the new state and the command at time `t` [s] for the yaw-rate error [rad/s], after a tick of `dt`
-        [s].
+        """Return the new state and the steering command at time `t` [s] for a tick of `dt` [s].
 
-        `steer_limit` is the maximum absolute steering angle [rad].
+        `yaw_rate_error` [rad/s] is the controller input; `steer_limit` [rad] is the maximum absolute steering angle.
         """
         raise NotImplementedError
 
@@ -211,7 +211,7 @@ class YawController(Reporting):
 
 
 class AngleLoop(Learner):
-    """Base class of steering loops (`[steering.loop] kind`), which map a commanded angle to a valve voltage.
+    """Base class of the steering loops (`[steering.loop] kind`), which map the steering-angle error to a valve voltage.
 
     The state has the attribute `reference`, the current reference angle [rad].
     """
@@ -223,5 +223,8 @@ class AngleLoop(Learner):
         raise NotImplementedError
 
     def update(self, state: Any, wanted: float, steer: float, dt: float) -> tuple[Any, float]:
-        """Return the new state and the valve voltage [V] for the commanded and measured angles [rad] after `dt` [s]."""
+        """Return the new state and the valve voltage [V] for the commanded and measured steering angles [rad].
+
+        `dt` [s] is the length of the tick.
+        """
         raise NotImplementedError

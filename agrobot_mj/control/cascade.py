@@ -1,7 +1,7 @@
 """Cascaded guidance: an outer law sets a yaw-rate reference, and a yaw controller follows this reference.
 
 The outer law maps the position error to references of speed and yaw rate. The yaw controller maps the yaw-rate error to
-a steering angle. The feed-forward angle of the outer law (`feedforward`) is added.
+a steering angle, to which the feed-forward angle of the outer law (`feedforward`) is added.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ SPEED_COLUMNS = (
 
 
 WHEEL_LAG = radians(5.0)
-"""Difference between commanded and measured steering angle [rad] above which integrals are frozen. Assumed value."""
+"""Steering-angle lag above which the integral of the yaw controller is frozen [rad]. Assumed value."""
 
 
 class CascadeState(NamedTuple):
-    """State of a `Cascade`."""
+    """State of a `Cascade` between two ticks."""
 
     controller: Any
     yaw_rate_ref: float = nan  # Last yaw-rate reference [rad/s]
@@ -46,11 +46,11 @@ class Cascade(GuidanceLaw):
     """Yaw controller of the inner loop."""
 
     def init(self) -> CascadeState:
-        """Return the initial state."""
+        """Return the initial state of the yaw controller and the speed network."""
         return CascadeState(self.controller.init())
 
     def update(self, state: CascadeState, situation: Situation, dt: float) -> tuple[CascadeState, Command]:
-        """Return the new state and the command, from the outer law and the yaw controller."""
+        """Return the new state and the command, computed by the outer law and then by the yaw controller."""
         speed_ref, yaw_rate_ref = self.law.setpoints(situation)
         if not isfinite(speed_ref + yaw_rate_ref):
             raise NotFiniteError(
@@ -90,7 +90,7 @@ class Cascade(GuidanceLaw):
         return (*YAW_COLUMNS, *self.law.columns, *self.controller.columns, *speed)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Return the log values named by `columns` for a state."""
+        """Return the values of the log columns for a state."""
         c = state.command
         own = (state.yaw_rate_ref, state.e_yaw_rate, c.tau_c, c.tau_n, c.q)
         speed = (state.speed.tau_c, state.speed.tau_n) if self.law.speed_network else ()

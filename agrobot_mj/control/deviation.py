@@ -1,4 +1,4 @@
-"""Deviation of the tractor from its path, and limits of the command, as numbers for kernels; see `following`."""
+"""Compiled kernels for the deviation of the tractor from its path and for the command limits; see `following`."""
 
 from math import asin, atan, cos, inf, isnan, log, pi, radians, sin, sqrt, tan, tanh
 from typing import NamedTuple
@@ -14,22 +14,22 @@ from agrobot_mj.core.signals import Estimate, Matrix, PathPoint, Reference, Vect
 
 MAX_STEER_BIAS = radians(10.0)  # Maximum absolute value of the compensated steering bias [rad]
 FADING_M, FADING_ANGLE = 0.3, radians(20.0)
-"""Cross-track error [m] and heading error [rad] above which the speed correction decreases; it is 0 at twice these
-values. Assumed values."""
+"""Cross-track error [m] and heading error [rad] above which the speed increase of a lagging tractor is reduced. The
+increase is 0 at twice these values. Assumed values."""
 TURNING_S = 1.0
 """Time for the wheels to return from the steering limit to zero [s]. Assumed value, half the time from lock to lock."""
 STEEP = radians(10.0)
-"""Minimum heading error during an approach to the path [rad]; smaller errors are treated as tracking. Assumed value."""
+"""Heading error that distinguishes an approach to the path (larger) from tracking (smaller) [rad]. Assumed value."""
 MAX_HEADING_CHANGE = radians(6.0)
-"""Maximum heading change while the wheels turn to their command [rad], which limits the speed. Assumed value."""
+"""Maximum heading change while the wheels turn to the commanded angle [rad], used to limit the speed. Assumed value."""
 RISE_M_S2 = 1.0
-"""Maximum increase rate of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
+"""Maximum acceleration of the speed command [m/s2]. Assumed value: the tractor reaches the path before full speed."""
 LOOKBACK = tuple(-log(1 - (k + 0.5) / 8) for k in range(8))
-"""Look-back distances, divided by l_r, at which the curvature is averaged: quantiles of an exponential distribution."""
+"""Look-back distances for averaging the curvature, divided by the slip length [-]: exponential quantiles."""
 
 
 class Followed(NamedTuple):
-    """Numbers that a law stores in `FollowingState` after a tick, without missing values."""
+    """Command and path errors of a law in one tick, stored in `FollowingState`."""
 
     s: float
     steer: float
@@ -42,7 +42,7 @@ class Followed(NamedTuple):
 
 
 class Situated(NamedTuple):
-    """Parts of a `Situation` for kernels, and the range in which the nearest path point is searched."""
+    """Estimate, steering angle and search range of the nearest path point, as numbers for compiled kernels."""
 
     estimate: Held[Estimate]
     steer: float  # Measured steering angle [rad]
@@ -69,7 +69,7 @@ class PathDeviation(NamedTuple):
 
 
 class CommandLimits(NamedTuple):
-    """Limits of steering angle and speed, as numbers for kernels."""
+    """Limits of the steering and speed commands, as numbers for compiled kernels."""
 
     saturation: float  # Maximum speed correction [m/s]
     gain: float  # Slope of the speed correction, divided by its saturation [1/m]
@@ -83,7 +83,7 @@ class CommandLimits(NamedTuple):
 
 @shared
 def direction_of(r: Reference, last: float, place: PathPoint) -> float:
-    """Return the direction of travel of the reference, 1 forward or -1 in reverse.
+    """Return the direction of travel of the reference: 1 forward, -1 in reverse.
 
     At rest, return the `last` direction or, if this is 0, the direction of the path point.
     """
@@ -93,7 +93,7 @@ def direction_of(r: Reference, last: float, place: PathPoint) -> float:
 
 @jit
 def lookback(limits: CommandLimits, place: PathPoint, direction: float, seen: Situated, length: float) -> Vector:
-    """Return the arc lengths [m] of the curvatures that determine the sideslip at a path point and at its preview."""
+    """Return the arc lengths [m] of the curvatures needed for the sideslip at a path point and `preview_s` later."""
     distances, n = np.zeros(2 * len(LOOKBACK)), len(LOOKBACK)
     s, preview, leg = place.s, abs(fetched(seen.estimate).speed) * limits.preview_s, (seen.low, seen.high)
     for k, lag in enumerate(LOOKBACK):
@@ -113,7 +113,7 @@ def deviated(
     limits: CommandLimits, place: PathPoint, direction: float, rolling: tuple[float, float], curvatures: Vector,
     seen: Situated,
 ) -> PathDeviation:  # fmt: skip
-    """Return the deviation from the path, with the curvatures at `lookback`."""
+    """Return the deviation from the path, computed with the path curvatures at the arc lengths of `lookback`."""
     (l_r, L), n, e = rolling, len(LOOKBACK), fetched(seen.estimate)
     u = max(abs(e.speed), SLOWEST_M_S)
     beta, later = _sideslip(curvatures[:n], l_r), _sideslip(curvatures[n:], l_r)
@@ -139,7 +139,7 @@ def deviated(
 def deviated_on(
     limits: CommandLimits, last: float, samples: Matrix, seen: Situated, r: Reference, rolling: tuple[float, float]
 ) -> tuple[PathDeviation, float]:
-    """Return the deviation from a sampled path, and the greatest arc length at which a curvature is needed [m].
+    """Return the deviation from a sampled path, and the maximum arc length [m] at which a curvature is needed.
 
     `last` is the last direction of travel, or 0.
     """
@@ -154,7 +154,7 @@ def deviated_on(
 def _sideslip(curvatures: Vector, length: float) -> float:
     """Return the sideslip beta [rad] of a CG that is `length` [m] ahead of the point without sideslip.
 
-    The sideslip follows from the mean curvature behind (in reverse: ahead), weighted by exp(-distance / length).
+    The sideslip depends on the mean curvature behind the CG (in reverse: ahead), weighted by exp(-distance / length).
     """
     total = 0.0
     for curvature in curvatures:
@@ -177,11 +177,12 @@ def followed(
     last: float,
     dt: float,
 ) -> Followed:
-    """Return the result of a law with the limited angle and speed; `last` is the last speed command [m/s] or NaN.
+    """Return the limited steering and speed commands of a law, with the path errors.
 
-    The speed is the speed of the reference plus a correction for the lag along the path. It exceeds the reference only
-    near the path, because the limited steering rate makes an approach at higher speed less accurate. The tractor slows
-    down while the wheels turn to their command and, at a large angle to the path, at large steering angles.
+    `last` is the last speed command [m/s] or NaN. The speed is the speed of the reference plus a correction for the lag
+    along the path. It exceeds the reference speed only near the path, because the limited steering rate makes a faster
+    approach less accurate. The tractor slows down while the wheels turn to the commanded angle. At a large angle to the
+    path it also slows down at large steering angles.
     """
     e, command = fetched(seen.estimate), min(max(wanted + deviation.bias, -deviation.limit), deviation.limit)
     along, lead = to_heading(r.yaw, r.vx, r.vy)[0], to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
@@ -228,7 +229,7 @@ def _turning_speed(limits: CommandLimits, turning: float) -> float:
 
 @shared
 def offset_of(deviation: PathDeviation, ahead: float, direction: float, pose: tuple[float, float, float]) -> float:
-    """Return the lateral offset of a point of the tractor [m] from its error-free position.
+    """Return the lateral offset [m] of a point of the tractor from the position of this point on an error-free tractor.
 
     The point is `ahead` [m] of the CG, whose `pose` is x, y [m] and yaw [rad]. Left of `direction` [rad] is positive.
     """

@@ -22,17 +22,18 @@ SWAY_S, TURN_TIME_S = 2.0, 10.0
 """Short and long time constant [s] for averaging the difference between course and gyro angle. Assumed values: the
 short one covers several oscillations of the antenna; a gyro bias of 0.3 deg/s separates the two means by 2.4 deg."""
 TILT_TIME_S = 4.0
-"""Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the duration of a start."""
+"""Averaging time of the tilt computed from the specific force [s]. Assumed value: twice the acceleration time."""
 GAP_S = 0.5
 """Maximum time between two fixes over which their velocities are integrated [s]. Assumed value (10 missing fixes)."""
 BEND_ERROR = 0.25
-"""Error of the integration of velocities, divided by the time step and the second difference of the velocity [-].
-Assumed value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
+"""Error of the velocity integration, divided by the time step and the second difference of the velocity [-]. Assumed
+value, above the theoretical 1/12 for time steps much shorter than the period of the antenna oscillation."""
 MOVING_M_S = 0.4  # Minimum speed of a moving tractor [m/s]. Assumed value: ten times the velocity noise.
 COURSE_M_S = 0.25
 """Minimum fix speed at which the velocity gives a course [m/s]. Assumed value: eight times the velocity noise."""
 HELD_S = 5.0
-"""Time without a valid course after which the gyro comparison restarts [s]. Assumed value: a gyro bias adds 1.5 deg."""
+"""Time without a valid course after which the gyro comparison restarts [s]. Assumed value: a gyro bias of 0.3 deg/s
+then causes an angle error of 1.5 deg."""
 
 
 RTK_FIXED = Quality.FIX  # Quality of an RTK-fixed GNSS solution, as an integer for compiled kernels
@@ -52,7 +53,7 @@ class Sensed(NamedTuple):
 
 
 def seen(m: Measurement) -> tuple[Sensed, Fix, int]:
-    """Return the measurements of a tick, the fix (NaN if missing) and the quality of the fix as numbers for kernels."""
+    """Return the measurements of a tick, the fix (NaN if missing) and its quality, as numbers for compiled kernels."""
     unit = m.readings.get("imu")
     force = (nan, nan, nan) if unit is None else tuple(getattr(unit, f"force_{axis}", nan) for axis in "xyz")
     sensed = Sensed(m.t, m.steer, m.pedal, m.gyro, m.roll, m.pitch, m.wheel_speed, force)  # type: ignore[arg-type]
@@ -70,12 +71,12 @@ class Evidence(NamedTuple):
     north: float = 0.0  # Accumulated north difference between RTK positions and integrated velocities [m]
     change: tuple[float, float] = (0.0, 0.0)  # Velocity change between the last two fixes [m/s], east and north
     variance: float = 0.0
-    """Variance per axis [m2] of the accumulated differences due to integration errors between the fixes."""
+    """Variance per axis of `east` and `north` due to errors of the integration between fixes [m2]."""
     moving: bool = False  # Whether the tractor was moving at the last change of the position
     repeated_s: float = 0.0  # Time for which the measured position has been constant while the tractor was moving [s]
 
     def after(self, m: Sensed, fix: Fix, quality: int) -> "Evidence":
-        """Return the state of the checks after a tick; without a new fix the state does not change."""
+        """Return the state of the checks after a tick, or the unchanged state if the tick has no new fix."""
         last, t, fixed = self.fix, fix.t if isfinite(fix.t) else m.t, quality == RTK_FIXED
         time, speed = t - self.t, sqrt(fix.vx * fix.vx + fix.vy * fix.vy)
         if isnan(fix.x) or (not isnan(last.x) and time <= 0.0):
@@ -99,26 +100,26 @@ class Evidence(NamedTuple):
 
 
 class GyroEvidence(NamedTuple):
-    """State of the check for repeated yaw rates: last measured yaw rate, and time of its first measurement."""
+    """State of the check for repeated yaw rates: the last measured yaw rate and the time of its first occurrence."""
 
     reading: float = nan  # Last measured yaw rate [rad/s], or NaN if there is no gyro
     t: float = 0.0  # Time of the first measurement of the repeated yaw rate [s]
     steer: float = nan  # Measured steering angle at the first measurement of the repeated yaw rate [rad]
 
     def after(self, m: Sensed) -> "GyroEvidence":
-        """Return the state after a tick, unchanged if the gyro repeats its yaw rate."""
+        """Return the state of the check after a tick, or the unchanged state if the gyro repeats its yaw rate."""
         return self if m.gyro == self.reading else GyroEvidence(m.gyro, m.t, m.steer)
 
 
 class AttitudeEvidence(NamedTuple):
-    """Checks of the inertial unit for repeated, missing and inconsistent angles."""
+    """State of the checks of the inertial unit for repeated, missing and inconsistent angles."""
 
     angles: tuple[float, float] = (nan, nan)
     """Last measured roll and pitch angles [rad], or NaN before the first measurement."""
     changed: tuple[bool, bool] = (False, False)
-    """Whether the roll and pitch angles have changed since the first measurement."""
+    """Whether the roll angle and the pitch angle have changed since their first measurements."""
     repeats: tuple[float, float] = (0.0, 0.0)
-    """Time [s] for which the roll and pitch angles have been constant while the tractor was moving."""
+    """Time for which the roll angle and the pitch angle have each been constant while the tractor was moving [s]."""
     silent_s: float = 0.0  # Time since the last measurement of roll and pitch [s], or 0 before the first measurement
     residual: tuple[float, float] = (0.0, 0.0)
     """Forward and left residual of the specific force divided by g [-], averaged over TILT_TIME_S.
@@ -128,7 +129,7 @@ class AttitudeEvidence(NamedTuple):
     """
 
     def after(self, m: Sensed, moving: bool, dt: float) -> "AttitudeEvidence":
-        """Return the checks after a tick of `dt` [s]; `moving` is whether the tractor moves."""
+        """Return the checks after a tick of `dt` [s]. Constant angles count as repeated only if `moving`."""
         first = not isfinite(self.angles[0])
         if not isfinite(m.roll + m.pitch):
             silent_s = 0.0 if first else self.silent_s + dt
@@ -156,21 +157,21 @@ def _force_residual(m: Sensed) -> tuple[float, float]:
 
 
 class TurnEvidence(NamedTuple):
-    """Rotation of the fixes' course relative to the gyro: short-term mean minus long-term mean.
+    """State of the course check: short-term and long-term means of the fix velocity in the frame of the gyro angle.
 
-    Velocity vectors rotated back by the gyro angle are averaged, so that the antenna oscillation cancels. Only RTK
-    fixes of a moving tractor are used; each contributes at most GAP_S and is valid for HELD_S.
+    Velocity vectors are rotated back by the gyro angle and averaged, so that the antenna oscillation cancels. Only RTK
+    fixes of a moving tractor are used. The weight of a fix is at most GAP_S; a fix is valid for HELD_S.
     """
 
     t: float = 0.0  # Time of the last valid fix [s]
     turned: float = 0.0  # Integral of the measured yaw rate [rad]
     known_s: float = 0.0  # Time covered by valid fixes [s]
     late: complex = 0j
-    """Fix velocity rotated back by the gyro angle `turned`, mean over SWAY_S [m/s], or 0 before the first fix."""
+    """Mean over SWAY_S of the fix velocity rotated back by the gyro angle `turned` [m/s], or 0 before the first fix."""
     long: complex = 0j  # Fix velocity rotated back by the gyro angle `turned`, mean over TURN_TIME_S [m/s]
 
     def after(self, m: Sensed, fix: Fix, quality: int, dt: float) -> "TurnEvidence":
-        """Return the means after a tick of `dt` [s], reset without a gyro and `HELD_S` after the last valid fix."""
+        """Return the means after a tick of `dt` [s], or reset means without a gyro or a recent valid fix."""
         turned, time = self.turned + m.gyro * dt, m.t - self.t
         if isnan(turned) or (time > HELD_S and self.known_s > 0.0):
             return TurnEvidence(m.t, 0.0, 0.0, 0j, 0j)

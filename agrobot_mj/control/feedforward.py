@@ -1,8 +1,8 @@
 """Cascade of the paper with curvature feed-forward: delta = atan(L kappa) plus the output of the yaw controller.
 
-The yaw controller then only rejects disturbances: tyre slip, side slope and steering errors. L is the wheelbase, kappa
-the path curvature at the reference point `preview_s` later, the response time of the steering. Source: [Snider2009],
-kinematic steady state.
+With feed-forward, the yaw controller only rejects disturbances: tyre slip, side slope and steering errors. L is the
+wheelbase, and kappa is the path curvature at the reference point `preview_s` later. The preview compensates the
+response time of the steering. Source: [Snider2009], kinematic steady state.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ class Feedforward(CascadeLaw):
 
     kind: Literal["feedforward"] = "feedforward"
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Preview time of the curvature [s]. Assumed value (0.2-0.6), the delay and lag of the steering."""
+    """Preview time of the curvature [s]. Assumed value (0.2-0.6): the sum of delay and lag of the steering."""
 
     ends_turns: ClassVar = True
 
@@ -37,5 +37,5 @@ class Feedforward(CascadeLaw):
         return (Column("steer_feedforward", "rad", "feed-forward steering angle for the path curvature"),)
 
     def report(self, state: CascadeState) -> Sequence[float]:
-        """Return the log values named by `columns` for a state."""
+        """Return the values of the log columns for a state."""
         return (state.feedforward,)

@@ -1,11 +1,14 @@
 """Common parts of the path-following laws: deviation from the path, speed command and steering limits.
 
-The CG follows a path that has the curvature kappa at the arc length s. If the rear axle, l_r behind the CG, rolls
-without sideslip, the heading of the tractor differs from the path tangent by the sideslip beta of the CG:  d(beta)/ds =
-kappa - sin(beta) / l_r  in the direction of travel. On an arc, sin(beta) = l_r kappa. The path of the rear axle has the
-curvature tan(beta) / l_r, which requires the steering angle delta = atan(L tan(beta) / l_r), with the wheelbase L. In
-forward travel beta follows from the path behind the tractor, and in reverse from the path ahead (the bounded solution).
-The required steering angle is therefore continuous at a step of the curvature.
+The CG follows a path that has the curvature kappa at the arc length s. The rear axle is l_r behind the CG. If the rear
+axle rolls without sideslip, the heading of the tractor differs from the path tangent by the sideslip beta of the CG:
+
+  d(beta)/ds = kappa - sin(beta) / l_r  in the direction of travel.
+
+On an arc, sin(beta) = l_r kappa. The path of the rear axle has the curvature tan(beta) / l_r. This curvature requires
+the steering angle delta = atan(L tan(beta) / l_r), with the wheelbase L. In forward travel beta depends on the path
+behind the tractor, and in reverse on the path ahead (the bounded solution). The required steering angle is therefore
+continuous at a step of the curvature.
 
 Errors are in the frame of the heading, positive left, in both directions of travel. The curvature is the rotation of
 the heading per distance along the heading, so that delta and kappa also have the same sign in reverse.
@@ -38,39 +41,40 @@ DISTURBANCE_COLUMNS = (
     Column("heading_disturbance", "rad", "estimated crab angle or heading bias b, left positive"),
     Column("curvature_disturbance", "1/m", "estimated curvature d added to that of the steering angle, left positive"),
 )
-"""Log columns of the laws that estimate the disturbances caused by tyre slip."""
+"""Log columns of the estimated heading and curvature disturbances."""
 
 
 _lookback, _deviated, _followed = stage(lookback), stage(deviated), stage(followed)
 
 
 class FollowingLaw(NamedTuple):
-    """Parameters of a law that is not compiled."""
+    """Parameters of a path-following law that has no compiled tick."""
 
     limits: CommandLimits
 
 
 class Following(GuidanceLaw):
-    """Base class of the laws that use the nearest point of the path; each kind defines `steering`."""
+    """Base class of the path-following laws, which steer by the nearest path point. Subclasses define `steering`."""
 
     saturation_m_s: NonNegative = 0.6
-    """Maximum speed correction towards the time-based reference [m/s]. Assumed value, as for `kinematic`."""
+    """Maximum speed correction towards the moving reference point [m/s]. Assumed value, as for `kinematic`."""
     gain_per_m: Positive = 0.4
-    """Slope of the speed correction versus lag, per `saturation_m_s` [1/m]. Assumed value, as for `kinematic`."""
+    """Slope of the speed correction versus lag, divided by `saturation_m_s` [1/m]. Assumed value, as for
+    `kinematic`."""
     lateral_acceleration_m_s2: Positive = 2.0
     """Maximum lateral acceleration of a command [m/s2]. Assumed value (1-3); the tractor tips at 6.8 m/s2."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.4
-    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5); 63 % of a steering step takes 0.38 s."""
+    """Preview time of the feed-forward angle [s]. Assumed value (0.3-0.5): 63 % of a steering step takes 0.38 s."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 35.0
     """Maximum angle of approach to a distant path [deg]. Assumed value; larger angles require tighter turns."""
     compensate_steer_bias: bool = True
     """Whether to compensate the steering bias reported by the estimator."""
     holds_lane_change: ClassVar = True
     compiled: ClassVar[Any] = None
-    """Compiled tick on a sampled path, or None for laws that are not compiled."""
+    """Compiled function of one tick on a sampled path, or None for a law that is not compiled."""
 
     def memory(self) -> Any:
-        """Return the initial state of the steering law."""
+        """Return the initial state of the steering law, without values that depend on the tractor."""
         return None
 
     def steering(self, memory: Any, deviation: PathDeviation, situation: Situation, dt: float) -> tuple[Any, float]:
@@ -78,11 +82,11 @@ class Following(GuidanceLaw):
         raise NotImplementedError
 
     def init(self) -> "FollowingState":
-        """Return the initial state."""
+        """Return the initial state of the law before the first tick."""
         return FollowingState(self.memory())
 
     def update(self, state: "FollowingState", situation: Situation, dt: float) -> tuple["FollowingState", Command]:
-        """Return the new state, and the command with the limited steering angle and the speed."""
+        """Return the new state and the command with limited steering angle and speed."""
         route: Any = situation.route
         t, law, memory = situation.t, state.law, state.memory
         if law is None:
@@ -106,19 +110,20 @@ class Following(GuidanceLaw):
         return command.steer - state.steer_ahead - state.bias
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return slip length and effective wheelbase [m].
+        """Return the slip length and the effective wheelbase [m].
 
         The slip length is the distance from the CG to the point without sideslip, which is the rear axle if the tyres
-        do not slip. The effective wheelbase is the small-angle ratio of steering angle to curvature at this point.
+        do not slip. The effective wheelbase is the small-angle ratio of steering angle to curvature at the point
+        without sideslip.
         """
         return situation.machine.cg_to_rear_axle, situation.machine.wheelbase_m
 
     def begun(self, memory: Any, machine: TractorParameters) -> Any:
-        """Return the initial state of the steering law for a tractor."""
+        """Return the initial state `memory`, completed with values that depend on the tractor."""
         return memory
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> Any:
-        """Return the parameters of `compiled`, of which `limits` are the first."""
+        """Return the parameters of the function `compiled`, starting with `limits`."""
         return FollowingLaw(limits)
 
     def _law(self, machine: TractorParameters) -> Any:
@@ -148,25 +153,25 @@ class Following(GuidanceLaw):
         )
 
     def report(self, state: "FollowingState") -> Sequence[float]:
-        """Return the values of `columns` for a state."""
+        """Return the values of the log columns for a state."""
         return (nan if state.s is None else state.s, state.cross_track, state.heading, state.steer_ahead)
 
 
 class Integrating(Following):
-    """Base class of the path-following laws with an integral term, stored as the angle `integral` of their state."""
+    """Base class of the path-following laws with an integral term, stored as the angle `integral` in their state."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of `Following` and of the integral term."""
+        """Log columns of `Following` and the log column of the integral term."""
         return (*super().columns, Column("steer_integral", "rad", "steering angle of the integral term"))
 
     def report(self, state: "FollowingState") -> Sequence[float]:
-        """Return the values of `columns` for a state."""
+        """Return the values of the log columns for a state."""
         return (*super().report(state), state.memory.integral)
 
 
 class FollowingState(NamedTuple):
-    """State of a `Following` law."""
+    """State of a `Following` law between two ticks."""
 
     memory: Any  # State of the steering law
     s: float | None = None  # Arc length of the nearest path point [m], or None before the first tick

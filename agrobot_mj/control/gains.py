@@ -1,8 +1,9 @@
 """Gains of the cascaded laws for each pair of guidance law and yaw controller.
 
-`tuned`, the default, selects gains from the tuning of all laws with `scenarios/tunings/gains.toml`; docs/tuning/
-contains the traces. `paper` selects the default values of the keys for the paper's network and its baselines. The paper
-states no gains; these values reproduce its figures. Laws that use the nearest path point always have tuned defaults.
+`gains = "tuned"`, the default, selects gains from the tuning of all laws with `scenarios/tunings/gains.toml`;
+docs/tuning/ contains the tuning traces. `gains = "paper"` selects the default values of the keys for the paper's
+network and its baselines. The paper states no gains; these values reproduce the figures of the paper. Laws that use the
+nearest path point always have tuned defaults.
 """
 
 from collections.abc import Mapping
@@ -13,7 +14,7 @@ from agrobot_mj.control.base import GuidanceLaw
 Gains = Literal["tuned", "paper"]
 
 PAPER = ("kinematic with pd", "kinematic with pd_t2fnn", "kinematic with pd_t1fnn", "kinematic with pd_isgn")
-"""Laws whose paper gains, selected by `gains = "paper"`, reproduce the figures of the paper."""
+"""Names of the laws for which `gains = "paper"` selects gains that reproduce the figures of the paper."""
 
 
 def _tuned(gain_per_m: float, saturation_m_s: float, **controller: float) -> dict[str, float]:
@@ -33,7 +34,7 @@ TUNED: Mapping[str, Mapping[str, float]] = {
     "kinematic with pd_isgn": _tuned(0.66, 0.55, kp=0.7, kd=0.16, alpha=0.075),
     "kinematic with pd_t1fnn": _tuned(0.66, 0.55, kp=0.7, kd=0.16, network__alpha=0.075),
 }
-"""Tuned gains by law, named as in `Scenario.law`, and by dotted scenario key."""
+"""Tuned gains of each law by dotted scenario key. The laws are named as in `Scenario.law`."""
 
 
 def gains_of(law: str, guidance: GuidanceLaw, which: Gains) -> Mapping[str, float]:

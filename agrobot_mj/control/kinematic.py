@@ -7,8 +7,8 @@ Inputs: ENU position and velocity [m, m/s] and heading psi [rad]. References: u_
 gamma_ref [rad/s], positive left. The law inverts the motion of a point l_r ahead of a rear axle that rolls without
 slip. Source: the paper, section III-A, after [Martins2008].
 
-Limitations: The law cannot follow a path in reverse, where the point would have to trail the rear axle. A tractor that
-waits for a reference behind it turns. Without an integral term of the yaw controller, arcs and slopes cause an offset.
+Limitations: The law cannot follow a path in reverse, where the point would have to trail the rear axle. A tractor ahead
+of its reference turns while it waits. Without an integral term of the yaw controller, arcs and slopes cause an offset.
 """
 
 from math import atan2, cos, hypot, sin, sqrt, tanh
@@ -25,13 +25,13 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import COMPACT
 
 MIN_CLOSING_S = 0.3
-"""Minimum time constant for correcting a heading error [s]. Assumed value, the delay and lag of the steering."""
+"""Minimum time constant for correcting a heading error [s]. Assumed value: the sum of delay and lag of the steering."""
 REVERSING_M_S = 0.1
 """Reverse speed [m/s] above which the sign of the yaw controller's gains is reversed. Assumed value."""
 
 
 class CascadeLaw(GuidanceLaw):
-    """Kinematic law that computes the yaw-rate reference of a yaw controller; the paper does not state its gains."""
+    """Base class of the kinematic laws, which compute the yaw-rate reference of a yaw controller."""
 
     saturation_m_s: NonNegative = 0.6
     """Saturation k_s: maximum correction velocity per axis [m/s]. Assumed value (0.3-1), half the default speed."""
@@ -44,7 +44,7 @@ class CascadeLaw(GuidanceLaw):
     rate per steering angle is u / L. Default: null (constant gains and unlimited turn rate, as in the paper), or 1.5
     with tuned gains. Assumed value (1.2-2)."""
     speed_network: SpeedNetwork | None = None
-    """Additional network for speed control. Default: none, as in the paper's experiments."""
+    """Network that corrects the speed command. Default: none, as in the paper's experiments."""
     tunable: ClassVar = {"gain_per_m": (0.1, 1.5), "saturation_m_s": (0.3, 1.5)}
     """Search ranges of the gains."""
     holds_lane_change: ClassVar = True
@@ -76,7 +76,10 @@ class CascadeLaw(GuidanceLaw):
         return speed, _feasible(yaw_rate, situation) if self.ends_turns else yaw_rate
 
     def gain_scale(self, situation: Situation) -> float:
-        """Return the factor [-] on the yaw-rate error: relative wheelbase times speed schedule, negative in reverse."""
+        """Return the factor on the yaw-rate error [-], negative in reverse.
+
+        The factor is the wheelbase relative to the compact tractor, times the schedule above `scheduled_above_m_s`.
+        """
         above, u = self.scheduled_above_m_s, situation.estimate.speed
         scale = situation.machine.wheelbase_m / COMPACT.wheelbase_m
         if above is not None:
@@ -84,7 +87,7 @@ class CascadeLaw(GuidanceLaw):
         return -scale if u < -REVERSING_M_S else scale
 
     def feedforward(self, situation: Situation) -> float:
-        """Return 0: the paper's law has no feed-forward [rad]."""
+        """Return the feed-forward steering angle [rad], which is 0 for the paper's law."""
         return 0.0
 
     def using(self, controller: YawController) -> Cascade:
@@ -93,7 +96,7 @@ class CascadeLaw(GuidanceLaw):
 
 
 class Kinematic(CascadeLaw):
-    """Guidance of the paper: from position error to yaw-rate reference, and from yaw-rate error to steering angle."""
+    """Guidance law of the paper, which maps the position error to speed and yaw-rate references."""
 
     kind: Literal["kinematic"] = "kinematic"
 
@@ -115,11 +118,11 @@ def _onward(vx: float, vy: float, reference: Reference) -> tuple[float, float]:
 
 
 def _feasible(yaw_rate: float, situation: Situation) -> float:
-    """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and can end in time.
+    """Limit a yaw-rate reference [rad/s] to a turn that the steering can follow and end in time.
 
     A tractor slower than its reference turns at a proportionally lower rate. At the speed u, a heading error e adds a
-    yaw rate u e / l_r and decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. Wheels that
-    return at the rate r end a turn in time if the yaw rate is at most sqrt(2 u r e / L), with the wheelbase L.
+    yaw rate u e / l_r and decays with the time constant l_r / u, limited to at least `MIN_CLOSING_S`. If the wheels
+    return at the rate r, a turn ends in time for yaw rates up to sqrt(2 u r e / L), with the wheelbase L.
     """
     m, r, u = situation.machine, situation.reference, situation.estimate.speed
     turn = r.curvature * u

@@ -1,4 +1,4 @@
-"""Guidance laws that do not wrap another law; wrapping laws of extensions can contain these laws."""
+"""Guidance laws that do not wrap another law; laws of extensions can wrap these laws."""
 
 from agrobot_mj.control.feedforward import Feedforward
 from agrobot_mj.control.kinematic import Kinematic
@@ -15,4 +15,4 @@ InnerLaw = (
     | Lqr
     | Nmpc
 )  # fmt: skip
-"""Union of the guidance laws that do not wrap another law, selected by `kind`."""
+"""Union type of the guidance laws that do not wrap another law; the key `kind` selects the law."""

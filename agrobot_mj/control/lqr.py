@@ -12,9 +12,9 @@ The gains solve the discrete Riccati equation on a grid of speeds, once per proc
 
 The integral q is stored as  v = q + P_qx x / P_qq,  with the other states x and the solution P of the Riccati equation.
 The cost x' P x + P_qq v^2 has no product of x and v. Hence v = 0 is the optimal initial value for any x, and the
-integral does not wind up while the tractor acquires a line. v is stored as an angle. It is frozen while the command is
-at its limit, during the approach to the path (at large distance or angle) and at standstill. It is also frozen until
-the heading is known, because the supervisor steers in the meantime.
+integral does not wind up while the tractor acquires a line. v is stored as an angle. v is frozen while the command is
+at its limit, during the approach to the path (at large distance or angle), at standstill, and until the heading is
+known. Until then the supervisor steers.
 
 The law works forward and in reverse at any speed of the grid. It has no steady-state error under constant disturbances
 (slope, steering bias, payload). Disturbances that change faster than the integral, such as a heading bias on each arc,
@@ -38,23 +38,23 @@ from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)
-"""Speeds for which gains are computed [m/s], in both directions of travel."""
+"""Absolute speeds [m/s] for which gains are computed, in both directions of travel."""
 STANDING_M_S = 0.1  # Speed below which the integral is frozen [m/s]
 
 
 class LqrState(NamedTuple):
-    """State of `Lqr`."""
+    """State of `Lqr` between two ticks."""
 
     integral: float = 0.0  # Integral of the cross-track error, stored as a steering angle [rad]
     delayed: Vector = np.zeros(0)
-    """Feedback parts of the last steering commands [rad], which act after the steering delay, oldest first."""
+    """Feedback parts of the steering commands that are still within the steering delay [rad], oldest first."""
     errors: Vector = np.zeros(0)
     """Path errors, steering angle and delayed commands at the last tick, or an empty array before the first tick."""
     table: Matrix = np.zeros((0, 0))  # Gains by speed, see `_table`, or an empty array before the first tick
 
 
 class SteadySlip(NamedTuple):
-    """Parameters of the steady-state slip."""
+    """Tractor parameters for the steady-state slip of the bicycle model."""
 
     l_r: float  # Distance from the CG to the rear axle [m]
     front_load: float  # Mass times distance from the CG to the front axle [kg m]
@@ -64,7 +64,7 @@ class SteadySlip(NamedTuple):
 
 
 class LqrLaw(NamedTuple):
-    """Parameters of `Lqr` as numbers for kernels."""
+    """Parameters of `Lqr` as numbers for compiled kernels."""
 
     limits: CommandLimits
     approach: float
@@ -85,7 +85,7 @@ def steering(
     limits: tuple[float, float], memory: LqrState, deviation: PathDeviation, speed: float, aligned: bool,
     steer: float, dt: float,
 ) -> tuple[LqrState, float]:  # fmt: skip
-    """Return the result of `Lqr.steering`; `limits` are the approach and integral limits [rad]."""
+    """Return the new state and the steering angle [rad]; `limits` are the approach and integral limits [rad]."""
     row = _scheduled(memory.table, deviation.speed)
     n = (row.size + 1) // 2
     k, transient, first = row[:n], row[n:], memory.errors.size == 0
@@ -113,7 +113,7 @@ def steering(
 
 @jit
 def _scheduled(table: Matrix, speed: float) -> Vector:
-    """Return gains and ratios P_qx / P_qq (see `_gains`), interpolated at a `speed` [m/s], negative in reverse."""
+    """Return the gains and ratios P_qx / P_qq of `_gains`, interpolated at `speed` [m/s] (negative in reverse)."""
     n = len(SPEEDS)
     u, first = min(max(abs(speed), SPEEDS[0]), SPEEDS[-1]), n if speed < 0 else 0
     k = 1
@@ -135,7 +135,10 @@ def _tick(
     r: Reference,
     dt: float,
 ) -> tuple[LqrState, Followed, float]:
-    """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
+    """Return the new state, the results and the maximum required arc length [m] of a tick on a sampled path.
+
+    `last` contains the last direction of travel and the last speed command [m/s].
+    """
     p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, rolling(p.slip, e.speed))
     limits = p.approach, p.integral
@@ -166,13 +169,13 @@ class Lqr(Integrating):
     steering_delay_s: Latency = 0.1
     """Delay T of the valve, a multiple of the tick [s]. Assumed value, as in `Valve`."""
     offset_m: Positive = 0.14
-    """Cross-track error with a cost of 1 [m]. Assumed value (0.1-0.4), tuned."""
+    """Cross-track error that contributes 1 to the cost [m]. Assumed value (0.1-0.4), tuned."""
     heading_deg: Positive = 3.9
-    """Heading error with a cost of 1 [deg]. Assumed value (3-15), tuned."""
+    """Heading error that contributes 1 to the cost [deg]. Assumed value (3-15), tuned."""
     rate_deg_s: Positive = 35.0
-    """Steering rate with a cost of 1 [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
+    """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 4-15 if chosen by hand."""
     steer_deg: Positive = 6.0
-    """Deviation from the feed-forward steering angle with a cost of 1 [deg]. Assumed value (3-15), tuned."""
+    """Deviation from the feed-forward angle that contributes 1 to the cost [deg]. Assumed value (3-15), tuned."""
     integral_m_s: Positive | None = 2.6
     """Integral of the cross-track error that contributes 1 to the cost [m s]; null disables integral action. Assumed
     value (1-5), with which the error after a step disturbance decays in 10 s."""
@@ -187,24 +190,24 @@ class Lqr(Integrating):
     """Search ranges of the gains."""
 
     def memory(self) -> LqrState:
-        """Return the initial state, with delayed commands of zero."""
+        """Return the initial state, with delayed commands of zero and without gains."""
         return LqrState(delayed=np.zeros(round(self.steering_delay_s / TICK_S)))
 
     def steering(
         self, memory: LqrState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[LqrState, float]:
-        """Return the new state and the steering angle [rad]: the sum of feed-forward, state feedback and integral."""
+        """Return the new state and the steering angle [rad], the sum of feed-forward, feedback and integral term."""
         if not memory.table.size:
             memory = self.begun(memory, situation.machine)
         e = situation.estimate
         return _steering(self._limits, memory, deviation, e.speed, e.aligned, situation.steer, dt)
 
     def begun(self, memory: LqrState, machine: TractorParameters) -> LqrState:
-        """Return the initial state with the gains for a tractor."""
+        """Return the initial state `memory`, completed with the gains for a tractor."""
         return memory._replace(table=_table(self, machine))
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> LqrLaw:
-        """Return the parameters of `compiled`."""
+        """Return the parameters of the compiled tick for a tractor."""
         return LqrLaw(limits, *self._limits, slip_of(self, machine))
 
     @property
@@ -212,17 +215,17 @@ class Lqr(Integrating):
         return radians(self.approach_deg), radians(self.integral_limit_deg)
 
     def gains(self, machine: TractorParameters, speed: float) -> list[float]:
-        """Return the gains at a speed [m/s] for cross-track error, heading error, steering, commands and integral."""
+        """Return the gains of cross-track error, heading error, steering, commands and integral at a speed [m/s]."""
         found = _scheduled(_table(self, machine), speed)
         return [float(gain) for gain in found[: (found.size + 1) // 2]]
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return the distance from CG to the point without sideslip, and the effective wheelbase [m], at a speed."""
+        """Return the distance [m] from the CG to the point without sideslip, and the effective wheelbase [m]."""
         return rolling(slip_of(self, situation.machine), situation.estimate.speed)
 
 
 def slip_of(law: Lqr, machine: TractorParameters) -> SteadySlip:
-    """Return the parameters of the steady-state slip."""
+    """Return the parameters of the steady-state slip for the tyre stiffnesses of a law and a tractor."""
     m, L, l_f, l_r = machine.mass_kg, machine.wheelbase_m, machine.cg_to_front_axle, machine.cg_to_rear_axle
     C_f, C_r = law.front_cornering_stiffness_n_rad, law.rear_cornering_stiffness_n_rad
     return SteadySlip(l_r, m * l_f, L * C_r, m * (l_r * C_r - l_f * C_f) / (L * C_f * C_r), L)
@@ -265,7 +268,7 @@ def _sampled(a: float, turn: float, u: float, lag: float, n: int) -> tuple[Array
     """Return the discrete state and input matrices of the lateral motion for a time step of one tick.
 
     States: cross-track error, heading error, steering angle, n delayed commands, integral of the cross-track error. `a`
-    is the distance from the CG to the point without sideslip [m], `turn` the yaw rate per steering angle [1/s].
+    is the distance from the CG to the point without sideslip [m]; `turn` is the yaw rate per steering angle [1/s].
     """
     from scipy.linalg import expm
 

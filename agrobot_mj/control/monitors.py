@@ -1,11 +1,15 @@
-"""Monitors of the supervisor, each with a signal, a limit, a maximum duration above the limit, and a reason.
+"""Monitors of the supervisor. A monitor has a signal, a limit, a maximum duration above the limit, and a reason.
 
 The first monitors compare path, steering angle, pedal and speed with their commands, and check the estimator state. The
-other monitors are independent of the estimator. They detect fixes that repeat, or contradict their own velocity or dead
-reckoning; wheels slower than the fixes; a yaw rate that contradicts the steering angle or the course of the fixes; a
-turn that the gyro does not measure; and repeated or missing angles of the inertial unit. If wheels and fixes agree on a
-higher speed, this speed replaces the estimated speed. Pedal and wheels that are faster than the ground are not
-monitored, because a blocked tractor is not a sensor fault.
+other monitors are independent of the estimator. They detect:
+- repeated fixes, and fixes that contradict their velocity or dead reckoning;
+- wheels slower than the fixes;
+- a yaw rate that contradicts the steering angle or the course of the fixes;
+- a turn that the gyro does not measure;
+- repeated, missing or inconsistent angles of the inertial unit.
+
+If wheels and fixes agree on a higher speed, this speed replaces the estimated speed. Pedal and wheels that are faster
+than the ground are not monitored, because a blocked tractor is not a sensor fault.
 """
 
 from math import atan, copysign, degrees, inf, isnan, nan, sqrt, tan
@@ -31,22 +35,23 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 OVERSPEED_M_S = 0.15
-"""Accepted difference between two speeds at any speed [m/s]. Assumed value: four times the measurement noise."""
+"""Speed-independent part of the accepted speed difference [m/s]. Assumed value: four times the measurement noise."""
 AGREEING = 0.15
-"""Maximum difference between agreeing speeds of wheels and fixes, divided by the wheel speed [-]; `OVERSPEED_M_S` is
-added. Assumed value for wheel slip."""
+"""Difference up to which wheel speed and fix speed agree, divided by the wheel speed [-]; `OVERSPEED_M_S` is added.
+Assumed value for wheel slip."""
 SWAYING_M_S = 0.8
-"""Speed [m/s] below which the course limit increases as 1 / speed, due to antenna oscillation. Assumed value."""
+"""Speed [m/s] below which the course limit increases as 1 / speed. Assumed value for antenna oscillation."""
 CLOSER_M, STRAYING_M = 0.1, 0.5
 """Limits [m] for a tractor that has not yet been within `max_cross_track_m` of the path. `CLOSER_M`: decrease of the
 minimum distance from the path that counts as an approach. `STRAYING_M`: accepted increase above the minimum distance.
 Assumed values."""
 TURNED_AWAY = 0.3
-"""Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-]."""
+"""Accepted increase of the distance from the path during a turn towards the path, divided by the turning radius [-].
+Assumed value."""
 DRIFT_SIGMAS = 2.5
-"""Margin of the drift limit [-], in standard deviations. Assumed value, enough for slow receivers and ridges."""
+"""Margin of the drift limit, in standard deviations [-]. Assumed value for receivers with a low rate and for ridges."""
 MAX_RATIO = 3.0
-"""Maximum weight of the time above a limit; the weight is signal divided by limit [-]. Assumed value."""
+"""Maximum weight of the time above a limit [-]. The weight is the ratio of signal to limit. Assumed value."""
 
 
 REASONS = (
@@ -72,12 +77,12 @@ REASONS = (
     "roll or pitch {:.0f} deg off the tilt from the specific force",
     "no roll or pitch measurement for {:.1f} s",
 )
-"""Format strings of the reasons for a stop, one for each monitor, with a placeholder for the signal."""
+"""Format strings of the reasons for a stop, one per monitor, with a placeholder for the signal."""
 CUTTING = (7, 9, 10)  # Numbers of the monitors that cut the power of the pedal valve, because the pedal may be faulty
 
 
 class MonitorSignals(NamedTuple):
-    """Signals that the supervisor computes for its monitors."""
+    """Signals of the monitors, computed by the supervisor."""
 
     fix_age: float = 0.0  # Age of the newest fix that the estimator has accepted [s]
     place: float = 0.0  # Arc length of the nearest path point [m]
@@ -102,20 +107,21 @@ class MonitorSignals(NamedTuple):
 
 
 class SupervisorLimits(Reporting):
-    """Limits of the monitors; each default is an assumed value that a cautious manufacturer would select."""
+    """Limits of the monitors. All defaults are conservative assumed values."""
 
     max_fix_age_s: Positive = 8.0
-    """Maximum age of the newest fix [s]. Assumed value (2-20); 5 s without a fix in a turn cause errors of 0.2-1 m."""
+    """Maximum time since the newest accepted fix [s]. Assumed value (2-20): 5 s without a fix in a turn cause position
+    errors of 0.2-1 m."""
     max_sigma_m: Positive = 1.0
     """Maximum estimated standard deviation of the position [m]. Assumed value (0.3-2)."""
     max_cross_track_m: Positive = 2.0
-    """Maximum estimated cross-track error [m]; a larger initial error may decrease first. Assumed value (0.5-3): less
-    than the width of a swath."""
+    """Maximum estimated cross-track error [m]. A larger initial error is accepted while it decreases. Assumed value
+    (0.5-3): less than the width of a swath."""
     max_acquiring_s: Positive = 20.0
-    """Maximum time [s] without coming closer to a path farther away than `max_cross_track_m`. Assumed value (10-60)."""
+    """Maximum time without an approach to a path farther away than `max_cross_track_m` [s]. Assumed value (10-60)."""
     max_nis: Positive = 120.0
     """Maximum smoothed normalised innovation squared (NIS) of the fixes [-]. Assumed value (30-150): the mean is 2 for
-    a consistent filter and 85 across 3 cm ridges at 2.5 m/s; wrong fixes, limited to 200 each, give 126 after 5 s."""
+    a consistent filter and 85 across 3 cm ridges at 2.5 m/s. Wrong fixes, limited to 200 each, give 126 after 5 s."""
     max_steer_mismatch_deg: Positive = 12.0
     """Maximum difference between commanded and measured steering angle [deg]. Assumed value (5-20)."""
     steer_mismatch_s: Positive = 2.0
@@ -125,11 +131,12 @@ class SupervisorLimits(Reporting):
     max_realigning_s: Positive = 4.0
     """Maximum time without a known heading after alignment [s]. Assumed value (3-8); realignment takes 2 s."""
     max_overspeed: Positive = 1.25
-    """Maximum speed divided by the commanded speed [-]. Assumed value (1.2-1.4); fault-free runs reach 1.15."""
+    """Maximum ratio of speed to commanded speed [-]. Assumed value (1.2-1.4); fault-free runs reach 1.15."""
     overspeed_s: Positive = 0.3
     """Maximum duration of an overspeed [s]. Assumed value (0.2-1), one period of oscillation on ridges."""
     max_pedal_mismatch: Positive = 0.08
-    """Maximum difference of commanded and measured pedal [-]. Assumed value (0.05-0.15); speed ramps cause 0.05."""
+    """Maximum difference between commanded and measured pedal [-]. Assumed value (0.05-0.15): speed ramps cause a
+    difference of 0.05."""
     pedal_mismatch_s: Positive = 0.14
     """Maximum duration of a pedal mismatch [s]. Assumed value (0.1-0.3); a runaway pedal reaches its end in 0.5 s."""
     max_pedal_rate_per_s: Positive = 2.2
@@ -139,37 +146,43 @@ class SupervisorLimits(Reporting):
     max_wheel_lag_share: NonNegative = 0.3
     """Additional accepted excess of fix speed, divided by fix speed [-]. Assumed value (0.2-0.4) for bumps."""
     wheel_lag_s: Positive = 0.3
-    """Maximum duration of a low wheel speed [s]. Assumed value (0.2-0.5), half a period of antenna oscillation."""
+    """Maximum duration of a wheel speed below the fix speed [s]. Assumed value (0.2-0.5): half the period of the
+    antenna oscillation."""
     outvoted_s: Positive = 1.0
-    """Maximum time [s] for which the estimated speed is too far below a speed on which wheels and fixes agree. Assumed
-    value (0.5-2), more than one period of the antenna oscillation."""
+    """Maximum duration of an estimated speed below the speed on which wheels and fixes agree [s]. Assumed value
+    (0.5-2), more than one period of the antenna oscillation."""
     max_angle_mismatch_deg: Positive = 8.0
-    """Maximum difference [deg] between the measured steering angle and the angle derived from the yaw rate. Assumed
+    """Maximum difference between the measured steering angle and the angle derived from the yaw rate [deg]. Assumed
     value (6-15) for wear and sideslip."""
     max_angle_mismatch_share: NonNegative = 0.4
-    """Additional accepted mismatch, divided by the larger angle [-]. Assumed value (0.3-0.6) for sliding wheels."""
+    """Additional accepted angle mismatch, divided by the larger of measured and derived angle [-]. Assumed value
+    (0.3-0.6) for sliding wheels."""
     angle_mismatch_s: Positive = 1.0
     """Maximum duration of an angle mismatch [s]. Assumed value (0.5-1.5) for the lag of wheels and tyres."""
     max_unseen_turn_deg_s: Positive = 2.0
-    """Maximum yaw-rate change [deg/s], computed from the steering angle, while the gyro repeats one value for
-    `max_repeat_s`. Assumed value (1-4): a gyro has noise and resolves 0.1 deg/s."""
+    """Maximum yaw-rate change derived from the steering angle while the gyro repeats one value for `max_repeat_s`
+    [deg/s]. Assumed value (1-4): a gyro has noise and resolves 0.1 deg/s."""
     max_repeat_s: Positive = 0.4
-    """Maximum duration [s] of a repeated position while moving, or of a repeated yaw rate while turning. Assumed value
-    (0.2-1): real measurements have noise."""
+    """Maximum duration of a repeated position while moving, or of a repeated yaw rate while turning [s]. Assumed value
+    (0.2-1), because real measurements have noise."""
     max_course_mismatch_deg: Positive = 8.0
-    """Maximum rotation of the fixes' course [deg] relative to the gyro heading: mean of 2 s minus mean of 10 s. The
-    limit increases below 0.8 m/s. Assumed value (6-15): ridges at 3 m/s cause 6, a gyro bias of 1 deg/s causes 8."""
+    """Maximum rotation of the fixes' course relative to the gyro heading [deg]: difference between the means over 2 s
+    and 10 s. The limit increases below 0.8 m/s. Assumed value (6-15): ridges at 3 m/s cause 6 deg, a gyro bias of 1
+    deg/s causes 8 deg."""
     max_fix_drift_m: Positive = 0.3
-    """Maximum difference [m] between fix position and integrated fix velocity in the last 60 s. The limit is higher for
-    slow receivers and rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04."""
+    """Maximum difference between fix position and integrated fix velocity in the last 60 s [m]. The limit is higher for
+    receivers with a low rate and on rough ground. Assumed value (0.3-1): white velocity noise of 3 cm/s causes 0.04
+    m.
+    """
     max_reckoning_sigma: Positive = 5.0
-    """Maximum distance of a fix from the dead reckoning of the last 30 s, in standard deviations [-]. Assumed value
-    (4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
+    """Maximum distance of a fix from the dead reckoning of the last 30 s, divided by its standard deviation [-].
+    Assumed value (4-6): fault-free runs reach 2, or 4 on a slope of 15 deg at 2 m/s or with a towed implement."""
     reckoning_s: Positive = 0.6
-    """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than one checked fix."""
+    """Maximum duration of a deviation from dead reckoning [s]. Assumed value (0.5-2), longer than the interval between
+    two checked fixes."""
     max_tilt_mismatch_deg: Positive = 6.0
-    """Maximum difference [deg] between roll or pitch and the tilt derived from the specific force, mean of 4 s. Assumed
-    value (4-10): a start with 0.5 m/s2 causes 3, ridges of 3 cm at 3 m/s cause up to 4.5."""
+    """Maximum difference between roll or pitch and the tilt derived from the specific force, mean over 4 s [deg].
+    Assumed value (4-10): an acceleration of 0.5 m/s2 causes 3 deg, ridges of 3 cm at 3 m/s cause up to 4.5 deg."""
     max_attitude_age_s: Positive = 2.0
     """Maximum time without angles from the inertial unit [s]. Assumed value (1-5), short compared with a turn."""
 
@@ -187,7 +200,7 @@ else:
 
 
 Checks = tuple[tuple[float, float, float], ...]
-"""Signal, limit, and maximum duration above the limit [s], one tuple for each monitor; an unavailable signal is NaN."""
+"""Signal, limit, and maximum duration above the limit [s] of each monitor; an unavailable signal is NaN."""
 
 
 @jit
@@ -213,7 +226,7 @@ def checks(
 
 @jit
 def over(check: tuple[float, float, float], time: float, dt: float) -> float:
-    """Return the weighted time above the limit after `dt` [s]: 0 below the limit, `time` for a signal of NaN [s]."""
+    """Return the weighted time above the limit [s] after `dt` [s]: 0 below it, unchanged for a NaN signal."""
     signal, limit, _ = check
     if isnan(signal):
         return time
@@ -277,7 +290,7 @@ def _wheel_lag(most: Limits, speed: float) -> float:
 
 @jit
 def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> float:
-    """Return the yaw-rate change [deg/s] since the gyro value last changed, computed from the steering angle."""
+    """Return the yaw-rate change derived from the steering angle since the gyro value last changed [deg/s]."""
     if m.t - gyro.t < most.max_repeat_s:
         return 0.0
     return degrees(abs(e.speed * (tan(m.steer) - tan(gyro.steer)) / most.wheelbase))
@@ -285,14 +298,14 @@ def _unseen_turn(most: Limits, e: Estimate, m: Sensed, gyro: GyroEvidence) -> fl
 
 @jit
 def _required_angle(most: Limits, e: Estimate, gyro: float) -> float:
-    """Return the steering angle that corresponds to the measured (or estimated) yaw rate [deg], or NaN at low speed."""
+    """Return the steering angle for the measured (or estimated) yaw rate [deg], or NaN at low speed."""
     rate = e.yaw_rate if isnan(gyro) else gyro
     return degrees(atan(most.wheelbase * rate / e.speed)) if abs(e.speed) > MOVING_M_S else nan
 
 
 @jit
 def _agreed_speed(proof: Evidence, m: Sensed) -> float:
-    """Return the speed on which wheels and newest fix agree [m/s], or 0 if both disagree or one is missing."""
+    """Return the speed on which wheels and newest fix agree [m/s], or 0 if they disagree or one speed is missing."""
     fixes, wheels = sqrt(proof.fix.vx * proof.fix.vx + proof.fix.vy * proof.fix.vy), abs(m.wheel_speed)
     if m.t - proof.t > GAP_S:
         return 0.0

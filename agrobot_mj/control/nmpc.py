@@ -4,8 +4,8 @@ Model in the frame of the heading, with cross-track error e_y of the CG and head
   e_y' = u sin e + v cos e + u b,  e' = gamma - kappa (u cos e - v sin e) / (1 - kappa e_y),
   gamma = u (tan(delta) / L + d),  v = l_r gamma,  tau delta' = delta_c(t - T) - delta,
 with the speed u (constant, negative in reverse), lateral velocity v, yaw rate gamma, steering angle delta, its command
-delta_c, and curvature kappa of the path ahead. A Kalman filter on e_y and e estimates the disturbances d (curvature:
-steering bias, slope, slip) and b (crab angle, bias of the estimated heading), which removes the steady-state error. The
+delta_c, and curvature kappa of the path ahead. A Kalman filter on e_y and e estimates two disturbances, which removes
+the steady-state error: d (curvature: steering bias, slope, slip) and b (crab angle, bias of the estimated heading). The
 decision variables are the rates of the steering command. The cost, summed over the horizon of 2 s, is
   (e_y / offset)^2 + (course error / heading)^2 + (rate / rate_deg_s)^2
 subject to limits of angle and rate. Warm-started Gauss-Newton steps (sequential quadratic programming) minimise this
@@ -34,14 +34,14 @@ STEP_S = 2 * TICK_S  # Time step of the prediction [s]
 STEPS = 20  # Number of steps in the 2 s horizon
 HORIZON_S = STEPS * STEP_S  # Duration of the horizon [s]
 APPROACH = 2 / 3
-"""Maximum decay distance (to 1/e) of an error, divided by the distance covered in the horizon [-]. Assumed value."""
+"""Maximum decay length (to 1/e) of an error, divided by the distance covered in the horizon [-]. Assumed value."""
 ITERATIONS = 2  # Number of Gauss-Newton steps per tick
 DISTURBANCES = np.zeros(4)
-"""Initial cross-track error, heading error, crab angle and curvature disturbance: zero, for an undisturbed tractor."""
+"""Initial estimates of cross-track error, heading error, crab angle and curvature disturbance, all zero."""
 
 
 class NmpcState(NamedTuple):
-    """State of `Nmpc`."""
+    """State of `Nmpc` between two ticks."""
 
     rates: Array  # Planned rates of change of the steering command [rad/s], shape (STEPS,)
     delayed: tuple[float, float]  # Last two steering commands [rad], oldest first
@@ -52,7 +52,7 @@ class NmpcState(NamedTuple):
 
 
 class Nmpc(Following):
-    """Model predictive law with a disturbance estimator."""
+    """Model predictive path-following law with a disturbance estimator."""
 
     kind: Literal["nmpc"] = "nmpc"
     label: ClassVar = "NMPC"
@@ -61,8 +61,8 @@ class Nmpc(Following):
     offset_m: Positive = 0.23
     """Cross-track error that contributes 1 to the cost [m]. Assumed value (0.05-0.5), tuned."""
     heading_deg: Positive = 5.2
-    """Course error that contributes 1 to the cost [deg]. It is increased to `offset_m` divided by two thirds of the
-    distance covered in the horizon, if this is larger. Assumed value (1-10), tuned."""
+    """Course error that contributes 1 to the cost [deg]. The minimum is `offset_m` divided by two thirds of the
+    distance covered in the horizon. Assumed value (1-10), tuned."""
     rate_deg_s: Positive = 37.0
     """Steering rate that contributes 1 to the cost [deg/s]. Assumed value, tuned; 5-25 if chosen by hand."""
     steer_rate_deg_s: Positive = 25.0
@@ -74,8 +74,8 @@ class Nmpc(Following):
     heading_walk_deg_rt_s: NonNegative = 0.3
     """Random walk of the crab angle [deg/sqrt(s)]. Assumed value (0.1-1): the heading bias changes on each arc."""
     curvature_walk_m_rt_s: NonNegative = 0.0008
-    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values
-    cause oscillation."""
+    """Random walk of the curvature disturbance [1/(m sqrt(s))]. Assumed value (0.0005-0.002); higher values cause
+    oscillation."""
     largest_curvature_m: Annotated[float, Field(gt=0, le=1)] = 0.15
     """Maximum magnitude of the curvature disturbance [1/m]. Assumed value, equivalent to 12 deg of steering."""
     tunable: ClassVar = {"offset_m": (0.02, 0.5), "heading_deg": (1.0, 20.0), "rate_deg_s": (3.0, 60.0)}
@@ -89,7 +89,7 @@ class Nmpc(Following):
     def steering(
         self, memory: NmpcState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[NmpcState, float]:
-        """Return the new state and the steering angle [rad]: estimate the disturbances, then plan steering rates."""
+        """Estimate the disturbances and plan the steering rates. Return the new state and the steering angle [rad]."""
         delta = situation.steer - deviation.bias
         if not memory.started:
             memory = memory._replace(delayed=(delta, delta), started=True)
@@ -104,7 +104,7 @@ class Nmpc(Following):
     def _plan(
         self, memory: NmpcState, mean: Array, deviation: PathDeviation, situation: Situation, delta: float
     ) -> Array:
-        """Return the rates of the steering command with minimum cost [rad/s], shape (STEPS,)."""
+        """Return the steering rates over the horizon that minimise the cost [rad/s], shape (STEPS,)."""
         m, solver = situation.machine, _solver()
         distances = [
             min(deviation.place.s + abs(deviation.speed) * STEP_S * (k + 0.5), deviation.leg[1]) for k in range(STEPS)
@@ -126,8 +126,7 @@ class Nmpc(Following):
         return solver.solve(memory.rates, p, radians(self.steer_rate_deg_s), (-limit - last, limit - last))
 
     def _sideslips(self, curvatures: list[float], deviation: PathDeviation, situation: Situation) -> list[float]:
-        """Return the sideslip at the end of each step [rad] of a CG that follows the path in reverse, or 0 in forward
-        travel."""
+        """Return the sideslip [rad] at the end of each prediction step in reverse, or zeros in forward travel."""
         if deviation.direction > 0:
             return [0.0] * STEPS
         l_r, way = situation.machine.cg_to_rear_axle, abs(deviation.speed) * STEP_S
@@ -166,11 +165,11 @@ class Nmpc(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of `Following` and of the disturbances."""
+        """Log columns of `Following` and of the estimated disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Return the log values named by `columns` for a state."""
+        """Return the values of the log columns for a state."""
         return (*super().report(state), float(state.memory.mean[2]), float(state.memory.mean[3]))
 
 
@@ -179,7 +178,7 @@ def _tangent_error(deviation: PathDeviation, situation: Situation) -> float:
 
 
 class _Solver:
-    """Residuals of the planned motion and the quadratic program of a Gauss-Newton step, created once per process."""
+    """Solver of the planned motion: linearised residuals, and a quadratic program for each Gauss-Newton step."""
 
     def __init__(self, ca: Any) -> None:
         rates, p = ca.SX.sym("rates", STEPS), ca.SX.sym("p", 16 + 2 * STEPS)
@@ -197,7 +196,10 @@ class _Solver:
         self.program = ca.conic("plan", "qrqp", dense, options)
 
     def solve(self, rates: Array, p: Array, fastest: float, bounds: tuple[float, float]) -> Array:
-        """Return improved `rates` [rad/s] with magnitudes up to `fastest` and an integral within `bounds` [rad]."""
+        """Return the steering rates [rad/s] after the Gauss-Newton steps.
+
+        Their magnitudes are at most `fastest` [rad/s]; their integrals are within `bounds` [rad].
+        """
         for _ in range(ITERATIONS):
             residual, J = (np.array(part) for part in self.linear(rates, p))
             angle = self.sums @ rates
@@ -215,7 +217,7 @@ class _Solver:
 
 
 def _residuals(ca: Any, rates: Any, p: Any) -> Any:
-    """Return the weighted errors over the horizon as casadi expressions; `Nmpc._plan` composes the parameters `p`."""
+    """Return the weighted errors over the horizon as casadi expressions; `p` are the parameters from `Nmpc._plan`."""
     e_y, e, delta, b, d, answered, command, u, L, l_r, keep, keep_half, w_y, w_e, w_r, rear = (p[k] for k in range(16))
     found = []
     for k in range(STEPS):

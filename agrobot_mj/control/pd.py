@@ -1,8 +1,8 @@
 """Conventional yaw controller: tau_c = k_P e + k_D de/dt.
 
 The error e is reference minus measured yaw rate [rad/s]. The output tau_c [rad], positive left, is limited to the
-maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller, to which the paper's
-Theorem 2 does not apply, because it divides by k_D.
+maximum steering angle. Source: the paper, section III-B. The default k_D = 0 gives a P controller. The paper's Theorem
+2 divides by k_D and therefore does not apply to the P controller.
 """
 
 from typing import ClassVar, Literal
@@ -37,7 +37,7 @@ class Pd(Conventional):
     label: ClassVar = "PD"
 
     def init(self) -> FilteredRate:
-        """Return the initial state."""
+        """Return the initial state of the filtered derivative."""
         return FilteredRate()
 
     def update(

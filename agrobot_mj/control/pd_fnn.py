@@ -18,7 +18,7 @@ from agrobot_mj.core.signals import Array, Column
 
 
 class NeuroState(NamedTuple):
-    """State of `PdT2fnn` and `PdT1fnn`."""
+    """State of `PdT2fnn` and `PdT1fnn` between two ticks."""
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
     network: Held[Network] | None = None  # Network, initialised at the first error, or None before the first error
@@ -28,23 +28,23 @@ class NeuroState(NamedTuple):
 
 
 class PdNetwork(Conventional):
-    """PD controller in parallel with a network whose inputs are the yaw-rate error and its filtered derivative."""
+    """Base class of the controllers with a PD part and a parallel network of yaw-rate error and error derivative."""
 
     network: T2Fnn = T2Fnn()
-    """Network and its learning laws."""
+    """Fuzzy neural network and its learning laws."""
     anti_windup: bool = False
     """Whether learning stops while the steering command is limited. Default: false, as in the paper."""
     tunable: ClassVar = {**Conventional.tunable, "network.alpha": (0.005, 0.5)}
     """Search ranges of the gains."""
 
     def init(self) -> NeuroState:
-        """Return the initial state."""
+        """Return the initial state, without a network."""
         return NeuroState()
 
     def update(
         self, state: NeuroState, t: float, yaw_rate_error: float, dt: float, steer_limit: float
     ) -> tuple[NeuroState, YawCommand]:
-        """Return the new state and the steering command for a yaw-rate error [rad/s] that lasts for `dt` [s]."""
+        """Return the new state, trained for `dt` [s], and the steering command for a yaw-rate error [rad/s]."""
         e = yaw_rate_error
         slope, tau_c = self.conventional(state.slope, e, dt)
         network = state.network or self.network.start(e, slope.rate)
@@ -60,7 +60,7 @@ class PdNetwork(Conventional):
         return self.network.columns
 
     def report(self, state: NeuroState) -> Sequence[float]:
-        """Return the log values named by `columns` at the last output of the network, or NaN before the first tick."""
+        """Return the values of the log columns in the last tick, before learning, or NaN before the first tick."""
         return [nan] * len(self.columns) if state.reported is None else state.reported.tolist()
 
 
@@ -77,4 +77,4 @@ class PdT1fnn(PdNetwork):
     kind: Literal["pd_t1fnn"] = "pd_t1fnn"
     label: ClassVar = "PD + T1FNN"
     network: T1Fnn = T1Fnn()
-    """Type-1 network and its learning laws."""
+    """Type-1 fuzzy neural network and its learning laws."""

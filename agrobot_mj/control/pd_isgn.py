@@ -1,6 +1,7 @@
 """Baseline for the paper's controller: PD plus the integral of the sign of the PD output.
 
-u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c), which equals a network with constant normalised firing strengths.
+u = tau_c - tau_n with d tau_n/dt = -alpha sgn(tau_c). This controller equals a network with constant normalised firing
+strengths.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -13,14 +14,14 @@ from agrobot_mj.core.spec import Positive
 
 
 class IntegralState(NamedTuple):
-    """State of `PdIsgn`."""
+    """State of `PdIsgn` between two ticks."""
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the yaw-rate error [rad/s2]
     tau_n: float = 0.0  # Integral of the smoothed sign, subtracted from the PD output [rad]
 
 
 class PdIsgn(Conventional):
-    """PD controller plus the integral of the sign of its output, a baseline for the networks."""
+    """PD controller plus the integral of the sign of its output, a baseline for the fuzzy neural networks."""
 
     kind: Literal["pd_isgn"] = "pd_isgn"
     label: ClassVar = "PD + integral of sgn"
@@ -32,7 +33,7 @@ class PdIsgn(Conventional):
     """Search ranges of the gains."""
 
     def init(self) -> IntegralState:
-        """Return the initial state."""
+        """Return the initial state, with an integral of zero."""
         return IntegralState()
 
     def update(

@@ -1,8 +1,9 @@
 """PI controller of the yaw rate: delta = k_P e + k_I integral(e dt).
 
-The error e is reference minus measured yaw rate [rad/s]. The integral is stored as an angle. Its growth is stopped
-while the total steering command, including feed-forward, exceeds the steering limit, and while the wheels are still
-moving to the command. It is frozen at large errors, which occur during an approach to the path.
+The error e is reference minus measured yaw rate [rad/s]. The integral is stored as an angle. The growth of the integral
+is stopped while the total steering command, including feed-forward, exceeds the steering limit, and while the wheels
+are still turning to the commanded angle. The integral is frozen at large errors, which occur during an approach to the
+path.
 
 With a worn valve (40 % of the flow, dead band wider by 0.8 V) the lag of the valve causes a limit cycle at high k_I;
 see docs/reference/guidance_tables.md.
@@ -19,7 +20,7 @@ TRANSIENT_RAD_S = 0.3
 
 
 class PiState(NamedTuple):
-    """State of `Pi`."""
+    """State of `Pi` between two ticks."""
 
     integral: float = 0.0  # Integral part of the command [rad]
     before: float = 0.0  # Integral part of the command one tick earlier [rad]
@@ -38,7 +39,7 @@ class Pi(YawController):
     """Search ranges of the gains."""
 
     def init(self) -> PiState:
-        """Return the initial state."""
+        """Return the initial state, with an integral of zero."""
         return PiState()
 
     def update(

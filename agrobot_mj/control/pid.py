@@ -5,9 +5,9 @@ structure is from the paper, section V-B: two cascaded PIDs for the speed and an
 are assumed values for the delays, lags and dead bands of `hydraulics` and `driveline`.
 
 The brake is applied when standstill is commanded: a speed of exactly zero, a supervisor stop with neutral pedal, or a
-crawl while the reference is at rest. The hydrostat slows the tractor until then. The brake cuts the power of the pedal
-valve, stops the tractor and holds it until a speed is commanded. A path-following law does not steer while the brake
-holds the tractor, because estimation noise would turn the wheels and thereby move the tractor by millimetres.
+crawl while the reference is at rest. The hydrostat slows the tractor before the brake is applied. The brake cuts the
+power of the pedal valve, stops the tractor and holds it until a speed is commanded. A path-following law does not steer
+while the brake holds the tractor: estimation noise would turn the wheels and thereby move the tractor by millimetres.
 """
 
 from math import inf, isfinite, isinf, isnan, nan, radians
@@ -39,7 +39,7 @@ class FilteredRate(NamedTuple):
 
 @shared
 def slope_after(s: FilteredRate, value: float, dt: float, filter_s: float) -> FilteredRate:
-    """Return the state of a filtered derivative after a new value, with the arguments of `FilteredRate.after`."""
+    """Return the filtered derivative after a new value. The arguments are as for `FilteredRate.after`."""
     if isnan(s.value):
         return FilteredRate(value, 0.0)
     raw = (value - s.value) / dt
@@ -54,7 +54,7 @@ class PidState(NamedTuple):
 
 
 class PidLaw(NamedTuple):
-    """Parameters of a `Pid` for compiled kernels, with the same units."""
+    """Parameters of a `Pid` as numbers for compiled kernels, in the units of `Pid`."""
 
     kp: float
     ki: float
@@ -80,7 +80,7 @@ def pid_step(
 
 
 class Pid(Spec):
-    """PID controller with a filtered derivative; the units depend on the loop."""
+    """PID controller with a filtered derivative; the units of the gains depend on the loop."""
 
     kp: float = 1.0
     """Proportional gain [output/error]. Assumed value, tuned."""
@@ -92,7 +92,7 @@ class Pid(Spec):
     """Time constant of the low-pass filter of the derivative [s]. Assumed value of one or two ticks."""
 
     def init(self) -> PidState:
-        """Return the initial state."""
+        """Return the initial state, with an integral of zero."""
         return PidState()
 
     def update(
@@ -102,7 +102,7 @@ class Pid(Spec):
         return pid_step(self.parameters(), state, error, dt, low, high, ahead)
 
     def parameters(self) -> PidLaw:
-        """Return the parameters of `pid_step`."""
+        """Return the gains as numbers for `pid_step`."""
         return PidLaw(self.kp, self.ki, self.kd, self.derivative_filter_s)
 
 
@@ -117,7 +117,7 @@ def over_dead_band(error: float, jump: float, tolerance: float) -> float:
 
 
 class SpeedState(NamedTuple):
-    """State of a `SpeedLoop`."""
+    """State of a `SpeedLoop` between two ticks."""
 
     outer: PidState
     inner: PidState
@@ -125,7 +125,7 @@ class SpeedState(NamedTuple):
 
 
 class SpeedLoopLaw(NamedTuple):
-    """Parameters of a `SpeedLoop` for compiled kernels."""
+    """Parameters of a `SpeedLoop` as numbers for compiled kernels."""
 
     outer: PidLaw
     inner: PidLaw
@@ -173,24 +173,24 @@ class SpeedLoop(Spec):
     """Maximum pedal error without dead-band compensation [-]. Assumed value, below the noise of the potentiometer."""
 
     def init(self) -> SpeedState:
-        """Return the initial state."""
+        """Return the initial state of both PIDs."""
         return SpeedState(self.outer.init(), self.inner.init())
 
     def parameters(self) -> SpeedLoopLaw:
-        """Return the parameters of `speed_step`."""
+        """Return the parameters of the loop as numbers for `speed_step`."""
         band = self.deadband_compensation_v, self.tolerance
         return SpeedLoopLaw(self.outer.parameters(), self.inner.parameters(), self.feedforward_s_m, *band)
 
 
 class SteeringState(NamedTuple):
-    """State of a `SteeringLoop`."""
+    """State of a `SteeringLoop` between two ticks."""
 
     pid: PidState
     reference: float = 0.0  # Last reference angle, limited in rate [rad]
 
 
 class SteeringLoopLaw(NamedTuple):
-    """Parameters of a `SteeringLoop` for compiled kernels."""
+    """Parameters of a `SteeringLoop` as numbers for compiled kernels."""
 
     pid: PidLaw
     jump: float  # Voltage that compensates the valve's dead band [V]
@@ -215,7 +215,7 @@ def steering_step(
 
 
 class SteeringLoop(AngleLoop):
-    """PID steering loop from the error of the steering angle to the valve voltage."""
+    """PID steering loop, which maps the error of the steering angle to the valve voltage."""
 
     kind: Literal["pid"] = "pid"
     pid: Pid = Pid(kp=20.0, ki=3.0, kd=2.0, derivative_filter_s=0.05)
@@ -223,7 +223,7 @@ class SteeringLoop(AngleLoop):
     deadband_compensation_v: NonNegative = 0.3
     """Voltage that compensates the valve's dead band [V]. Assumed value, below the dead band to avoid limit cycles."""
     tolerance_deg: Positive = 0.1
-    """Maximum angle error without dead-band compensation [deg]. Assumed value, below the potentiometer's 1 deg."""
+    """Maximum angle error without dead-band compensation [deg]. Assumed value, below the potentiometer's resolution."""
     reference_rate_deg_s: Positive | None = None
     """Maximum rate of the reference angle [deg/s]. Default: null (no limit), as in the paper. A limit of 26 deg/s, the
     maximum rate of the valve, removes the jump of the command at the return of GNSS fixes."""
@@ -237,7 +237,7 @@ class SteeringLoop(AngleLoop):
         return steering_step(self.parameters(), state, wanted, steer, dt)
 
     def parameters(self) -> SteeringLoopLaw:
-        """Return the parameters of `steering_step`."""
+        """Return the parameters of the loop as numbers for `steering_step`."""
         rate = self.reference_rate_deg_s
         band = self.deadband_compensation_v, radians(self.tolerance_deg)
         return SteeringLoopLaw(self.pid.parameters(), *band, inf if rate is None else radians(rate))
@@ -246,13 +246,13 @@ class SteeringLoop(AngleLoop):
 STANDSTILL_S = 1.0
 """Duration of commanded standstill before the brake is applied [s]. Assumed value, three time constants of the pump."""
 STOPPED_S = 2.0
-"""Time that the brake needs to stop the tractor [s]. Assumed value, twice the braking time from field speed."""
+"""Time from brake application to standstill [s]. Assumed value, twice the braking time from field speed."""
 CRAWL_M_S = 0.1
 """Speed command [m/s] below which the brake is applied if the reference is at rest. Assumed value for GNSS noise."""
 
 
 class BrakeState(NamedTuple):
-    """State of the brake; the tractor is parked before the first tick."""
+    """State of the brake. Before the first tick the tractor is parked."""
 
     standing_s: float = inf  # Time for which standstill has been commanded [s]
 
@@ -268,10 +268,10 @@ class BrakeState(NamedTuple):
 
     def after(self, command: Command, reference: Reference, dt: float) -> "BrakeState":
         """Return the brake state `dt` [s] later, for the command to the low-level loops and the path reference."""
-        return brake_after(self, wishes_of(command, reference.vx == reference.vy == 0.0), dt)
+        return brake_after(self, loop_command_of(command, reference.vx == reference.vy == 0.0), dt)
 
 
-class Wishes(NamedTuple):
+class LoopCommand(NamedTuple):
     """Command to the low-level loops as numbers for compiled kernels; a missing voltage or pedal position is NaN."""
 
     steer: float
@@ -281,15 +281,17 @@ class Wishes(NamedTuple):
     waits: bool  # Whether the reference point on the path is at rest
 
 
-def wishes_of(command: Command, waits: bool) -> Wishes:
+def loop_command_of(command: Command, waits: bool) -> LoopCommand:
     """Return a command as numbers for compiled kernels; `waits` is whether the path reference is at rest."""
     steer, speed, steer_voltage, pedal, _ = command
-    return Wishes(steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits)
+    return LoopCommand(
+        steer, speed, nan if steer_voltage is None else steer_voltage, nan if pedal is None else pedal, waits
+    )
 
 
 @shared
-def brake_after(s: BrakeState, w: Wishes, dt: float) -> BrakeState:
-    """Return the brake state `dt` [s] later."""
+def brake_after(s: BrakeState, w: LoopCommand, dt: float) -> BrakeState:
+    """Return the brake state `dt` [s] later, for a command to the low-level loops."""
     asked = w.speed if isnan(w.pedal) else w.pedal
     if asked == 0.0:
         return BrakeState(s.standing_s + dt)
@@ -300,7 +302,7 @@ def brake_after(s: BrakeState, w: Wishes, dt: float) -> BrakeState:
 
 
 class LoopsLaw(NamedTuple):
-    """Parameters of the low-level loops for compiled kernels."""
+    """Parameters of the low-level loops as numbers for compiled kernels."""
 
     speed: SpeedLoopLaw
     steering: SteeringLoopLaw
@@ -316,11 +318,11 @@ class LoopsState(NamedTuple):
 
 @jit
 def loops_step(
-    p: Held[LoopsLaw], s: LoopsState, w: Wishes, estimate: Held[Estimate], steer: float, pedal: float, dt: float
+    p: Held[LoopsLaw], s: LoopsState, w: LoopCommand, estimate: Held[Estimate], steer: float, pedal: float, dt: float
 ) -> tuple[LoopsState, tuple[float, float, float]]:
-    """Return the new state, the voltages of steering and pedal valve [V], and the applied brake fraction [-].
+    """Return the new state, the steering and pedal valve voltages [V], and the applied fraction of the brake torque.
 
-    The command may bypass one or both loops. `steer` [rad] and `pedal` [-] are measured.
+    A command may replace a loop by a steering voltage or a pedal position. `steer` [rad] and `pedal` [-] are measured.
     """
     p, brake = fetched(p), brake_after(s.brake, w, dt)
     share = 1.0 if brake.standing_s >= STANDSTILL_S else 0.0

@@ -8,10 +8,11 @@ with the goal behind. Source: [Coulter1992], [Snider2009].
 The arc begins at the position of R predicted for `prediction_s` later at the current yaw rate. The prediction
 compensates the delay and lag of the steering, which would otherwise cause oscillation at speed.
 
-The law works on any path, forward and in reverse. Only the look-ahead distance needs tuning. The tractor cuts changes
-of the curvature by about the squared distance divided by eight radii; a short distance causes oscillation if the lag is
-not compensated. Side slopes, steering errors and valve dead bands cause an offset. In forward travel near the path, an
-integral of the cross-track error over the distance removes the offset, as in the AgOpenGPS family.
+The law works on any path, forward and in reverse. Only the look-ahead distance needs tuning. Where the curvature
+changes, the tractor cuts the corner by about the squared look-ahead distance divided by eight radii. A short distance
+causes oscillation if the lag is not compensated. Side slopes, steering errors and valve dead bands cause an offset. In
+forward travel near the path, an integral of the cross-track error over the distance removes the offset, as in the
+AgOpenGPS family.
 """
 
 from math import atan, copysign, cos, radians, sin, sqrt, tan
@@ -37,13 +38,13 @@ MAX_INTEGRATED_M = 0.1
 
 
 class PursuitState(NamedTuple):
-    """State of `PurePursuit`."""
+    """State of `PurePursuit` between two ticks."""
 
     integral: float = 0.0  # Steering angle of the integral term [rad]
 
 
 class PurePursuit(Integrating):
-    """Pure pursuit law of the rear axle."""
+    """Pure pursuit law, which steers the rear axle along an arc to a goal point ahead on the path."""
 
     sized: ClassVar = {"lookahead_m": {"length": 1}}
 
@@ -55,12 +56,12 @@ class PurePursuit(Integrating):
     """Speed-independent part of the look-ahead distance at or above `BRISK_M_S` [m]. Assumed value (0.6-2.4), tuned;
     values below 1 cause oscillation with a worn valve."""
     prediction_s: Annotated[float, Field(ge=0, le=2)] = 0.46
-    """Prediction time for the start of the arc [s]. Assumed value, tuned: about the delay and lag of the steering."""
+    """Prediction time for the start of the arc [s]. Assumed value, tuned: about delay plus lag of the steering."""
     approach_deg: Annotated[float, Field(gt=0, le=80)] = 25.0
     """Maximum angle of approach to a distant path [deg]. Assumed value (20-50); larger angles cause overshoot."""
     integral_per_m2: NonNegative = 0.012
-    """Integral gain [rad/m2]: steering angle per cross-track error and distance in forward travel; 0 disables the
-    integral. Assumed value (0-0.05), tuned."""
+    """Integral gain in forward travel [rad/m2]: steering angle divided by the integral of the cross-track error over
+    the distance; 0 disables the integral. Assumed value (0-0.05), tuned."""
     tunable: ClassVar = {
         "lookahead_s": (0.2, 3.0),
         "lookahead_m": (0.2, 3.0),
@@ -70,13 +71,13 @@ class PurePursuit(Integrating):
     """Search ranges of the gains."""
 
     def memory(self) -> PursuitState:
-        """Return the initial state."""
+        """Return the initial state, with an integral of zero."""
         return PursuitState()
 
     def steering(
         self, memory: PursuitState, deviation: PathDeviation, situation: Situation, dt: float
     ) -> tuple[PursuitState, float]:
-        """Return the new state and the steering angle [rad]: the angle of the arc to the goal plus the integral."""
+        """Return the new state and the steering angle [rad], the angle of the arc to the goal plus the integral."""
         arc, e = self._arc(deviation, situation), situation.estimate
         if deviation.direction < 0:
             return memory, arc
@@ -87,10 +88,10 @@ class PurePursuit(Integrating):
         return memory, arc + memory.integral
 
     def _arc(self, deviation: PathDeviation, situation: Situation) -> float:
-        """Return the steering angle of the arc to the goal [rad].
+        """Return the steering angle of the arc to the goal point [rad].
 
-        The goal is on the path, or next to the path at a distance that limits the approach angle. Beyond the end of the
-        leg the goal is on its straight extension.
+        The goal is on the path, or next to a distant path so that the approach angle is limited. Beyond the end of the
+        leg the goal is on the straight extension of the leg.
         """
         e, m, route, end = situation.estimate, situation.machine, situation.route, deviation.leg[1]
         u, l_r = abs(e.speed), m.cg_to_rear_axle

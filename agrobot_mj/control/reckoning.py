@@ -5,17 +5,17 @@ rate r and roll,
 
   dq = w exp(j (phi + beta)) dt,  dh = j f dq,    phi' = r,  beta = -C f,  f = w r + g sin(roll) + p sin(gamma)
 
-in a frame at an unknown angle, with the pull p of a working implement at the angle gamma to the tractor. A reference
-has seven states: position x, y of R, angle theta of this frame, gyro bias b, wheel scale k, sideslip kappa and
-compliance c in addition to the model. Between two fixes
+in a frame at an unknown angle, with the pull p of a working implement at the angle gamma to the tractor. A reference is
+an extrapolation from an earlier fix, with seven states: position x, y of R, angle theta of this frame, gyro bias b,
+wheel scale k, and corrections kappa of the sideslip and c of the compliance. Between two fixes
 
   x + j y += exp(j (theta + kappa)) ((1 - k) dq - c dh),    theta -= b dt
 
-All states except x, y are random walks, faster in turns with a large side force f. Fixes and two-antenna headings
-update reference 0. Every 5 s a copy of reference 0 starts a new reference, which receives no fix for 30 s. A fix must
-be consistent with all references (integrity monitoring by extrapolation [Diesel1995]). The comparison detects errors
-common to position and velocity, and jumps during a gap. Without a gyro, the antenna heading or the steering angle gives
-the yaw rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
+All states have random walks, which increase in turns with a large side force f for k and kappa. Fixes and two-antenna
+headings update reference 0. Every 5 s a copy of reference 0 starts a new reference, which receives no fix for 30 s. A
+fix must be consistent with all references (integrity monitoring by extrapolation [Diesel1995]). The comparison detects
+errors common to position and velocity, and jumps during a gap. Without a gyro, the antenna heading or the steering
+angle gives the yaw rate. Without wheel speed or with spinning wheels, the fixes give the speed. SI units.
 """
 
 from cmath import exp as turn
@@ -39,7 +39,7 @@ MEMORY_S, RENEWAL_S = 30.0, 5.0
 """Lifetime of a reference and interval between the starts of references [s]. Assumed values."""
 HISTORY_TICKS = 101  # Number of ticks for which sums are stored: fixes arrive up to 5 s late
 START_M = 1.5
-"""Minimum distance between the two fixes that give the initial heading [m]. Assumed value for an accuracy of 3 deg."""
+"""Minimum distance between the two fixes for the initial heading [m]. Assumed value for an accuracy of 3 deg."""
 POSITION_SIGMA, TILT_SIGMA, UNKNOWN_TILT_SIGMA = 0.03, 0.02, 0.06
 """Standard deviations [m] of a fix, and of the antenna position due to tilt with and without an inertial unit. Assumed
 values: 2 cm for the fix; 0.6 and 2 deg at a height of 2 m."""
@@ -84,10 +84,10 @@ class References(NamedTuple):
 def _followed(
     r: References, last: Sums, at: Sums, fix: Fix, heading: float, variance: float, sharing: float
 ) -> tuple[References, float, float]:
-    """Return the references after a fix, and distance and sigma of the fix from the most contradicting reference [m].
+    """Return the references after a fix, and distance and sigma of the fix from the least consistent reference [m].
 
     `variance` [m2] belongs to the position of the fix; `sharing` is the number of consecutive fixes with equal error.
-    `heading` is the measured heading minus the integrated yaw rate, NaN if not measured [rad].
+    `heading` is the measured heading minus the integrated yaw rate [rad], or NaN if not measured.
     """
     means, P = r.means.copy(), r.covariances.copy()
     worst, distance, sigma = -1.0, 0.0, 0.0
@@ -165,14 +165,14 @@ def _renewed(r: References, t: float) -> References:
 
 
 class Reckoning(NamedTuple):
-    """State of the dead reckoning of the supervisor."""
+    """State of the supervisor's dead reckoning between two ticks."""
 
     sums: tuple[Held[Sums], ...] = ()  # Dead-reckoning sums after each of the last ticks, oldest first
     checked: Sums | None = None  # Dead-reckoning sums at the last checked fix, or None before the first fix
     begun_at: complex = 0j  # Position of the first fix [m], east + j north
     references: References | None = None  # References for checking fixes, or None until the frame angle theta is known
     distance: float = nan
-    """Distance of the last checked fix from the reference that contradicts it most [m], NaN before the first fix."""
+    """Distance of the last checked fix from the least consistent reference [m], or NaN before the first checked fix."""
     sigma: float = nan  # Standard deviation of `distance` [m], or NaN before the first checked fix
 
     def after(
@@ -185,9 +185,9 @@ class Reckoning(NamedTuple):
         dt: float,
         towed: TowedImplement,
     ) -> "Reckoning":
-        """Return the state after a tick of `dt` [s], unchanged before the first gyro measurement. A missing fix is NaN.
+        """Return the state after a tick of `dt` [s]. The state does not change before the first gyro measurement.
 
-        The axis of the gyro is fixed to the tractor if `body`, otherwise vertical.
+        A missing fix is NaN. The axis of the gyro is fixed to the tractor if `body`, otherwise vertical.
         """
         if self.checked is None and not isfinite(m.gyro):
             return self

@@ -13,17 +13,17 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class SpeedNetworkState(NamedTuple):
-    """State of `SpeedNetwork`."""
+    """State of `SpeedNetwork` between two ticks."""
 
     slope: FilteredRate = FilteredRate()  # Filtered derivative of the speed error [m/s2]
     network: T2FnnState | None = None
-    """State of the network, which starts at the first speed error, or None before."""
+    """State of the network, or None before the first speed error."""
     tau_c: float = 0.0  # Last output of the proportional controller [m/s]
     tau_n: float = 0.0  # Last output of the network [m/s]
 
 
 class SpeedNetwork(Spec):
-    """Proportional speed controller in parallel with the paper's network."""
+    """Proportional speed controller in parallel with the paper's fuzzy neural network."""
 
     kp: NonNegative = 0.2
     """Proportional gain k_P [-]. Assumed value (0.05-0.5); a value of 1 would double the gain of the speed loop."""
@@ -32,12 +32,12 @@ class SpeedNetwork(Spec):
     bound_m_s: Positive = 0.3
     """Maximum correction of the speed command [m/s]. Assumed value (0.1-0.6), half of `CascadeLaw.saturation_m_s`."""
     network: T2Fnn = T2Fnn(alpha=0.01)
-    """Network and its learning laws; the learning rate alpha has the unit [m/s2] here."""
+    """Fuzzy neural network and its learning laws; the learning rate alpha has the unit [m/s2] here."""
 
     def update(
         self, state: SpeedNetworkState, wanted: float, speed: float, dt: float
     ) -> tuple[SpeedNetworkState, float]:
-        """Return the new state and the corrected speed [m/s]; learning stops while the correction is at its limit."""
+        """Return the new state and the corrected speed command [m/s]. Learning stops at the limit of the correction."""
         e = wanted - speed
         slope, tau_c = state.slope.after(e, dt, self.derivative_filter_s), self.kp * e
         network = state.network or self.network.init(e, slope.rate)

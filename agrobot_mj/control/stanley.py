@@ -13,9 +13,9 @@ In reverse the front axle trails and this feedback is unstable. The law then use
 / l + k e / (L |u|) = 0 with respect to distance.
 
 Side slopes, steering errors and valve dead bands would cause an offset of about (angle) u / k. In forward travel the
-integral v removes it:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the measured minus the
-expected motion of the front axle. It is frozen during an approach at a large angle, while the wheels lag the command or
-the command is at its limit, and until the heading is known, because the supervisor steers in the meantime.
+integral v removes the offset:  v = -k_i integral of (e_f' + u sin(atan(k e_f / (u_0 + u)))) dt,  the measured minus the
+expected motion of the front axle. v is frozen during an approach at a large angle, while the wheels lag the command,
+and while the command is at its limit. v is also frozen until the heading is known; until then the supervisor steers.
 """
 
 from math import atan, isnan, nan, radians, sin, tan
@@ -43,11 +43,11 @@ from agrobot_mj.core.spec import NonNegative, Positive
 from agrobot_mj.machine.tractor import TractorParameters
 
 WHEEL_LAG = radians(3.0)
-"""Difference between commanded and measured steering angle [rad] above which the integral is frozen. Assumed value."""
+"""Steering-angle lag above which the integral is frozen: command minus measurement [rad]. Assumed value."""
 
 
 class StanleyState(NamedTuple):
-    """State of `Stanley`."""
+    """State of `Stanley` between two ticks."""
 
     integral: float = 0.0  # Steering angle v of the integral term [rad]
     offset: float = nan
@@ -68,7 +68,7 @@ class Gains(NamedTuple):
 
 
 class StanleyLaw(NamedTuple):
-    """Parameters of `Stanley` as numbers for kernels."""
+    """Parameters of `Stanley` as numbers for compiled kernels."""
 
     limits: CommandLimits
     gains: Gains
@@ -79,7 +79,7 @@ def steering(
     gains: Gains, memory: StanleyState, deviation: PathDeviation, pose: tuple[float, float, float], speed: float,
     yaw_rate: float, aligned: bool, steer: float, dt: float,
 ) -> tuple[StanleyState, float]:  # fmt: skip
-    """Return the new state and the steering angle [rad]; `pose` is x, y [m] and yaw [rad] of the CG."""
+    """Return the new state and the steering angle [rad]; `pose` contains x, y [m] and yaw [rad] of the CG."""
     pace, ahead = gains.softening + abs(deviation.speed), deviation.steer_ahead
     if deviation.direction < 0:
         e_r = offset_of(deviation, -gains.rear, deviation.yaw, pose)
@@ -105,7 +105,10 @@ def _tick(
     p: Held[StanleyLaw], memory: StanleyState, last: tuple[float, float], samples: Matrix, seen: Situated, r: Reference,
     dt: float,
 ) -> tuple[StanleyState, Followed, float]:  # fmt: skip
-    """Return the result of a tick on a sampled path; `last` are the last direction of travel and speed command."""
+    """Return the new state, the results and the maximum required arc length [m] of a tick on a sampled path.
+
+    `last` contains the last direction of travel and the last speed command [m/s].
+    """
     p, e = fetched(p), fetched(seen.estimate)
     deviation, most = deviated_on(p.limits, last[0], samples, seen, r, (p.gains.rear, p.gains.wheelbase))
     pose, rates = (e.x, e.y, e.yaw), (e.speed, e.yaw_rate)
@@ -117,7 +120,7 @@ _steering = stage(steering)
 
 
 class Stanley(Integrating):
-    """Stanley law of the front axle or, in reverse, of the rear axle."""
+    """Stanley law, which steers by the offset of the front axle or, in reverse, of the rear axle."""
 
     sized: ClassVar = {"reverse_heading_gain": {"length": 0.5}}
 
@@ -125,15 +128,15 @@ class Stanley(Integrating):
     label: ClassVar = "Stanley"
     compiled = staticmethod(_tick)
     gain_per_s: Positive = 0.91
-    """Gain k: approach speed per offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
+    """Gain k: approach speed per axle offset [1/s]. Assumed value (0.3-1), below 1 / (4 T) for a steering lag T."""
     softening_m_s: NonNegative = 0.99
     """Softening speed u_0 [m/s], which reduces the gain at low speed. Assumed value (0-1)."""
     yaw_damping_s: NonNegative = 0.54
-    """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (0.2-0.8), the lag."""
+    """Damping k_d: steering angle per yaw-rate error in forward travel [s]. Assumed value (0.2-0.8): steering lag."""
     reverse_heading_gain: Positive = 1.5
     """Gain h: steering angle per heading error in reverse [-]. Assumed value (1-2); critically damped at 1 m/s."""
     integral_per_m: Annotated[float, Field(ge=0, le=1)] = 0.083
-    """Integral gain k_i [rad/m] in forward travel: steering angle per unexpected motion of the front axle. Assumed
+    """Integral gain k_i: steering angle per unexpected motion of the front axle in forward travel [rad/m]. Assumed
     value (0-0.3)."""
     tunable: ClassVar = {
         "gain_per_s": (0.1, 2.0),
@@ -144,7 +147,7 @@ class Stanley(Integrating):
     """Search ranges of the gains."""
 
     def memory(self) -> StanleyState:
-        """Return the initial state."""
+        """Return the initial state, with an integral of zero."""
         return StanleyState()
 
     def steering(
@@ -156,10 +159,10 @@ class Stanley(Integrating):
         return _steering(gains, memory, deviation, pose, e.speed, e.yaw_rate, e.aligned, situation.steer, dt)
 
     def gains(self, m: TractorParameters) -> Gains:
-        """Return gains and dimensions as numbers for kernels."""
+        """Return the gains of the law and the dimensions of the tractor as numbers for compiled kernels."""
         gains = self.gain_per_s, self.softening_m_s, self.yaw_damping_s, self.reverse_heading_gain, self.integral_per_m
         return Gains(*gains, m.cg_to_front_axle, m.cg_to_rear_axle, m.wheelbase_m)
 
     def parameters(self, limits: CommandLimits, machine: TractorParameters) -> StanleyLaw:
-        """Return the parameters of `compiled`."""
+        """Return the parameters of the compiled tick for a tractor."""
         return StanleyLaw(limits, self.gains(machine))

@@ -1,4 +1,4 @@
-"""Sums of wheel speed, yaw rate and tilt over time, from which `reckoning` computes paths between fixes; SI units."""
+"""Dead-reckoning sums of wheel speed, yaw rate and tilt, used by `reckoning` between fixes. SI units."""
 
 from cmath import exp as turn
 from math import atan, copysign, cos, isfinite, isnan, nan, radians, sin, sqrt, tan
@@ -16,20 +16,21 @@ from agrobot_mj.machine.tractor import GRAVITY
 COMPLIANCE = radians(0.8)
 """Modelled tyre compliance: sideslip per lateral specific force [rad s2/m]. Assumed value: 0.5 deg s2/m on soil."""
 CLIMB_SLIP = 0.01
-"""Modelled wheel slip on a climb, divided by gravity along the slope [s2/m]. Assumed value for firm ground."""
+"""Modelled wheel slip on a climb, divided by the gravity component along the slope [s2/m]. Assumed value."""
 COMPASS_S = 5.0
-"""Time constant for comparing the antenna heading with the gyro [s]. Assumed value, fast compared with gyro drift."""
+"""Time constant for comparing the antenna heading with the gyro [s]. Assumed value, short compared with gyro drift."""
 BRIDGED_SIGMA = radians(0.15)
 """Standard deviation added to the frame angle theta when the gyro fails [rad]. Assumed value for averaged headings."""
 SIDESLIP_WALK, SLIP_WALK = (radians(0.04), radians(0.12)), (0.002, 0.003)
-"""Random walks of sideslip [rad] and wheel scale [-]: first per root of time [sqrt(s)], then per root of rotation
-[sqrt(rad)]. Assumed values for six machines on level, rough, sloping and soft ground."""
+"""Random walks of sideslip [rad] and wheel scale [-], each as a pair: per sqrt(s) of time and per sqrt(rad) of
+rotation. Assumed values for six machines on level, rough, sloping and soft ground."""
 SLIDING, UNKNOWN_FORCE = 2.4, 3.5
-"""Specific force that doubles the random walks of sideslip and wheel scale (fourth-power law), and specific force
-assumed without an inertial unit [m/s2]. Assumed values for slopes of 15 deg, on which tyres begin to slide."""
+"""Specific force at which the random walks of sideslip and wheel scale are doubled [m/s2], and specific force assumed
+without an inertial unit [m/s2]. The increase of the random walks is proportional to the fourth power of the force.
+Assumed values for slopes of 15 deg, on which tyres begin to slide."""
 DRAUGHT = 3.0
-"""Specific pull of a working implement at the rear axle [m/s2]. Assumed value: the draught is one sixth of the
-tractor's weight (0.1-0.3), divided by the mass on the rear axle."""
+"""Pull of a working implement, divided by the mass on the rear axle [m/s2]. Assumed value: the draught is one sixth of
+the tractor's weight (0.1-0.3)."""
 HOPPING = 0.3
 """Variation of the vertical specific force divided by g [-] that doubles the random walks of sideslip and wheel scale.
 Assumed value: 3 cm ridges cause 0.3 at 1.8 m/s and 1 at 3 m/s (sideslip of 7 deg), other ground at most 0.15."""
@@ -52,7 +53,7 @@ class Compass(NamedTuple):
     rate: float = 0.0  # Rate of change of `angle`, the negative gyro error [rad/s]
 
     def after(self, shown: float, dt: float) -> "Compass":
-        """Return the state after `dt` [s] for the measured difference `shown` [rad], or NaN if there is no heading."""
+        """Return the state after `dt` [s]; `shown` is the measured difference [rad], or NaN without a heading."""
         if not isfinite(self.angle):
             return Compass(shown, 0.0)
         angle = self.angle + self.rate * dt
@@ -66,7 +67,7 @@ kernel_method("after")
 
 
 class Sums(NamedTuple):
-    """Sums of dead reckoning over all ticks up to time `t`."""
+    """Dead-reckoning sums over all ticks up to the time `t`."""
 
     t: float = 0.0  # Time of the last tick [s]
     phi: float = 0.0  # Integral of the yaw rate [rad]
@@ -80,7 +81,7 @@ class Sums(NamedTuple):
     rest: complex = 0j  # Mean of `lever`, the antenna position, over `ROCKING_S` [m]
     rocking: float = 0.0  # Mean distance of the antenna from its mean position `rest` [m]
     swing: float = 0.0
-    """Angle of the towed implement to the tractor [rad], from the path of the rear axle, or 0 in steady reverse."""
+    """Angle of the towed implement to the tractor [rad], from the path of the rear axle; 0 without an implement."""
     hopping: float = 0.0
     """Mean variation of the vertical specific force, divided by g [-], or 0 if the force is not measured."""
     wheels: float = 0.0  # Smoothed wheel speed at the times of the fixes [m/s]
@@ -158,8 +159,10 @@ def summed(last: Held[Sums], m: Sensed, fix: Fix, vehicle: Vehicle, towed: Towed
 def _turn(
     s: Sums, m: Sensed, heading: float, gyro: float, w: float, vehicle: Vehicle, dt: float
 ) -> tuple[float, float]:
-    """Return the yaw rate [rad/s] from gyro, antennas or steering at speed `w` [m/s], and the added variance of theta
-    [rad2]."""
+    """Return the yaw rate [rad/s] from gyro, antennas or steering angle, and the added variance of theta [rad2].
+
+    `w` is the speed of the rear axle [m/s].
+    """
     standing = abs(w) < STANDING_M_S
     if isfinite(m.gyro):
         return (0.0 if standing else gyro), 0.0

@@ -1,7 +1,7 @@
-"""Supervisor: monitors whether the tractor may continue autonomously, and otherwise performs a controlled stop.
+"""Supervisor, which monitors autonomous driving and performs a controlled stop if a signal exceeds its limit.
 
 `monitors` lists the monitored signals, which a real guidance computer can measure. Until the heading is known, the
-tractor follows the curvature of the path slowly. Without fixes the speed is unknown and the pedal is frozen. If a
+tractor slowly follows the curvature of the path. Without fixes the speed is unknown and the pedal is frozen. If a
 signal exceeds its limit, the pedal returns to neutral and the run ends as `stopped`, with the reason. If the pedal is
 faulty or the tractor does not come to rest, the power of the pedal valve is cut. Configured in `[supervisor]`.
 """
@@ -35,18 +35,18 @@ from agrobot_mj.core.spec import NonNegative, Positive
 MIN_STEERING_RATE = radians(4.0)
 """Minimum rate of wheels that follow their command, even with a worn valve [rad/s]. Assumed value."""
 MIN_PEDAL_RATE = 0.15
-"""Minimum rate of a pedal that follows its command [1/s]. Assumed value; limits the lag to `max_pedal_mismatch`."""
+"""Minimum rate of a pedal that follows its command [1/s]. Assumed value, for a lag of at most `max_pedal_mismatch`."""
 STEERING_RATE_S = 0.5
 """Time constant for smoothing the measured steering rate [s]. Assumed value; noise of 0.3 deg causes 0.6 deg/s."""
 SLOWING_M_S2 = 0.5  # Deceleration of the tractor after a decrease of the speed command [m/s2]. Assumed value.
 SPEED_LAG_S = 0.8
-"""Delay of the speed [s] after a decrease of the command: pedal, pump and speed loop. Assumed value (0.5-1)."""
+"""Delay of the speed after a lower speed command [s]. Assumed value (0.5-1) for pedal, pump and speed loop."""
 STANDING_M_S = 0.15  # Speed below which the tractor is at rest [m/s]. Assumed value, four times the measurement noise.
 OVERDUE_S = 1.0  # Maximum time from neutral pedal to standstill [s]. Assumed value, three time constants of the pump.
 
 
 class Mode(IntEnum):
-    """States of the supervisor, logged in `supervisor_state`."""
+    """States of the supervisor, logged in the column `supervisor_state`."""
 
     IDLE = 0
     ALIGNING = 1
@@ -56,15 +56,15 @@ class Mode(IntEnum):
 
 
 class SupervisorState(NamedTuple):
-    """State of a `Supervisor`."""
+    """State of a `Supervisor` between two ticks."""
 
     mode: Mode = Mode.IDLE
     watched: Held[MonitorSignals] | None = None
-    """Signals computed for the monitors, or None before the first tick."""
+    """Monitored signals, or None before the first tick."""
     shown: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Age of the newest accepted fix [s], arc length [m] and curvature [1/m] of the nearest path point."""
+    """Time since the newest accepted fix [s], and arc length [m] and curvature [1/m] of the nearest path point."""
     over_s: Vector = np.zeros(len(REASONS))
-    """Weighted time for which the signal of each monitor has exceeded its limit [s]."""
+    """Weighted time for which each monitor's signal has exceeded its limit [s], shape (monitors,)."""
     pedal: float = 0.0  # Pedal reference while coasting and stopping [-]
     steer: float = 0.0  # Last steering command [rad]
     neutral_s: float = 0.0  # Time since the pedal reference reached neutral during a stop [s]
@@ -76,23 +76,24 @@ class SupervisorState(NamedTuple):
 
 
 class Supervisor(SupervisorLimits):
-    """Monitors of autonomous driving, and the controlled stop after a monitor exceeds its limit."""
+    """Supervisor of autonomous driving: monitors, and a controlled stop after a signal exceeds its limit."""
 
     enabled: bool = True
     """Whether the supervisor is active. Default: true, but false in scenarios of the paper, which has no supervisor."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis of the gyro assumed in dead reckoning: `vertical`, or `body` for an axis fixed to the tractor."""
     coasting_after_s: Positive = 0.6
-    """Maximum age of the newest fix before the tractor coasts [s]. Assumed value (0.3-1), a few missing fixes."""
+    """Maximum time since the newest fix before the tractor coasts with a constant pedal position [s]. Assumed value
+    (0.3-1), a few missing fixes."""
     aligning_speed_m_s: Positive = 0.8
-    """Speed along the curvature of the path until the heading is known [m/s]. Assumed value (0.5-1.5)."""
+    """Speed while the heading is unknown and the tractor follows the path curvature [m/s]. Assumed value (0.5-1.5)."""
     stopping_pedal_rate_per_s: Positive = 0.5
     """Rate at which the pedal returns to neutral [1/s]. Assumed value (0.1-1); a tractor at 1.2 m/s stops in 0.5 s."""
     settle_s: NonNegative = 1.5
-    """Time at rest before the run ends as `stopped` [s]. Assumed value (1-3)."""
+    """Time at rest before the run ends with the outcome `stopped` [s]. Assumed value (1-3)."""
 
     def init(self) -> SupervisorState:
-        """Return the initial state."""
+        """Return the initial state, in the mode IDLE."""
         return SupervisorState()
 
     def update(
@@ -104,7 +105,7 @@ class Supervisor(SupervisorLimits):
         pedal_ref: float,
         dt: float,
     ) -> tuple[SupervisorState, Command]:
-        """Return the new state and the command to the low-level loops for the command of the guidance law.
+        """Return the new state and the command to the low-level loops, given the `command` of the guidance law.
 
         `pedal_ref` is the last pedal reference of the speed loop [-].
         """
@@ -115,7 +116,7 @@ class Supervisor(SupervisorLimits):
         limits, watched = state.limits or held(self.limits(machine)), state.watched or held(MonitorSignals())
         nearest = situation.route.nearest(e.x, e.y, state.shown[1], situation.t)
         reckoning = state.reckoning.after(m, fix, quality, machine, self.gyro_axes == "body", dt, situation.towed)
-        wanted = Wanted(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
+        wanted = MonitoredCommand(state.steer, abs(command.speed), pedal_ref, self.aligning_speed_m_s)
         reckoned = reckoning.distance, reckoning.sigma
         watched, shown, over_s, first, signal, cut = _watched(
             limits, watched, state.over_s, nearest, estimate, m, fix, quality, situation.steer, wanted, reckoned, dt
@@ -131,7 +132,7 @@ class Supervisor(SupervisorLimits):
         )
 
     def stopped(self, state: SupervisorState) -> bool:
-        """Whether the controlled stop is complete."""
+        """Return whether the controlled stop is complete."""
         return state.mode is Mode.STOPPING and state.still_s > self.settle_s
 
     def _mode(self, e: Estimate, fix_age: float) -> Mode:
@@ -154,7 +155,10 @@ class Supervisor(SupervisorLimits):
     def _stopping(
         self, state: SupervisorState, situation: Situation, measured: Measurement, dt: float
     ) -> SupervisorState:
-        """Return the state after a tick of a stop: pedal to neutral, power cut if the tractor does not come to rest."""
+        """Return the state after a tick of a stop.
+
+        The pedal returns to neutral. If the tractor does not come to rest, the power of the pedal valve is cut.
+        """
         reach = self.stopping_pedal_rate_per_s * dt
         pedal = state.pedal + clip(-state.pedal, -reach, reach)
         # one of both speeds may be wrong: `still` requires one speed at rest, `released` one speed in motion
@@ -169,7 +173,7 @@ class Supervisor(SupervisorLimits):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the supervisor mode and the age of the newest accepted fix."""
+        """Log columns of the supervisor mode and of the time since the newest accepted fix."""
         if not self.enabled:
             return ()
         return (
@@ -178,11 +182,11 @@ class Supervisor(SupervisorLimits):
         )
 
     def report(self, state: SupervisorState) -> Sequence[float]:
-        """Return the values of `columns` for a state."""
+        """Return the values of the log columns for a state."""
         return (float(state.mode), state.shown[0]) if self.enabled else ()
 
 
-class Wanted(NamedTuple):
+class MonitoredCommand(NamedTuple):
     """Commands that the monitors compare with the measurements."""
 
     steer: float  # Last steering command [rad]
@@ -194,12 +198,12 @@ class Wanted(NamedTuple):
 @stage
 def _watched(
     most: Held[Limits], w: Held[MonitorSignals], over_s: Vector, nearest: PathPoint, estimate: Held[Estimate],
-    m: Sensed, fix: Fix, quality: int, steer: float, wanted: Wanted, reckoned: tuple[float, float], dt: float,
+    m: Sensed, fix: Fix, quality: int, steer: float, wanted: MonitoredCommand, reckoned: tuple[float, float], dt: float,
 ) -> tuple[Held[MonitorSignals], tuple[float, float, float], Vector, int, float, bool]:  # fmt: skip
-    """Return the monitor signals after a tick, and for each monitor the weighted time above its limit [s].
+    """Return the monitor signals after a tick, `SupervisorState.shown`, and the weighted times above the limits.
 
-    The second result is `SupervisorState.shown`. The last results are the index of the first monitor that requires a
-    stop, or -1, its signal, and whether a monitor cuts the power of the pedal valve.
+    The other results are the index of the first monitor that requires a stop (or -1), the signal of this monitor, and
+    whether a monitor cuts the power of the pedal valve.
     """
     most, e = fetched(most), fetched(estimate)
     w = _observed(most, fetched(w), nearest, e, m, fix, quality, steer, wanted, dt)
@@ -218,7 +222,7 @@ def _watched(
 @jit
 def _observed(
     most: Limits, w: MonitorSignals, nearest: PathPoint, e: Estimate, m: Sensed, fix: Fix, quality: int, steer: float,
-    wanted: Wanted, dt: float,
+    wanted: MonitoredCommand, dt: float,
 ) -> MonitorSignals:  # fmt: skip
     evidence, first = w.evidence.after(m, fix, quality), isnan(w.readings[0])
     mismatch, pressing = wanted.steer - steer, wanted.pedal - m.pedal

@@ -57,9 +57,9 @@ class T2Fnn(Spec):
     width_upper_2: Positive = 0.9
     """Initial width of the upper sets of input x2 [unit of x2]. Assumed value, above the lower width."""
     d_min: Positive = 0.001
-    """Minimum width of a fuzzy set [unit of the input]. Assumed value; a set of this width is almost a point."""
+    """Minimum width of a fuzzy set [unit of the input]. Assumed value, for which a set is almost a point."""
     d_max: Positive = 100.0
-    """Maximum width of a fuzzy set [unit of the input]. Assumed value; a set of this width contains all inputs."""
+    """Maximum width of a fuzzy set [unit of the input]. Assumed value, for which a set contains all inputs."""
     f_init: Positive = 0.01
     """Magnitude of initial rule consequents [rad]. Assumed value; 0 would move q to its limit in a step (guard 4)."""
     q_init: Fraction = 0.5
@@ -90,7 +90,7 @@ class T2Fnn(Spec):
         return self
 
     def init(self, x1: float, x2: float) -> T2FnnState:
-        """Return the initial state, with sets around the first inputs x1, x2 (guard 1)."""
+        """Return the initial state, with set centres around the first inputs x1 and x2 (guard 1)."""
         x1, x2 = self._bounded(x1), self._bounded(x2)
         c1 = x1 + _offsets(self.rules_1, self.spread_1)
         c2 = x2 + _offsets(self.rules_2, self.spread_2)
@@ -113,8 +113,7 @@ class T2Fnn(Spec):
     def update(
         self, state: T2FnnState, x1: float, x2: float, tau_c: float, dt: float, learn: bool = True
     ) -> tuple[T2FnnState, float]:
-        """Move the centres, compute tau_n [rad], then train widths, consequents and weight q on tau_c [rad] for `dt`
-        [s].
+        """Move the centres, compute tau_n [rad], and train the other parameters on tau_c [rad] for `dt` [s].
 
         Guard 6: with `learn=False` only the centres change.
         """
@@ -124,7 +123,7 @@ class T2Fnn(Spec):
         return fetched(network).state, tau_n
 
     def start(self, x1: float, x2: float) -> Held[Network]:
-        """Return the initial network for `tick`, with sets around the first inputs x1, x2."""
+        """Return the initial network for `tick`, with set centres around the first inputs x1 and x2."""
         return held(Network(self.init(x1, x2), self._learning))
 
     @property
@@ -152,7 +151,7 @@ class T2Fnn(Spec):
 
 
 class T1Fnn(T2Fnn):
-    """Type-1 fuzzy neural network, with the laws of `T2Fnn` and equal lower and upper fuzzy sets."""
+    """Type-1 fuzzy neural network, which has the learning laws of `T2Fnn` and equal lower and upper fuzzy sets."""
 
     type_1: ClassVar[bool] = True
     """Always True, because the lower sets equal the upper sets."""

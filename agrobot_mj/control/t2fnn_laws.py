@@ -14,7 +14,7 @@ from agrobot_mj.core.signals import Array, Matrix, Vector
 
 LARGE_STEP = 0.01  # Maximum relative change of a width in one explicit Euler step (guard 3) [-]. Assumed value.
 MIN_MEMBERSHIP = 1e-6
-"""Minimum membership of the input [-] in a shrinking set, above rounding errors (guard 3). Assumed value."""
+"""Minimum membership of the input in a shrinking fuzzy set (guard 3) [-]. Assumed value, above rounding errors."""
 TINY = 1e-12  # Minimum denominator of a width update [-], which keeps the width finite
 
 
@@ -60,7 +60,7 @@ class Learning(NamedTuple):
 
 
 class Network(NamedTuple):
-    """Network with its learning settings."""
+    """Fuzzy neural network with its learning settings."""
 
     state: T2FnnState
     learning: Learning
@@ -169,8 +169,8 @@ def laws(
 def step_widths(d: Vector, change: Array) -> Vector:
     """Return the widths after an explicit Euler step in d or, if the step is large, in 1/d (guard 3).
 
-    Membership is linear in 1/d: a step in 1/d scales the memberships of all sets equally and never overshoots the
-    input.
+    Membership is linear in 1/d. A step in 1/d therefore scales the memberships of all sets equally and never overshoots
+    the input.
     """
     if np.all(np.abs(change) <= LARGE_STEP * d):
         return d + change
@@ -205,7 +205,7 @@ def update_widths(
 
 @jit
 def move_centres(s: T2FnnState, last: tuple[float, float], x1: float, x2: float, follow: bool) -> T2FnnState:
-    """Return the network whose set centres follow the change of the inputs since `last`, if `follow`."""
+    """Return the network after moving the set centres by the change of the inputs since `last`, if `follow`."""
     c1, c2 = s.c1, s.c2
     if follow:
         c1 = c1 + (x1 - last[0])  # [agrobots: 16]
@@ -234,7 +234,7 @@ def apply_rates(s: T2FnnState, x1: float, x2: float, rates: Rates, dt: float, le
 def tick(
     network: Held[Network], x1: float, x2: float, tau_c: float, dt: float, learn: bool
 ) -> tuple[Held[Network], float, float, Vector]:
-    """Return the network after a tick of `dt` [s]; and output tau_n [rad], q and log values before learning."""
+    """Return the network after a tick of `dt` [s], and the output tau_n [rad], q and log values before learning."""
     s, learning = fetched(network)
     bound = learning.input_bound
     x1, x2, tau_c = min(max(x1, -bound), bound), min(max(x2, -bound), bound), min(max(tau_c, -bound), bound)

@@ -1,4 +1,4 @@
-"""State estimators, which use Kalman filters of velocity and pose. Only this package imports filterpy."""
+"""State estimators, based on Kalman filters of velocity and pose. Only this package imports filterpy."""
 
 from typing import Annotated
 

@@ -1,8 +1,8 @@
 """Interface of the state estimators, and diagnostics that do not need the true state.
 
-An estimator is frozen data with the keys of `[estimator]`. `init(x, y, yaw, tractor) -> state` is called once, and
-`update(state, measurement, dt) -> (state, estimate)` once per tick. `Health` contains the age of the newest accepted
-fix and the smoothed normalised innovation squared (NIS). SI units and radians.
+An estimator is an immutable object with the keys of `[estimator]`. `init(x, y, yaw, tractor) -> state` is called once,
+and `update(state, measurement, dt) -> (state, estimate)` once per tick. `Health` contains the time of the newest
+accepted fix and the smoothed normalised innovation squared (NIS). SI units and radians.
 """
 
 from math import exp, sqrt
@@ -15,10 +15,11 @@ from agrobot_mj.core.signals import Array, Column, Estimate, Measurement
 from agrobot_mj.machine.tractor import TractorParameters
 
 NIS_WINDOW_S = 5.0
-"""Time constant of the smoothed NIS [s]. Assumed value, 100 fixes; the NIS of a consistent filter is then below 2.6."""
+"""Time constant of the smoothed NIS [s]. Assumed value: 100 fixes, so that the smoothed NIS of a consistent filter
+stays below 2.6."""
 NIS_MOST = 200.0
-"""Limit of each NIS before smoothing [-]. Assumed value: 14 standard deviations; a single outlier then adds 2 to the
-smoothed NIS, and outliers over 5 s add 126."""
+"""Maximum NIS of a fix in the smoothed NIS; higher values are clipped [-]. Assumed value: 14 standard deviations. A
+single outlier then adds 2 to the smoothed NIS, and outliers over 5 s add 126."""
 
 
 class Health(NamedTuple):
@@ -29,7 +30,7 @@ class Health(NamedTuple):
     """Smoothed normalised innovation squared (NIS) of the position [-]; the mean of a consistent filter is 2."""
 
     def after(self, nis: float, fix_t: float, dt: float) -> "Health":
-        """Return the diagnostics after a tick, with the NIS and time of an accepted fix, or NaN if there is none."""
+        """Return the diagnostics after `dt` [s], given the NIS and time [s] of an accepted fix, or NaN without one."""
         keep = exp(-dt / NIS_WINDOW_S)
         smooth = keep * self.nis + (1.0 - keep) * min(nis, NIS_MOST) if nis == nis else self.nis
         return Health(fix_t if fix_t == fix_t else self.fix_t, smooth)
@@ -50,26 +51,26 @@ class Readings(NamedTuple):
 
     @classmethod
     def of(cls, m: Measurement) -> "Readings":
-        """Return the numbers of a measurement."""
+        """Return the fields of a measurement as numbers for compiled kernels."""
         return cls(m.t, m.gyro, m.wheel_speed, m.steer, m.roll, m.pitch)
 
 
 @shared
 def largest_sigma(covariance: Array) -> float:
-    """Return the maximum standard deviation of the position [m] (first two states) in any direction."""
+    """Return the standard deviation of the position (first two states) in its most uncertain direction [m]."""
     p_xx, p_xy, p_yy = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
     middle, half = 0.5 * (p_xx + p_yy), 0.5 * (p_xx - p_yy)
     return sqrt(middle + sqrt(half * half + p_xy * p_xy))
 
 
 class StateEstimator(Reporting):
-    """Base class of the estimators; `columns` and `report` add log columns."""
+    """Base class of the state estimators; `columns` and `report` add log columns."""
 
     kind: str
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors that the scenario must enable, each mapped to the scenario key that error messages name."""
+        """Required sensors, each mapped to the scenario key that requires the sensor. Default: none."""
         return {}
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Any:
@@ -77,20 +78,20 @@ class StateEstimator(Reporting):
         raise NotImplementedError
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s], from the measurement in this tick."""
         raise NotImplementedError
 
 
 class CompiledEstimator(StateEstimator):
-    """Base class of the estimators that pass a reference to the estimate to other compiled stages."""
+    """Base class of the compiled estimators, which return a reference to the estimate for other compiled stages."""
 
     def update(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Estimate]:
-        """Return the new state and the estimate at the end of a tick of `dt` [s] with a measurement."""
+        """Return the new state and the estimate at the end of a tick of `dt` [s], from the measurement in this tick."""
         state, estimate = self.updated(state, measurement, dt)
         return state, fetched(estimate)
 
     def updated(self, state: Any, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
-        """Return the result of `update` with a reference to the estimate."""
+        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
         raise NotImplementedError
 
 

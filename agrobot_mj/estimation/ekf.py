@@ -2,12 +2,12 @@
 
 The pose (x, y, yaw) in ENU [m, m, rad] is the pose of R, the point on the ground below the centre of the rear axle.
 Inputs are the speed [m/s] and the steering angle [rad] during the tick; measurements are x and y from GNSS. The yaw is
-estimated from the motion. It is not wrapped, so that differences of yaw remain valid. The explicit Euler step of the
-paper advances the yaw by half a tick in a turn (0.2 deg at 0.13 rad/s).
+estimated from the motion. The yaw is not wrapped, so that differences of yaw remain valid. The explicit Euler step of
+the paper advances the yaw by half a tick in a turn (0.2 deg at 0.13 rad/s).
 
 The model assumes an exact steering angle. Other causes of rotation (sideslip on a slope, an offset of the
-potentiometer) appear in the random walk of the yaw and cause a constant heading error. The filter interprets the
-correlated part of the GNSS error as motion, so that its covariance includes only the white part.
+potentiometer) are covered by the random walk of the yaw and cause a constant heading error. The filter interprets the
+correlated part of the GNSS error as motion; the covariance therefore includes only the white part.
 """
 
 from math import cos, nan, radians, sin, tan
@@ -25,7 +25,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class PoseEkfLaw(NamedTuple):
-    """Parameters of `PoseEkf`."""
+    """Parameters of `PoseEkf` as numbers for compiled kernels."""
 
     wheelbase: float  # Wheelbase L [m]
     walks: tuple[float, float, float]  # Random walks of x, y [m/sqrt(s)] and yaw [rad/sqrt(s)]
@@ -48,7 +48,7 @@ def jacobian(yaw: float, speed: float, dt: float) -> Matrix:
 
 @jit
 def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
-    """Return the model at the pose `mean` (3,); see `FixEkf.model`."""
+    """Return the motion and measurement model linearised at the pose `mean` (3,); see `FixEkf.model`."""
     speed, steer, dt = inputs
     Q, R = np.zeros((3, 3)), np.zeros((2, 2))
     for k in range(3):
@@ -62,7 +62,7 @@ def linearised(p: PoseEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 def _tick(
     s: Held[PoseSettings], p: Held[PoseEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Held[Estimate]]:
-    """Return the result of `PoseEstimator.update`."""
+    """Return references to the new state and the estimate after a tick of `dt` [s]."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, 0.0, dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)

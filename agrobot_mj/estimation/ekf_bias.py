@@ -1,10 +1,10 @@
 """Estimator with disturbance states: velocity KF, and EKF with states for steering bias and slow GNSS error.
 
-A potentiometer offset, or the steering angle needed for a straight course on a side slope, is a measured steering angle
-without rotation. The EKF of the paper converts both into a heading error; this filter estimates their sum as a state.
-The yaw is the course of R, the direction of motion of the rear axle. With these sensors only the sum of heading and
-sideslip is observable, on any path. Heading and course differ by the slip of the rear tyres: a few tenths of a degree
-in a bend of 10 m on level ground, and the crab angle on a side slope.
+Two effects cause a measured steering angle without rotation: an offset of the potentiometer, and the steering angle for
+a straight course on a side slope. The EKF of the paper converts both into a heading error; this filter estimates their
+sum as a state. The yaw is the course of R, the direction of motion of the rear axle. With these sensors only the sum of
+heading and sideslip is observable, on any path. Heading and course differ by the slip of the rear tyres: a few tenths
+of a degree in a bend of 10 m on level ground, and the crab angle on a side slope.
 
 States: x, y [m] of R, course chi [rad, not wrapped], steering bias b [rad], and g_x, g_y [-], the correlated error of
 the fix, a first-order Gauss-Markov process [Brown2012] in units of its standard deviation s. Inputs and measurement as
@@ -35,7 +35,7 @@ BIAS = 3  # Index of the steering bias in the state
 
 
 class Levels(NamedTuple):
-    """Noise levels of the filter: process noise, and correlated part of the fix error."""
+    """Noise levels of the filter: random walks of the states, and correlated part of the fix error."""
 
     position_walk: float  # Random walk of the position [m/sqrt(s)]
     yaw_walk: float  # Random walk of the course [rad/sqrt(s)]
@@ -66,7 +66,7 @@ def jacobian(state: Vector, speed: float, steer: float, wheelbase: float, dt: fl
 
 
 class BiasEkfLaw(NamedTuple):
-    """Parameters of `BiasEkf`."""
+    """Parameters of `BiasEkf` as numbers for compiled kernels."""
 
     wheelbase: float  # Wheelbase L [m]
     levels: Levels
@@ -74,7 +74,7 @@ class BiasEkfLaw(NamedTuple):
 
 @jit
 def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Linearised:
-    """Return the model at `mean` (6,); see `FixEkf.model`."""
+    """Return the motion and measurement model linearised at the state `mean` (6,); see `FixEkf.model`."""
     (speed, steer, dt), s = inputs, p.levels
     phi = exp(-dt / s.correlation_time)
     wander, scale = sqrt((1.0 - phi * phi) / dt), s.correlated_share * sigma
@@ -91,7 +91,7 @@ def linearised(p: BiasEkfLaw, mean: Vector, inputs: Inputs, sigma: float) -> Lin
 def _tick(
     s: Held[PoseSettings], p: Held[BiasEkfLaw], state: Held[PoseState], m: Readings, fix: Fix, quality: int, dt: float
 ) -> tuple[Held[PoseState], Held[Estimate]]:
-    """Return the result of `PoseEstimator.update`."""
+    """Return references to the new state and the estimate after a tick of `dt` [s]."""
     s, p, state = fetched(s), fetched(p), fetched(state)
     now = prepared(s, state, m, fix, quality, state.pose[BIAS], dt)
     model = linearised(p, state.pose, (now.speed, m.steer, dt), now.sigma)
@@ -117,16 +117,16 @@ class EkfBias(PoseEstimator):
     turning_velocity: bool = True
     """Whether the velocity estimate rotates with the yaw, so that the speed remains valid in a bend without fixes."""
     steer_bias_walk_deg_rt_s: NonNegative = 0.1
-    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg in half a turn on a slope."""
+    """Random walk of the steering bias [deg/sqrt(s)]. Assumed value (0.05-0.4): 1 deg during half a turn on a slope."""
     initial_steer_bias_sigma_deg: NonNegative = 1.0
     """Initial standard deviation of the steering bias [deg]. Assumed value, the resolution of the potentiometer."""
     gnss_correlated_fraction: Fraction = 0.3
-    """Correlated fraction of the fix variance [-], as used by the filter. Assumed value, as for the receiver."""
+    """Correlated fraction of the fix variance in the filter [-]. Assumed value, as in the receiver model."""
     gnss_correlation_time_s: Positive = 30.0
-    """Correlation time of the fix error [s], as used by the filter. Assumed value, as for the receiver."""
+    """Correlation time of the fix error in the filter [s]. Assumed value, as in the receiver model."""
 
     def pose_filter(self, tractor: TractorParameters) -> BiasEkf:
-        """Return the EKF with states for steering bias and correlated error."""
+        """Return the pose EKF with states for steering bias and correlated GNSS error."""
         levels = Levels(
             position_walk=self.position_walk_m_rt_s,
             yaw_walk=radians(self.yaw_walk_deg_rt_s),

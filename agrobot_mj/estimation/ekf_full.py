@@ -40,7 +40,7 @@ COLUMNS = (
 
 
 class FullState(NamedTuple):
-    """State of the estimator `EkfFull`."""
+    """State of the estimator `EkfFull` between two ticks."""
 
     settings: Held[Settings]  # Constant parameters of the estimator, computed by `init`
     horizon: Horizon  # Filter state at the newest fix, and newer measurements
@@ -56,12 +56,13 @@ class EkfFull(CompiledEstimator):
     terrain_compensation: bool = False
     """Whether fixes are transformed from the antenna to the rear axle with measured roll and pitch; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Time constant for filtering the antenna velocity due to tilting [s]. 0: no filter. Assumed value (0-0.2)."""
+    """Filter time constant of the antenna velocity due to tilting [s]; 0 disables the filter. Assumed value (0-0.2)."""
     gyro_axes: Literal["vertical", "body"] = "vertical"
     """Axis of the gyro assumed by the filter: `vertical`, or `body` for an axis fixed to the chassis. With terrain
     compensation, the rate about a `body` axis is converted to a heading rate."""
     imu_wander_sigma_deg: NonNegative = 0.14
-    """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, as for the sensor."""
+    """Standard deviation of the slow error of roll and pitch [deg]. Assumed value, below the 0.2 of the sensor
+    model."""
     lean_sigma_deg: NonNegative = 0.1
     """Standard deviation of the unmeasured tilt on level ground [deg]. Assumed value (0.1-0.3) for roll in bends."""
     roll_deg_s2_m: NonNegative = 0.4
@@ -85,11 +86,11 @@ class EkfFull(CompiledEstimator):
     gnss_float_correlated_fraction: Fraction = 0.9
     """Correlated fraction of the variance of an RTK-float position [-]. Assumed value of the receiver model."""
     gnss_float_correlation_time_s: Positive = 60.0
-    """Correlation time of the RTK-float position error [s]. Assumed value: half the receiver model's, for jumps."""
+    """Correlation time of the RTK-float position error [s]. Assumed value: half the receiver's value, due to jumps."""
     gnss_velocity_sigma_m_s: Positive = 0.03
     """Standard deviation of the GNSS velocity per axis [m/s] in the filter. Assumed value of the receiver model."""
     heading_sigma_deg: Positive = 0.25
-    """Standard deviation of the two-antenna heading [deg]. Assumed value, as for the sensor (4 mm at 1 m)."""
+    """Standard deviation of the two-antenna heading [deg]. Assumed value, as in the sensor model (4 mm at 1 m)."""
     gyro_sigma_deg_s: Positive = 0.1
     """Standard deviation of the gyro noise, used by the filter [deg/s]. Assumed value, as in the sensor model."""
     wheel_sigma_m_s: Positive = 0.02
@@ -101,13 +102,14 @@ class EkfFull(CompiledEstimator):
     position_walk_m_rt_s: Positive = 0.003
     """Random walk of the position [m/sqrt(s)]. Assumed value (0.002-0.01) for oscillations of the antenna."""
     yaw_walk_deg_rt_s: Positive = 0.012
-    """Random walk of the heading without gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): gyro scale and tilt."""
+    """Random walk of the heading, excluding gyro noise [deg/sqrt(s)]. Assumed value (0.005-0.05): gyro scale and
+    tilt."""
     speed_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the speed [m/s/sqrt(s)]. Assumed value (0.05-0.3) for changes of the pedal position."""
     yaw_rate_walk_deg_s_rt_s: Positive = 3.0
     """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value (1-10) for steering at the maximum rate."""
     gyro_bias_walk_deg_s_rt_s: Positive = 0.002
-    """Random walk of the gyro bias [deg/s/sqrt(s)]. Assumed value, as for the sensor."""
+    """Random walk of the gyro bias [deg/s/sqrt(s)]. Assumed value, as in the sensor model."""
     sideslip_walk_deg_rt_s: Positive = 0.1
     """Random walk of the excess sideslip with two antennas [deg/sqrt(s)]. Assumed value, as for the steering bias."""
     steer_bias_walk_deg_rt_s: Positive = 0.1
@@ -124,14 +126,15 @@ class EkfFull(CompiledEstimator):
     """Turn offset [m]: distance of the rear axle ahead of the point without sideslip in a slow bend. Assumed value:
     -0.02 to -0.01 on firm ground, 0.1 with a towed load, 0.35 in deep ruts."""
     lean_slip_walk_s2_m_rt_s: NonNegative = 0.0005
-    """Random walk of the relative wheel-speed error per unit of gravity along the ground [s2/m/sqrt(s)]. Assumed value
-    for slip that is not proportional to the slope."""
+    """Random walk of the relative wheel-speed error, divided by the gravity component along the ground [s2/m/sqrt(s)].
+    Assumed value for slip that is not proportional to the slope."""
     unseen_slip_walk_rt_s: NonNegative = 0.008
-    """Additional random walk of the relative wheel-speed error without fixes, used until fixes have determined the
-    variation [1/sqrt(s)]. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
+    """Additional random walk of the relative wheel-speed error without fixes [1/sqrt(s)], until fixes have determined
+    the slip variation. Assumed value: an implement of 600-1500 N enters or leaves tilled soil every 45 s. Default: 0
     without an implement in the soil or a drawbar pull."""
     slip_s2_m: NonNegative = 0.0175
-    """Wheel slip divided by gravity along a climb [s2/m]. Assumed value for firm ground; higher on soil."""
+    """Wheel slip on a climb, divided by the gravity component along the ground [s2/m]. Assumed value for firm ground;
+    higher on soil."""
     slip_walk_s2_m_rt_s: Positive = 0.0005
     """Random walk of the wheel slip on a climb [s2/m/sqrt(s)]. Assumed value for changes of soil and load."""
     initial_compliance_sigma_deg_s2_m: Positive = 0.09
@@ -152,14 +155,13 @@ class EkfFull(CompiledEstimator):
     initial_wheel_scale_sigma: Positive = 0.05
     """Initial standard deviation of the relative wheel-speed error [-]. Assumed value for wear, pressure and slip."""
     initial_yaw_error_deg: float = 0.0
-    """Error added to the initial heading, to demonstrate the alignment [deg]."""
+    """Error added to the initial heading to demonstrate the alignment [deg]."""
     gate_sigma: Positive = 5.0
     """Number of standard deviations [-] above which an innovation is rejected as an outlier. Assumed value (4-6)."""
     gate_position_m: NonNegative = 0.25
     """Position innovation up to which every fix is accepted [m]. Assumed value: antenna height 2 m, tilt 7 deg."""
     gate_velocity_m_s: NonNegative = 0.5
-    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value for an antenna that oscillates at 15
-    deg/s."""
+    """Velocity innovation up to which every fix is accepted [m/s]. Assumed value: antenna oscillation of 15 deg/s."""
     gate_patience_s: Positive = 2.0
     """Duration of consecutive rejections [s] before the filter restarts from the fixes. Assumed value (1-5)."""
 
@@ -171,7 +173,7 @@ class EkfFull(CompiledEstimator):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of health, gates and slow errors."""
+        """Log columns of the diagnostics, the outlier gates and the slowly varying errors."""
         return HEALTH_COLUMNS + COLUMNS
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> FullState:
@@ -237,7 +239,7 @@ class EkfFull(CompiledEstimator):
         return tuple(tight if quality == Quality.FIX else loose for quality in range(4))  # type: ignore[return-value]
 
     def updated(self, state: FullState, measurement: Measurement, dt: float) -> tuple[FullState, Held[Estimate]]:
-        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s] with a measurement."""
+        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
         m, horizon, ticks, fix = measurement, state.horizon, 1, measurement.fix or NO_FIX
         if measurement.fix is not None:
             horizon, ticks, fix = horizon.at(m.t, fix, dt)
@@ -249,7 +251,7 @@ class EkfFull(CompiledEstimator):
         return FullState(state.settings, horizon, health, tilt, logged), estimate
 
     def report(self, state: FullState) -> tuple[float, ...]:
-        """Return the log values named by `columns` after a tick."""
+        """Return the values of the log columns after a tick."""
         return state.logged
 
 

@@ -56,7 +56,7 @@ def applied(A: Array, x: Array) -> Vector:
 
 @jit
 def times(A: Array, B: Array) -> Matrix:
-    """Return the product A B; fastest if A contains zeros and the rows of B are contiguous in memory."""
+    """Return the matrix product A B; fastest if A contains zeros and the rows of B are contiguous in memory."""
     C = np.zeros((A.shape[0], B.shape[1]))
     for i in range(A.shape[0]):
         for k in range(A.shape[1]):

@@ -40,7 +40,8 @@ class Gates(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Search for the initial yaw: sums of wheel speed times fix velocity, rotated by minus the predicted course."""
+    """State of the search for the initial yaw: sums of wheel speed times fix velocity in axes of the predicted
+    course."""
 
     active: bool = True  # Whether the yaw is unknown
     along: float = 0.0  # Sum of wheel speed times fix velocity along the predicted course [m2/s2]
@@ -57,7 +58,7 @@ class Rejections(NamedTuple):
     accepted_t: float = 0.0
     """Time of the last accepted fix [s], or of the start of the run before the first accepted fix."""
     probation: int = 0
-    """Number of consecutive consistent fixes still required after a restart before fixes count as accepted again."""
+    """Number of consecutive consistent fixes still required after a restart before a fix counts as accepted again."""
     position: int = 0  # Number of consecutive fixes with a rejected position
     velocity: int = 0  # Number of consecutive fixes with a rejected velocity
     positions: int = 0  # Number of fixes with a rejected position since the start
@@ -66,7 +67,7 @@ class Rejections(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Time, quality and speed of the last fix, and whether its speed has jumped."""
+    """Time, quality and speed of the last fix, and whether the fix speed has jumped."""
 
     t: float = -1.0  # Time of the last fix [s]
     quality: int = Quality.FIX  # Quality of the last fix
@@ -138,7 +139,7 @@ def at_fix(mean: Vector, covariance: Matrix, fix: Fix, noise: FixNoise) -> tuple
 
 @jit
 def turned(mean: Vector, covariance: Matrix, angle: float, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean and covariance for a yaw rotated by `angle` [rad], with standard deviation `sigma` [rad]."""
+    """Return mean and covariance with the yaw rotated by `angle` [rad] and given the standard deviation `sigma`."""
     mean = mean.copy()
     mean[PSI] += angle
     return mean, alone(covariance, PSI, sigma)

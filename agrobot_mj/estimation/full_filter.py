@@ -3,11 +3,12 @@
 `Core` is the complete state of the filter. A tick predicts and then corrects with all measurement rows at once: gyro,
 wheel speed, steering, standstill, and position and velocity of a fix that pass their gates.
 
-Gates: A pair of innovations is rejected if it is both improbable (`gate_sigma`) and larger than a minimum, the usual
-oscillation of the antenna. Consecutive rejections for `gate_patience_s` indicate a wrong filter state: the position
-restarts from the fix, and rejected velocities restart the search for the yaw. Fixes then count as accepted again after
-the same time without rejection. If wheel speed and fix speed differ by more than the minimum, the wheels spin or slide
-and are ignored, unless the fix speed jumped: tyres cannot stop a tractor within a tick.
+Gates: The position or velocity of a fix is rejected if its innovation is both improbable (`gate_sigma`) and larger than
+a minimum, which is the usual oscillation of the antenna. Consecutive rejections for `gate_patience_s` indicate a wrong
+filter state: the position restarts from the fix, and rejected velocities restart the search for the yaw. Fixes then
+count as accepted again after the same time without rejection. If wheel speed and fix speed differ by more than the
+minimum, the wheels spin or slide and the wheel speed is ignored. After a jump of the fix speed it is not ignored,
+because tyres cannot stop a tractor within a tick.
 
 Alignment: Until the yaw is found, the position is the position of the fixes. The yaw correction is the argument of
 sum(w (V_east + i V_north) exp(-i chi)), with fix velocities V, wheel speeds w and course chi. The correction is valid
@@ -82,13 +83,15 @@ SEARCH_SPEED = 0.1
 SLIPPING_SPEED = 0.3
 """Minimum speed at which a fix determines the wheel slip [m/s]. Assumed value: ten times the velocity noise."""
 CRUISE_S = 1.0
-"""Time constant for filtering the speed [s]. Assumed value: 20 measurements, and half the duration of a start."""
+"""Time constant of the low-pass filter of the speed [s]. Assumed value: 20 measurements, and half the duration of an
+acceleration from standstill."""
 BEND_S = 0.6
-"""Time constant for filtering the curvature [s]. Assumed value, the response time of the tyres, for 1 deg of noise."""
+"""Time constant of the low-pass filter of the curvature [s]. Assumed value: the response time of the tyres, for
+steering-angle noise of 1 deg."""
 STANDING_SPEED, STANDING_TICKS = 0.05, 10
-"""Maximum wheel speed [m/s] and minimum number of ticks of a standstill. Assumed values for noise, and 0.5 s."""
+"""Maximum wheel speed [m/s] and minimum duration [ticks] of a standstill. Assumed values for speed noise, and 0.5 s."""
 SWAY, SWAY_S = 0.15, 5.0
-"""Error of changes of the modelled sideslip [-], and twice its correlation time [s]. Assumed values for ruts."""
+"""Relative error of sideslip changes in the model [-], and twice its correlation time [s]. Assumed values for ruts."""
 STEADY_S = 20.0
 """Time constant of the low-pass filter of the modelled sideslip [s]. Assumed value: the duration of half a turn. The
 uncertainty of the tyre compliance covers longer sideslip, for example on a contour line."""
@@ -100,7 +103,7 @@ Used = tuple[bool, bool, bool]  # Whether position, velocity and heading of a fi
 
 
 class FullFilter(NamedTuple):
-    """Parameters of the filter: noise levels, limits and antenna position."""
+    """Parameters of the filter of `ekf_full`: noise levels, limits and antenna position."""
 
     levels: FullLevels  # Noise levels of states and measurements
     noises: tuple[FixNoise, FixNoise, FixNoise, FixNoise]  # Position error of a fix, for each fix quality
@@ -137,7 +140,7 @@ def step(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, quality: int, dt: 
 
 @jit
 def _received(f: FullFilter, core: Core, fix: Fix, quality: int) -> Core:
-    """Return the filter state for a fix of the given quality; the first two-antenna heading adds two states."""
+    """Return the filter state after the receipt of a fix; the first two-antenna heading adds two states."""
     mean, P, last = core.mean, core.covariance, core.seen
     if quality != last.quality:
         mean, P = forget_correlated(mean, P)
@@ -197,7 +200,7 @@ def _lever(f: FullFilter, core: Core, inputs: Inputs, mean: Vector, dt: float) -
 def _with_fix(
     f: FullFilter, core: Core, inputs: Inputs, fix: Fix, sway: float, dt: float
 ) -> tuple[Core, float, FixRows, Used]:
-    """Apply the gates to a fix. Return state, wheel speed (NaN if rejected), measurement rows and which are used."""
+    """Apply the gates to a fix. Return state, wheel speed (NaN if rejected), measurement rows, and the used rows."""
     mean, P, search, r, variation = core.mean, core.covariance, core.search, core.rejections, core.sway
     noise, side, t = f.noises[core.seen.quality], SideLoad(side_of(inputs), core.smooth.bend), core.seen.t
     gap = min(inputs.t - t, LONGEST_GAP_S) if t >= 0.0 else dt
@@ -228,7 +231,10 @@ def _with_fix(
 
 @jit
 def _checked_wheels(f: FullFilter, core: Core, inputs: Inputs, fix: Fix, side: SideLoad) -> tuple[Seen, float]:
-    """Return the properties of the fix, and the wheel speed, NaN if it differs from a fix speed that has not jumped."""
+    """Return the properties of the fix, and the wheel speed, or NaN if the wheels spin or slide.
+
+    Wheels spin or slide if their speed differs from a fix speed that has not jumped.
+    """
     speed, last, searching = _ground_speed(core, fix, side), core.seen, core.search.active
     jump = abs(speed - last.speed) > JUMP_M_S2 * (inputs.t - last.t)
     apart = abs(speed - (abs(inputs.wheel) if searching else inputs.wheel)) > f.gates.velocity

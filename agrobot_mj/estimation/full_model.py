@@ -14,20 +14,22 @@ chi is the course of R. The sideslip beta depends on the specific side force f a
 is the gravity component on a side slope [m/s2], known only with an IMU; without a, the heading estimate includes the
 crab angle. The resistance of the rear wheels to turning shifts the point without sideslip by the turn offset d.
 
-kappa is computed from the smoothed steering angle and fades at standstill. The yaw rate is unsuitable: bumps turn the
-body about its centre, which would give d = 0.5 m and heading errors of 4 deg on rough ground. g is first-order
-Gauss-Markov [Brown2012] in units of its standard deviation sigma. v, omega, the biases, k, c, s and l are random walks
-in time, and d, which changes with the ground, is a random walk in distance. l is the shift of the antenna due to
-constant pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, which moves the antenna
-on a cab roof by 3 cm. Unmeasured roll follows from the side force of the bend. The course also has white noise, whose
-density `sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay of the paper's Euler
-step. After the first two-antenna heading there are two more states: the excess sideslip b, a random walk added to beta,
-and the mounting error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of
-innovation, Jacobian and variance:
+kappa is computed from the smoothed steering angle; its effect fades at standstill. The yaw rate is unsuitable: bumps
+turn the body about its centre, which would give d = 0.5 m and heading errors of 4 deg on rough ground. g_e and g_n are
+first-order Gauss-Markov processes [Brown2012] in units of their standard deviation sigma. v, omega, the biases, k, c, s
+and l are random walks in time. d changes with the ground and is a random walk in distance. l is the shift of the
+antenna due to constant pitch or pitch error: an implement or soft soil pitches the tractor by half a degree, which
+moves the antenna on a cab roof by 3 cm. Unmeasured roll is computed from the side force of the bend. The course also
+has white noise, whose density `sideslip_noise` estimates from the fixes. The midpoint rule avoids the half-tick delay
+of the paper's Euler step.
+
+The first two-antenna heading adds two states: the excess sideslip b, a random walk added to beta, and the mounting
+error m, which is 0 until the sideslip is implausible (`mounting`). Each measurement is a row of innovation, Jacobian
+and variance:
 
   gyro = omega + b_g,    wheel speed = (1 + k - s p (1 + 1.1 (f^2 + p^2) / g^2)) v / cos(pitch),
   p = (g sin(pitch) - l_r f kappa) / load,    0 = omega - v tan(delta - b_s) / L,
-  fix = (x, y) + sigma g + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
+  fix = (x, y) + sigma (g_e, g_n) + l (cos(psi), sin(psi)),    its velocity = v along chi, l v kappa across,
   its heading = psi + m
   at a standstill 0 = v, 0 = omega
 """
@@ -65,7 +67,8 @@ class FullLevels(NamedTuple):
     steer_sigma: float  # Standard deviation of the yaw rate derived from the steering angle [rad/s]
     velocity_sigma: float  # Standard deviation of the GNSS velocity per axis [m/s]
     lean_slip_walk: float = 0.001
-    """Random walk of the relative wheel-speed error, divided by gravity along the ground [s2/m/sqrt(s)]."""
+    """Random walk of the relative wheel-speed error, divided by the gravity component along the ground
+    [s2/m/sqrt(s)]."""
     heading_sigma: float = radians(0.25)  # Standard deviation of a two-antenna heading [rad]
     sideslip_walk: float = radians(0.1)  # Random walk of the excess sideslip [rad/sqrt(s)]
     sideslip_sigma: float = radians(2.0)
@@ -96,7 +99,8 @@ SOFTENING = 1.1
 """Coefficient of (side force / weight)^2 in the rear compliance [-]. Assumed value. `magic_formula` gives 1.0 at a
 slope of 12 deg, 1.2 at 20 deg and 1.4 at 25 deg."""
 SLOW = 0.3
-"""Speed below which the curvature of a bend has a decreasing effect [m/s]. Assumed value: ten times its uncertainty."""
+"""Speed below which the curvature has less effect on the sideslip [m/s]. Assumed value: ten times the speed
+uncertainty."""
 
 
 @jit
@@ -113,7 +117,7 @@ def modelled_crab(mean: Vector, v: float, side: SideLoad) -> float:
 
 @jit
 def _stretched(v: float, side: SideLoad) -> tuple[float, float]:
-    """Return specific side force times tyre softening [m/s2], and the derivative of this product by speed [1/s]."""
+    """Return specific side force times tyre softening [m/s2], and its derivative with respect to speed [1/s]."""
     force = v * v * side.bend + side.gravity
     ratio = force / GRAVITY
     square = SOFTENING * (ratio * ratio)
@@ -143,7 +147,7 @@ def course_slopes(mean: Vector, side: SideLoad) -> Vector:
 
 @jit
 def _moving(v: float) -> tuple[float, float]:
-    """Return the weight of a bend's curvature [-], which decreases below the speed `SLOW`, and its derivative [s/m]."""
+    """Return the weight of the curvature [-], which decreases below the speed `SLOW`, and its derivative [s/m]."""
     square = v * v + SLOW * SLOW
     return v * v / square, 2 * v * SLOW * SLOW / (square * square)
 
@@ -186,7 +190,7 @@ def predict(
 ) -> tuple[Vector, Matrix]:
     """Return predicted mean and covariance after `dt` [s] with the process noise `Q` (n, n), which is modified.
 
-    The course has white noise of this `density` [rad2 s]. The position does not change unless the yaw is `known`.
+    The course has white noise of the given `density` [rad2 s]. The position does not change unless the yaw is `known`.
     """
     chi = course(mean, side)
     q, s, c = dt * density * (mean[V] * mean[V]), sin(chi), cos(chi)
@@ -243,7 +247,10 @@ def wheel_scale(mean: Vector, pitch: float, braked: float) -> float:
 
 @jit
 def with_sideslip(mean: Vector, covariance: Matrix, sigma: float) -> tuple[Vector, Matrix]:
-    """Return mean (16,) and covariance with the added states excess sideslip (`sigma` [rad]) and mounting error (0)."""
+    """Return mean (16,) and covariance with two added states: excess sideslip and mounting error, both zero.
+
+    The standard deviation of the excess sideslip is `sigma` [rad].
+    """
     longer, P = np.zeros(N + 2), np.zeros((N + 2, N + 2))
     for i in range(N):
         longer[i] = mean[i]

@@ -34,8 +34,8 @@ from agrobot_mj.estimation.full_model import (
 )
 
 STANDING_SPEED_SIGMA, STANDING_TURN_SIGMA = 0.01, radians(0.3)
-"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed value: on its carcasses, a starting
-tractor turns at up to 0.4 deg/s before its wheels rotate."""
+"""Standard deviations of speed [m/s] and yaw rate [rad/s] at standstill. Assumed values: due to tyre deflection, a
+starting tractor turns at up to 0.4 deg/s before its wheels rotate."""
 
 
 class FixRows(NamedTuple):
@@ -76,7 +76,7 @@ class MotionReadings(NamedTuple):
 
 
 class MotionNoise(NamedTuple):
-    """Noise levels of the motion measurements, from `FullLevels`, and wheelbase."""
+    """Noise variances of the motion measurements, and wheelbase of the tractor."""
 
     wheelbase: float  # Wheelbase of the tractor [m]
     steer: float  # Variance of the yaw rate derived from the steering angle [rad2/s2]
@@ -86,10 +86,10 @@ class MotionNoise(NamedTuple):
 
 @jit
 def motion_rows(mean: Vector, m: MotionReadings, noise: MotionNoise, y: Vector, H: Matrix, R: Matrix) -> int:
-    """Write the measurement rows of steering angle, gyro, wheel speed and standstill; return their number.
+    """Write the rows of steering angle, gyro, wheel speed and standstill into y, H and R; return the number of rows.
 
     The steering angle measures only the yaw rate, because the front tyres slip. The derivatives with respect to the
-    wheel scale use the low-pass filtered speed: due to the noise of v, speed and scale would otherwise appear to be
+    wheel scale use the low-pass filtered speed. Due to the noise of v, speed and scale would otherwise appear to be
     separately observable during a loss of fixes.
     """
     v, omega, k = mean[V], mean[OMEGA], 0
@@ -159,7 +159,7 @@ def corrected(
 ) -> tuple[Vector, Matrix]:
     """Return mean and covariance corrected by motion and fix in one step; the wheel scale is limited to SCALE_LIMIT.
 
-    `used` contains whether position, velocity and heading of the fix are used.
+    `used` indicates which measurements of the fix are used: position, velocity and heading.
     """
     y, H, R = np.zeros(10), np.zeros((10, mean.size)), np.zeros((10, 10))
     k = motion_rows(mean, motion, noise, y, H, R)

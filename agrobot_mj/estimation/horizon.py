@@ -2,7 +2,7 @@
 
 Newer measurements are queued. A fix corrects the core (the filter state) at the time of the fix, and integration of the
 queued gyro and wheel measurements gives the current pose. Without latency the queue is empty. A fix older than the core
-(after an increase of the latency) restores an earlier core from the history; a fix older than the last fix is ignored.
+(after an increase of the latency) restores an earlier core from the history. A fix older than the last fix is ignored.
 Without fixes the delay of the core remains constant.
 """
 
@@ -54,7 +54,8 @@ class Horizon(NamedTuple):
     seen_t: float = -1.0  # Time of the newest fix [s]
     waiting: Matrix = np.zeros((0, 8))  # Measurements newer than `core`, oldest first: rows of `Inputs`, shape (n, 8)
     history: tuple[tuple[tuple[Held[Core], float, Matrix], ...], ...] = ((),)
-    """Core before each tick, time of its newest fix and measurements used in the tick, oldest first, in blocks."""
+    """Previous states in blocks, oldest first: core before a tick, time of its newest fix, and measurements used in the
+    tick."""
 
     @property
     def core(self) -> Core:
@@ -62,7 +63,7 @@ class Horizon(NamedTuple):
         return fetched(self.held)
 
     def back(self, ticks: int) -> "Horizon":
-        """Return the filter state at least `ticks` ticks earlier, with all later measurements queued again."""
+        """Return the horizon at least `ticks` ticks earlier, with all later measurements queued again."""
         if ticks <= 0:
             return self
         core, seen_t, waiting, history = *self[:3], [tick for block in self.history for tick in block]
@@ -72,7 +73,7 @@ class Horizon(NamedTuple):
         return Horizon(core, seen_t, waiting, (tuple(history),))
 
     def after(self, core: Held[Core], seen_t: float, queue: Matrix, ticks: int) -> "Horizon":
-        """Return the state with a new filter state `core`, which has used the first `ticks` rows of the queue."""
+        """Return the horizon with the new filter state `core`, which has used the first `ticks` rows of the queue."""
         *blocks, last = self.history[-1 - HISTORY_TICKS // BLOCK_TICKS :]
         if len(last) >= BLOCK_TICKS:
             blocks, last = [*blocks, last], ()
@@ -80,7 +81,10 @@ class Horizon(NamedTuple):
         return Horizon(core, seen_t, queue[ticks:], (*blocks, last))
 
     def at(self, t: float, fix: Fix, dt: float) -> "tuple[Horizon, int, Fix]":
-        """Return the state before a fix that arrives at `t` [s], the ticks up to the fix, and the fix (NaN if old)."""
+        """Return the horizon before a fix that arrives at `t` [s], the ticks up to the fix, and the fix.
+
+        The fix is NaN if it is older than the last fix or the history.
+        """
         late = max(0, round((t - fix.t) / dt)) if isfinite(fix.t) else 0
         past = sum(len(used) for block in self.history for _, _, used in block) if late else 0
         queued = len(self.waiting) + 1
@@ -112,7 +116,7 @@ class Present(NamedTuple):
 
 
 Logged = tuple[float, float, float, float, float, float, float, float, float, float, float]
-"""Values of `EkfFull.columns`."""
+"""Values of the log columns `EkfFull.columns`."""
 
 
 @stage
@@ -122,7 +126,8 @@ def estimated(
 ) -> tuple[Held[Core], float, Matrix, SmoothedTilt, Health, Held[Estimate], Logged]:  # fmt: skip
     """Return core, time of its newest fix, queue, tilt, health, estimate and logged values at the end of a tick.
 
-    The core is the filter state; it advances by the first `ticks` measurements of the queue, the last one with the fix.
+    The core is the filter state. It advances by the first `ticks` measurements of the queue; the fix corrects the last
+    of these ticks.
     """
     s, core = fetched(s), fetched(core)
     roll, pitch = (m.roll, m.pitch) if s.tilts else (0.0, 0.0)

@@ -21,14 +21,14 @@ def offset(arm: tuple[float, float, float], roll: float, pitch: float, yaw: floa
 
 
 class Lever(NamedTuple):
-    """Lever arm: horizontal offset of the antenna from the rear-axle point R, and its rate."""
+    """Lever arm: horizontal offset of the antenna from the rear-axle point R, and rate of change of the offset."""
 
     offset: tuple[float, float]
     """East and north offset of the antenna from the rear-axle point R [m], or NaN before the first tick."""
     swing: tuple[float, float] = (0.0, 0.0)  # Filtered rate of the offset [m/s], east and north
 
     def after(self, offset: tuple[float, float], dt: float, filter_s: float) -> "Lever":
-        """Return the lever arm after `dt` [s], at the new `offset` [m]; its rate is filtered over `filter_s` [s]."""
+        """Return the lever arm after `dt` [s] at the new `offset` [m], with its rate filtered over `filter_s` [s]."""
         keep = exp(-dt / filter_s) if filter_s > 0.0 else 0.0
         (east, north), (last_east, last_north), (v_e, v_n) = offset, self.offset, self.swing
         if isnan(last_east):
@@ -44,6 +44,6 @@ kernel_method("after")
 
 @shared
 def at_foot(fix: Fix, lever: Lever) -> Fix:
-    """Return the fix converted from the antenna to the rear-axle point R."""
+    """Return the fix with position and velocity converted from the antenna to the rear-axle point R."""
     (east, north), (v_e, v_n) = lever
     return Fix(fix.x - east, fix.y - north, fix.vx - v_e, fix.vy - v_n, fix.t, fix.z, fix.heading)

@@ -3,7 +3,7 @@
 On a straight line only the sum of sideslip and mounting error is observable: the course minus the measured heading.
 Sideslip of several degrees does not occur on level ground. If the mean of the sum over `WINDOW_S` exceeds `CRAB` plus
 the effect of the turn offset in a bend, the sum is attributed to the mounting error, which becomes an estimated state.
-The sum of a heading that a faulty receiver repeats is neither constant in bends nor small, and is ignored.
+If a faulty receiver repeats a heading, the sum is large and varies in bends; it is then ignored.
 """
 
 from math import atan2, isfinite, pi, radians
@@ -22,7 +22,7 @@ WINDOW_S = 5.0
 """Averaging time of the sum of sideslip and mounting error [s]. Assumed value; noise and bumps then cause 0.3 deg."""
 LATE_S = 1.5  # Averaging time that suppresses the oscillation of the antenna on rough ground [s]. Assumed value.
 STEADY, SPREAD = 0.12, radians(3.0)
-"""Maximum standard deviation of the mean over `LATE_S`, divided by the mean over `WINDOW_S` [-], and in itself [rad].
+"""Maximum standard deviation of the mean over `LATE_S`: relative to the mean over `WINDOW_S` [-], and absolute [rad].
 Assumed values: rough ground causes 1-2 deg; a repeated heading in a bend causes 0.18 of the mean."""
 MOST = radians(30.0)  # Maximum mounting error [rad]. Assumed value: three times `MOUNT_SIGMA`.
 MOUNT_SIGMA = radians(10.0)
@@ -51,7 +51,7 @@ def with_crab(core: Core, fix: Fix, side: SideLoad, dt: float) -> Crab:
 
 @jit
 def implausible(crab: Crab, bend: float) -> bool:
-    """Return whether the mean excess sideslip is too large for any ground, given the path curvature `bend` [1/m]."""
+    """Return whether the mean excess sideslip exceeds the maximum of any ground at the path curvature `bend` [1/m]."""
     return abs(crab.mean) > CRAB + TURN_OFFSET * abs(bend)
 
 

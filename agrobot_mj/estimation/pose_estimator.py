@@ -2,8 +2,9 @@
 
 SI units and radians, ENU. As in the paper, the antenna is assumed to be exactly above R, the ground point below the
 rear axle, so that roll on a slope causes an unmodelled error. With `terrain_compensation`, the measured roll and pitch
-are used to transform the fix to R and to compute the tilted position of the CG. The speed is the filtered velocity
-along the estimated heading, which has a sign, and no bias at standstill. Subclasses define their keys and pose filter.
+are used to transform the fix to R and to compute the tilted position of the CG. The speed is the component of the
+filtered velocity along the estimated heading; it has a sign, and no bias at standstill. Subclasses define their keys
+and pose filter.
 """
 
 from math import cos, exp, isfinite, isnan, nan, radians, sin, tan
@@ -31,7 +32,7 @@ FIXED = Quality.FIX  # Quality of an RTK-fixed position, as a number for kernels
 
 
 class PoseSettings(NamedTuple):
-    """Parameters of a `PoseEstimator` as numbers for kernels; fields without a comment are scenario keys."""
+    """Parameters of a `PoseEstimator` as numbers for compiled kernels; fields without a comment are scenario keys."""
 
     cg: tuple[float, float, float]  # Position of the CG relative to the rear-axle point R: ahead, left and up [m]
     antenna: tuple[float, float, float]  # Position of the antenna relative to the rear-axle point R in vehicle axes [m]
@@ -47,7 +48,7 @@ class PoseSettings(NamedTuple):
 
 
 class PoseState(NamedTuple):
-    """Numbers of a `PoseEstimator` that change in each tick."""
+    """Means, covariances and diagnostics of a `PoseEstimator`, updated in each tick."""
 
     motion: Vector  # Mean position and velocity (x, vx, y, vy) of the antenna, shape (4,) [m, m/s]
     motion_covariance: Matrix  # Covariance of `motion`, shape (4, 4)
@@ -59,13 +60,13 @@ class PoseState(NamedTuple):
 
 
 class EstimatorState(NamedTuple):
-    """State of a `PoseEstimator`."""
+    """State of a `PoseEstimator` between two ticks."""
 
     settings: Held[PoseSettings]  # Parameters of the estimator
     law: Held[Any]  # Parameters of the compiled pose filter
     numbers: Held[PoseState]  # Means, covariances and diagnostics
     filters: tuple[VelocityKf, FixEkf] | None
-    """Filters of velocity and pose that are evaluated in Python, or None if the tick is compiled."""
+    """Velocity filter and pose filter if evaluated in Python, or None if the tick is compiled."""
 
 
 class Prepared(NamedTuple):
@@ -83,7 +84,7 @@ class Prepared(NamedTuple):
 def measured(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> tuple[Prepared, Matrix]:
-    """Return the inputs of the velocity filter for the previous motion, and the noise of the fix, shape (4, 4)."""
+    """Return the inputs of the velocity filter, and the noise covariance of the fix, shape (4, 4)."""
     sigma, v = s.sigmas[0] if quality == FIXED else s.sigmas[1], s.sigmas[2]
     lever, noise = state.lever, np.zeros((4, 4))
     if s.tilts and isfinite(m.roll + m.pitch):
@@ -102,7 +103,10 @@ def measured(
 def prepared(
     s: PoseSettings, state: PoseState, m: Readings, fix: Fix, quality: int, bias: float, dt: float
 ) -> Prepared:
-    """Return the inputs of the pose filter; `bias` is the steering bias [rad], and a missing fix is NaN."""
+    """Return the inputs of the pose filter from the velocity filter.
+
+    `bias` is the steering bias [rad]; a missing fix is NaN.
+    """
     now, noise = measured(s, state, m, fix, quality, bias, dt)
     motion, P = velocity_step(s.velocity_walk, now.motion, now.motion_covariance, now.fix, noise, dt)
     return Prepared(now.fix, now.sigma, now.lever, motion, P, along(state.pose[2], motion))
@@ -145,7 +149,7 @@ def along(yaw: float, motion: Vector) -> float:
 
 
 class PoseEstimator(CompiledEstimator):
-    """Base class of estimators with a velocity filter and a pose filter; subclasses define `pose_filter`, `beliefs`."""
+    """Base class of estimators with velocity filter and pose filter. Subclasses define `pose_filter` and `beliefs`."""
 
     sized: ClassVar = {"yaw_walk_deg_rt_s": {"length": -1}}
     compiled: ClassVar[Any] = None
@@ -158,11 +162,11 @@ class PoseEstimator(CompiledEstimator):
     terrain_compensation: bool = False
     """Whether measured roll and pitch are used to transform fixes from the antenna to the rear axle; needs the IMU."""
     swing_filter_s: NonNegative = 0.1
-    """Time constant for filtering the antenna velocity due to tilting [s]. 0: no filter. Assumed value (0-0.2)."""
+    """Filter time constant of the antenna velocity due to tilting [s]; 0 disables the filter. Assumed value (0-0.2)."""
     turning_velocity: bool = False
     """Whether the velocity estimate rotates with the yaw. Default: false (constant direction), as in the paper."""
     yaw_rate_filter_s: NonNegative = 0.15
-    """Time constant for filtering the EKF's yaw rate; 0 disables the filter [s]. Assumed value (0.1-0.3)."""
+    """Filter time constant of the EKF's yaw rate [s]; 0 disables the filter. Assumed value (0.1-0.3)."""
     gnss_sigma_m: Positive = 0.02
     """Standard deviation of an RTK-fixed position per axis [m] in the filter. Paper, section V-A."""
     gnss_float_sigma_m: Positive = 0.3
@@ -172,14 +176,15 @@ class PoseEstimator(CompiledEstimator):
     velocity_walk_m_s_rt_s: Positive = 0.1
     """Random walk of the velocity per axis [m/s/sqrt(s)]. Assumed value (0.05-0.3): changes of pedal and heading."""
     position_walk_m_rt_s: Positive = 0.01
-    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 due to velocity noise, plus oscillation."""
+    """Random walk of the EKF's position [m/sqrt(s)]. Assumed value: 0.007 for velocity noise, plus antenna
+    oscillation."""
     yaw_walk_deg_rt_s: Positive = 0.3
     """Random walk of the EKF's yaw [deg/sqrt(s)]. Assumed value (0.1-1) for slip and steering errors, whose effect
     decreases with the wheelbase."""
     initial_position_sigma_m: Positive = 0.05
     """Standard deviation of the initial position [m]. Assumed value for the mean of one or two fixes."""
     initial_velocity_sigma_m_s: Positive = 1.0
-    """Standard deviation of the initial velocity, which is zero [m/s]. Assumed value; the tractor starts at rest."""
+    """Standard deviation of the initial velocity of zero [m/s]. Assumed value; the tractor starts at rest."""
     initial_yaw_sigma_deg: Positive = 5.0
     """Standard deviation of the initial yaw [deg]. Assumed value for a tractor aligned by eye."""
 
@@ -198,7 +203,7 @@ class PoseEstimator(CompiledEstimator):
         return np.empty(0), np.empty(0)
 
     def steer_bias(self, pose: Array) -> float | None:
-        """Return the estimated steering bias [rad], or None if the filter has no such state."""
+        """Return the estimated steering bias [rad], or None if the filter does not estimate a steering bias."""
         return None
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> EstimatorState:
@@ -238,7 +243,7 @@ class PoseEstimator(CompiledEstimator):
         )
 
     def updated(self, state: EstimatorState, measurement: Measurement, dt: float) -> tuple[Any, Held[Estimate]]:
-        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s] with a measurement."""
+        """Return the new state and a reference to the estimate at the end of a tick of `dt` [s]."""
         settings, law, numbers, filters = state
         m, fix, quality = Readings.of(measurement), measurement.fix or NO_FIX, measurement.quality
         if filters is None:

@@ -14,7 +14,7 @@ Inputs = tuple[float, float, float]  # Speed [m/s], steering angle [rad] and dt 
 
 
 class Linearised(NamedTuple):
-    """Model of a pose filter with n states in one tick."""
+    """Linearised model of a pose filter with n states in one tick."""
 
     x: Vector  # Predicted mean, shape (n,)
     F: Matrix  # Transition, shape (n, n)
@@ -25,17 +25,17 @@ class Linearised(NamedTuple):
 
 @jit
 def corrected(m: Linearised, P: Matrix, fix: Fix) -> tuple[Vector, Matrix, float]:
-    """Return mean, covariance and NIS as `FixEkf.step` does, for the previous covariance P; a missing fix is NaN."""
+    """Return mean, covariance and NIS [-] after a tick, for the previous covariance P. A missing fix is NaN."""
     if isnan(fix.x):
         return m.x, prior(P, m.F, m.Q), nan
     return tick(m.x, P, m.F, m.Q, np.array((fix.x, fix.y)) - applied(m.H, m.x), m.H, m.R)
 
 
 class FixEkf(Filter):
-    """Pose filter whose first states are x, y and yaw of the rear axle."""
+    """Base class of the pose filters, whose first states are x, y and yaw of the rear axle."""
 
     model: ClassVar[Any]
-    """Compiled function from the parameters `law`, a mean, the inputs and the fix noise [m] to a `Linearised`."""
+    """Compiled function that returns a `Linearised` for the parameters `law`, mean, inputs and fix noise [m]."""
     law: Any
 
     def step(

@@ -12,14 +12,14 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method, shared
 
 LOW_PASS_S = 4.0
-"""Time constant of the low-pass filter [s]. Assumed value; bumps move the rear axle sideways and back within 2 s,
+"""Time constant of the low-pass filter [s]. Assumed value: bumps move the rear axle sideways and back within 2 s,
 whereas a lasting displacement becomes a heading error."""
 MEMORY_S = 60.0
 """Averaging time of the course variation [s]. Assumed value: 8 independent values of the filtered innovation."""
 
 
 class SidewaysNoise(NamedTuple):
-    """Random variation of the course, estimated from the fixes."""
+    """State of the estimated random variation of the course."""
 
     residual: float = 0.0  # Low-pass filtered cross-course innovation, divided by the speed [rad]
     excess: float = 0.0  # Mean square of the filtered innovation minus its value for white noise [rad2]
@@ -38,5 +38,5 @@ kernel_method("after")
 
 @shared
 def density(sway: SidewaysNoise) -> float:
-    """Return the density of the course variation as white noise [rad2 s]."""
+    """Return the density of white noise that is equivalent to the course variation [rad2 s]."""
     return 2.0 * LOW_PASS_S * max(0.0, sway.excess)

@@ -21,7 +21,7 @@ GAUSSIAN = 2.0  # Parameter beta of the sigma points for a normal distribution [
 
 
 class PoseUkf(PoseEkf):
-    """Unscented pose filter for a given wheelbase [m], process noise and spread of the sigma points."""
+    """Unscented pose filter for given wheelbase [m], process noise and spread of the sigma points."""
 
     def __init__(self, wheelbase: float, position_walk: float, yaw_walk: float, spread: float) -> None:
         super().__init__(wheelbase, position_walk, yaw_walk)
@@ -59,7 +59,7 @@ class Ukf(PoseEstimator):
     """Distance of the sigma points from the mean, divided by sqrt(3) standard deviations [-]. Assumed value (0.1-1)."""
 
     def pose_filter(self, tractor: TractorParameters) -> PoseUkf:
-        """Return the unscented pose filter. Raises `ScenarioError` if filterpy is not installed."""
+        """Return the unscented pose filter. Raise `ScenarioError` if filterpy is not installed."""
         required("filterpy", "filters", 'estimator.kind = "ukf"')
         walks = self.position_walk_m_rt_s, radians(self.yaw_walk_deg_rt_s)
         return PoseUkf(tractor.wheelbase_m, *walks, self.sigma_point_spread)

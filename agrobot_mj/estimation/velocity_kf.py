@@ -45,7 +45,7 @@ def turned(mean: Vector, covariance: Matrix, angle: float) -> tuple[Vector, Matr
 
 @jit
 def predicted(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
-    """Return the mean (4,) predicted over `dt` [s], and the innovation of a fix, NaN if the fix is missing."""
+    """Return the mean (4,) predicted over `dt` [s], and the innovation of a fix, which is NaN without a fix."""
     x = applied(transition(dt), mean)
     return x, np.array((fix.x, fix.vx, fix.y, fix.vy)) - x
 
@@ -54,7 +54,7 @@ def predicted(mean: Vector, fix: Fix, dt: float) -> tuple[Vector, Vector]:
 def velocity_step(
     velocity_walk: float, mean: Vector, covariance: Matrix, fix: Fix, noise: Matrix, dt: float
 ) -> tuple[Vector, Matrix]:
-    """Return the result of `VelocityKf.step`; a missing fix is NaN."""
+    """Return mean (4,) and covariance (4, 4) after `dt` [s], corrected by the fix at the end. A missing fix is NaN."""
     (x, y), Phi, Q = predicted(mean, fix, dt), transition(dt), process_noise(velocity_walk, dt)
     if isnan(fix.x):
         return x, prior(covariance, Phi, Q)

@@ -2,8 +2,9 @@
 
 An implement that enters the soil changes the slip within a second by ten times its random walk on firm ground. The
 change appears in m, the low-pass filtered difference between wheel speed and fix speed. If m exceeds its own noise, m^2
-/ `RESIDUAL_S` is the variance of a random walk, which is applied immediately so that the wheel scale can follow.
-Without fixes the filter uses the mean of this variance over `MEMORY_S`, whose initial value depends on the implement.
+/ `RESIDUAL_S` is the variance rate of a random walk, which is applied immediately so that the wheel scale can follow.
+Without fixes the filter uses the mean of this variance rate over `MEMORY_S`, whose initial value depends on the
+implement.
 """
 
 from math import exp
@@ -19,14 +20,14 @@ SIGNIFICANT = 9.0
 
 
 class WheelSlip(NamedTuple):
-    """Variation of the wheel slip, estimated from fixes."""
+    """State of the estimated variation of the wheel slip."""
 
     residual: float = 0.0  # Low-pass filtered difference between wheel speed and fix speed, divided by the speed [-]
     change: float = 0.0  # Current variance rate of the random walk of the wheel slip [1/s]
     memory: float = 0.0  # Mean of `change` over `MEMORY_S` [1/s]
 
     def after(self, residual: float, variance: float, scale_variance: float, dt: float) -> "WheelSlip":
-        """Return the state after `dt` [s] with a relative `residual` and the variances of residual and wheel scale."""
+        """Return the state after `dt` [s], given a relative `residual`, its variance and the wheel-scale variance."""
         keep, decay = exp(-dt / RESIDUAL_S), exp(-dt / MEMORY_S)
         low = keep * self.residual + (1.0 - keep) * residual
         expected = variance * 0.5 * dt / RESIDUAL_S + scale_variance

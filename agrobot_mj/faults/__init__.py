@@ -1,4 +1,4 @@
-"""Scripted faults and disturbances, grouped by the affected part; each changes the `Conditions` of a tick."""
+"""Scripted faults and disturbances, grouped by the affected part. Each fault changes the `Conditions` of a tick."""
 
 from typing import Annotated
 

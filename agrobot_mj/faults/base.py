@@ -1,4 +1,4 @@
-"""Base class of all faults: a change of the `Conditions` in a time window."""
+"""Base class of all faults, which change the `Conditions` in a time window."""
 
 from math import inf
 from typing import Any, ClassVar
@@ -11,7 +11,7 @@ from agrobot_mj.core.spec import NonNegative, Positive, Spec
 
 
 class Scripted(Spec):
-    """Base class of faults with a time window. Subclasses override `apply`; those with a state also override `init`."""
+    """Base class of faults with a time window. Subclasses override `apply`, and `init` if the fault has a state."""
 
     machine: ClassVar[bool] = False
     """Whether the fault acts on the body or the tyres of the tractor, which the bicycle plant does not model."""
@@ -39,7 +39,7 @@ class Scripted(Spec):
         return inf if self.end_s is None else self.end_s
 
     def active(self, t: float) -> bool:
-        """Return whether the fault acts at `t` [s]: from its start, with a tolerance for rounding, until its end."""
+        """Return whether the fault is active at `t` [s], with a tolerance for rounding errors at start and end."""
         return self.start_s <= t + ROUNDING_S < self.last_s
 
     def grown(self, t: float, ramp_s: float) -> float:
@@ -51,9 +51,9 @@ class Scripted(Spec):
         return self.start_s < other.last_s and other.start_s < self.last_s
 
     def init(self, generator: Generator) -> Any:
-        """Return the state of the fault before the first tick; all random numbers come from `generator`."""
+        """Return the state of the fault before the first tick; `generator` is its source of random numbers."""
         return None
 
     def apply(self, state: Any, conditions: Conditions, t: float, dt: float) -> tuple[Any, Conditions]:
-        """Return the new state, and the conditions changed by the fault, for a tick of `dt` [s] that starts at `t`."""
+        """Return the new state and the changed conditions for a tick of `dt` [s] that starts at `t` [s]."""
         raise NotImplementedError

@@ -19,7 +19,7 @@ Interval = Annotated[float, Field(ge=TICK_S, le=HUGE)]  # Time interval of at le
 
 
 def shifted(conditions: Conditions, east: float, north: float) -> Conditions:
-    """Return the conditions with a position offset to the east and north added [m]."""
+    """Return the conditions with a position offset [m] to the east and north added to the GNSS solution."""
     x, y = conditions.gnss_offset
     return conditions._replace(gnss_offset=(x + east, y + north))
 
@@ -30,7 +30,7 @@ class GnssLoss(Scripted):
     kind: Literal["gnss_loss"] = "gnss_loss"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Return the state, and the conditions without a GNSS solution."""
+        """Set the quality of the GNSS solution to NONE."""
         return None, conditions._replace(gnss_quality=worse(conditions.gnss_quality, Quality.NONE))
 
 
@@ -41,10 +41,10 @@ class GnssJump(Scripted):
     east_m: Metres = 0.0
     """Offset to the east [m]."""
     north_m: Metres = 1.0
-    """Offset to the north [m]. Assumed value (0.2-5: several wavelengths, a wrong base station position)."""
+    """Offset to the north [m]. Assumed value (0.2-5: several wavelengths, a wrong position of the base station)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset to the position; quality and velocity do not change."""
+        """Add the offset to the position. Quality and velocity do not change."""
         return None, shifted(conditions, self.east_m, self.north_m)
 
 
@@ -60,7 +60,7 @@ class GnssDrift(Scripted):
     """Reported velocity: the true velocity (`sound`), or the velocity of the `drifting` position, as in spoofing."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
-        """Add the offset at the end of the tick to the position; the quality does not change."""
+        """Add the offset at the end of the tick to the position. The quality does not change."""
         time, east, north = t + dt - self.start_s, self.east_m_s, self.north_m_s
         if self.velocity == "drifting":
             vx, vy = conditions.gnss_velocity_offset
@@ -88,12 +88,13 @@ class GnssFrozen(Scripted):
 class GnssDgps(Scripted):
     """Solution without carrier phases (quality 2 in GGA), caused by late or unsuitable corrections.
 
-    The position drifts away from the fixed solution. The heading from two antennas needs no corrections and continues.
+    The position drifts away from the fixed solution. The heading from two antennas remains valid, because it needs no
+    corrections.
     """
 
     kind: Literal["gnss_dgps"] = "gnss_dgps"
     wander_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the position drift per axis [m], in its steady state. Assumed value (0.02-0.4). Measured
+    """Standard deviation of the position drift per axis [m] in its steady state. Assumed value (0.02-0.4). Measured
     drift: up to 0.59 at rest, typically 0.05 and at most 0.2 after 1.4 s of driving [Jones2026]."""
     wander_time_s: Annotated[float, Field(gt=0, le=HUGE)] = 3.0
     """Correlation time of the position drift [s]. Assumed value (1-10)."""
@@ -113,12 +114,13 @@ class GnssDgps(Scripted):
 class GnssLatency(Scripted):
     """Increased latency of the solutions, caused by a slow radio link or a busy receiver.
 
-    After the start of the fault no solution arrives for `latency_s`; at its end, overtaken solutions are lost.
+    No solution arrives for `latency_s` after the start of the fault. At the end of the fault, overtaken solutions are
+    lost.
     """
 
     kind: Literal["gnss_latency"] = "gnss_latency"
     latency_s: Latency = 0.2
-    """Latency added to the latency of the receiver [s], in whole ticks. Assumed value (0.1-0.5 over a radio link)."""
+    """Increase of the receiver latency [s], in whole ticks. Assumed value (0.1-0.5 over a radio link)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Increase the latency of the GNSS solutions."""
@@ -139,27 +141,27 @@ class GnssFloat(Scripted):
     """Float solution with a jumping position offset, as near trees or with a weak correction signal.
 
     The solution has the error of a float solution (`float_sigma_m` and related keys of `[sensors.gnss]`). The fault
-    defines when solutions are float, and adds an offset that jumps when the receiver selects other ambiguities. Times
-    between jumps, and durations of float and fix, are exponentially distributed.
+    determines the intervals with a float solution, and adds an offset that jumps when the receiver selects other
+    ambiguities. Times between jumps, and durations of float and fixed intervals, are exponentially distributed.
     """
 
     kind: Literal["gnss_float"] = "gnss_float"
     jump_sigma_m: Annotated[float, Field(ge=0, le=100)] = 0.15
-    """Standard deviation of the offset [m] after each jump, per axis, in addition to the float error. Assumed value
+    """Standard deviation of the offset per axis after each jump [m], in addition to the float error. Assumed value
     (0.1-0.3: several wavelengths of 0.19 m, distributed over the satellites)."""
     jump_interval_s: Interval = 20.0
     """Mean time between jumps [s]. Assumed value (5-60)."""
     flicker_s: Interval | None = None
-    """Mean duration of float intervals, and of fixed intervals [s], if the receiver repeatedly loses its fix. Default:
-    float at all times. Assumed value near trees (0.5-10)."""
+    """Mean duration of float intervals and of fixed intervals [s], for a receiver that repeatedly loses its fix.
+    Default: float at all times. Assumed value near trees (0.5-10)."""
 
     def init(self, generator: Generator) -> FloatState:
-        """Return the initial state: float, with a first offset."""
+        """Return the initial state, a float solution with a random offset."""
         turns = self.start_s + (generator.exponential(self.flicker_s) if self.flicker_s else HUGE)
         return self._jump(FloatState(generator, True, turns, 0.0, (0.0, 0.0)), self.start_s)
 
     def apply(self, state: FloatState, conditions: Conditions, t: float, dt: float) -> tuple[FloatState, Conditions]:
-        """Set the quality of the solution to float, or keep a worse quality, except in the fix phases of this fault."""
+        """Limit the solution quality to float and add the offset. Fixed intervals do not change the conditions."""
         while self.flicker_s and t >= state.turns_s:
             turns = state.turns_s + state.generator.exponential(self.flicker_s)
             state = state._replace(floating=not state.floating, turns_s=turns)

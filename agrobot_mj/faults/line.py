@@ -1,7 +1,7 @@
 """Faults of the signal line from a sensor or to a valve; `core.lines` computes the distorted signal.
 
 The name of a kind consists of the line, which is a field of `Conditions`, and the effect, as in `gyro_stuck`. Stuck,
-scaled, delayed and lost signals are defined equally for all lines; an offset has the unit of its line.
+scaled, delayed and lost signals have the same definition for all lines. An offset has the unit of its line.
 """
 
 from math import radians
@@ -15,7 +15,7 @@ from agrobot_mj.faults.base import Scripted
 
 
 class LineFault(Scripted):
-    """Base class of faults of one signal line; a subclass overrides `apply` and calls `distorted`."""
+    """Base class of the faults of one signal line. Subclasses override `apply` and call `distorted`."""
 
     signals: ClassVar = {
         "steering_pot": "measured steering angle",
@@ -41,7 +41,7 @@ class LineFault(Scripted):
         return found
 
     def distorted(self, conditions: Conditions, **changes: Any) -> Conditions:
-        """Return the conditions with `changes` of fields in the distortion of the line."""
+        """Return the conditions with `changes` to the fields of the line's distortion."""
         changed: dict[str, Any] = {self.line: self.distortion(conditions)._replace(**changes)}
         return conditions._replace(**changed)
 
@@ -73,7 +73,7 @@ class Scaled(LineFault):
 class Stuck(LineFault):
     """Stuck signal, at its last value or at zero, caused by a frozen bus message, a broken shaft or a jammed spool.
 
-    A line that is stuck from the start of a run repeats the first value. A valve with a stuck line keeps its spool
+    If the line is stuck from the start of a run, it repeats the first value. A valve with a stuck line keeps its spool
     position; a valve stuck at zero has no flow.
     """
 
@@ -99,15 +99,15 @@ class Stuck(LineFault):
 class Delayed(LineFault):
     """Delayed signal, caused by a loaded bus, a filter, cold oil or a sticking pilot valve.
 
-    At the start of the delay the last value is repeated.
+    At the start of the fault the line repeats its last value for the duration of the delay.
     """
 
     kind: Literal[
         "steering_pot_delay", "gyro_delay", "wheel_speed_delay", "heading_delay", "valve_delay", "pedal_valve_delay"
     ]
     delay_s: Latency = 0.5
-    """Delay added to the delay of valve or receiver, in whole ticks [s]. Assumed value (0.2-1: cold oil, a loaded bus;
-    0.05-0.3 for filters)."""
+    """Additional delay of the signal [s], in whole ticks. Assumed value (0.2-1: cold oil, a loaded bus; 0.05-0.3 for
+    filters)."""
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
         """Delay the signal of the line."""
@@ -117,8 +117,8 @@ class Delayed(LineFault):
 class Lost(LineFault):
     """Missing signal, caused by a cut wire or a sensor without power; the tractor's computer detects the loss.
 
-    If the heading from two antennas is missing, the position remains valid. Of 672 losses of heading in an hour half
-    lasted 0.2 s, one in twenty lasted 0.6 s, and the longest lasted 3.4 s [Jones2026].
+    If the heading from two antennas is missing, the position remains valid. In an hour, 672 losses of heading were
+    recorded: half lasted 0.2 s, one in twenty lasted 0.6 s, and the longest lasted 3.4 s [Jones2026].
     """
 
     kind: Literal["heading_loss", "gyro_loss", "wheel_speed_loss", "imu_roll_loss", "imu_pitch_loss"]
@@ -129,7 +129,7 @@ class Lost(LineFault):
 
 
 class Bias(LineFault):
-    """Base class of measurement offsets; each kind has a key `bias` with the unit as a suffix."""
+    """Base class of the measurement offsets. Each kind has a key `bias` with a unit suffix."""
 
     ramp_s: NonNegative = 0.0
     """Time over which the offset grows linearly from zero [s], or 0 for an immediate offset."""
@@ -174,7 +174,7 @@ class GyroBias(Bias):
 class AttitudeBias(Bias):
     """Offset of the signal, caused by an accelerometer during warm-up or a displaced bracket.
 
-    With a ramp the measurement drifts.
+    With a ramp the offset increases over time, as in a drift.
     """
 
     kind: Literal["imu_roll_bias", "imu_pitch_bias"]

@@ -42,7 +42,7 @@ class ValveWear(Scripted):
 
 
 class Friction(Scripted):
-    """Scaled friction of all ground, as after rain or dew. The tyre law `linear` has no friction limit."""
+    """Scaled friction of the whole ground, as after rain or dew. The tyre law `linear` has no friction limit."""
 
     machine = True
 
@@ -65,7 +65,7 @@ class SoftTyre(Scripted):
 
     kind: Literal["soft_tyre"] = "soft_tyre"
     wheel: Literal["fl", "fr", "rl", "rr"] = "rl"
-    """Affected wheel: front or rear, left or right."""
+    """Affected wheel: front (`f`) or rear (`r`), left (`l`) or right (`r`)."""
     stiffness_share: Annotated[float, Field(ge=0.15, le=1)] = 0.4
     """Remaining fraction of vertical and slip stiffness [-]. Assumed value (0.3-0.7): half the pressure."""
     rolling_share: Scale = 1.6
@@ -73,7 +73,7 @@ class SoftTyre(Scripted):
 
     @property
     def subject(self) -> str:
-        """Kind of fault and wheel; time windows of faults of different wheels may overlap."""
+        """Kind of the fault and affected wheel. Time windows for different wheels may overlap."""
         return f"{self.kind} {self.wheel}"
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -86,28 +86,30 @@ class SoftTyre(Scripted):
 
 
 class Payload(Scripted):
-    """Point mass attached to the chassis, such as a sprayer tank; several payloads at different positions add up."""
+    """Point mass attached to the chassis, such as a sprayer tank. Payloads at different positions add up."""
 
     machine = True
 
     kind: Literal["payload"] = "payload"
     mass_kg: Annotated[float, Field(ge=-1e4, le=1e4)] = 100.0
-    """Mass, negative for removed ballast [kg]. Assumed value (50-300 for a tank, -100 to 0 for front weights)."""
+    """Mass of the payload [kg], negative for removed ballast. Assumed value (50-300 for a tank, -100 to 0 for front
+    weights)."""
     ahead_m: Metres = -0.6
-    """Distance ahead of the rear axle [m]. Assumed value: at the three-point hitch; 2.2 for a front loader."""
+    """Distance of the mass ahead of the rear axle [m]. Assumed value for the three-point hitch; 2.2 for a front
+    loader."""
     left_m: Metres = 0.0
-    """Lateral offset [m], left positive."""
+    """Lateral offset of the mass [m], left positive."""
     up_m: NonNegative = 0.7
-    """Height above the ground [m]. Assumed value (0.5-1) for a load on the three-point hitch."""
+    """Height of the mass above the ground [m]. Assumed value (0.5-1) for a load on the three-point hitch."""
 
     @property
     def subject(self) -> str:
-        """Kind of fault and position; time windows of payloads at different positions may overlap."""
+        """Kind of the fault and position of the payload. Time windows for different positions may overlap."""
         return f"{self.kind} at {self.ahead_m:g}, {self.left_m:g}, {self.up_m:g} m"
 
     @property
     def load(self) -> PointMass:
-        """Point mass of the payload."""
+        """Payload as a point mass."""
         return PointMass(self.mass_kg, self.ahead_m, self.left_m, self.up_m)
 
     def apply(self, state: None, conditions: Conditions, t: float, dt: float) -> tuple[None, Conditions]:
@@ -119,7 +121,7 @@ class Payload(Scripted):
 class Drawbar(Scripted):
     """Pull of a plough, cultivator or trailer at the hitch, against the motion; constant or varying with the soil.
 
-    The varying pull has a log-normal distribution: it is never negative and keeps its mean.
+    The varying pull has a log-normal distribution. It is therefore never negative, and its mean is `pull_n`.
     """
 
     machine = True
@@ -130,10 +132,10 @@ class Drawbar(Scripted):
     noise_share: Spread = 0.0
     """Standard deviation of the pull divided by its mean [-]. Default: 0. Assumed value in soil (0.1-0.3)."""
     noise_time_s: Positive = 0.5
-    """Correlation time of the pull [s]. Assumed value: a correlation length of 0.5 m in the soil, driven at 1 m/s."""
+    """Correlation time of the pull [s]. Assumed value: a soil correlation length of 0.5 m at a speed of 1 m/s."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the variation of the pull sampled from its stationary distribution."""
+        """Return the variation of the pull, sampled from its stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
@@ -144,7 +146,7 @@ class Drawbar(Scripted):
 
 
 class SideForce(Scripted):
-    """Horizontal force on the CG, perpendicular to the heading: wind or side draught; steady or gusty."""
+    """Horizontal force on the CG, perpendicular to the heading: wind or side draught, constant or with gusts."""
 
     machine = True
 
@@ -157,10 +159,10 @@ class SideForce(Scripted):
     """Correlation time of the gusts [s]. Assumed value (1-5)."""
 
     def init(self, generator: Generator) -> GaussMarkov:
-        """Return the gusts sampled from their stationary distribution."""
+        """Return the gusts, sampled from their stationary distribution."""
         return GaussMarkov.stationary(generator)
 
     def apply(self, state: GaussMarkov, conditions: Conditions, t: float, dt: float) -> tuple[GaussMarkov, Conditions]:
-        """Add the force, with its gusts, to the side force on the CG."""
+        """Add the mean force and its gusts to the side force on the CG."""
         force = self.force_n * (1.0 + self.gust_share * state.value[0])
         return state.after(dt, self.gust_time_s), conditions._replace(side_force=conditions.side_force + force)

@@ -13,17 +13,17 @@ ScriptState = tuple[Any, ...]
 
 
 class Script(NamedTuple):
-    """Faults of a scenario, with the methods `init` and `update` of a stage."""
+    """Faults of a scenario, evaluated once per tick by `update`."""
 
     faults: Sequence[Scripted]  # Faults in the order of the scenario file, which is the order of their application
     seed: int
 
     def init(self) -> ScriptState:
-        """Return the initial state of each fault, each with a separate random stream."""
+        """Return the initial states of the faults, which have separate random streams."""
         return tuple(fault.init(stream(self.seed, f"fault.{fault.subject}.{fault.start_s}")) for fault in self.faults)
 
     def update(self, state: ScriptState, t: float, dt: float) -> tuple[ScriptState, Conditions]:
-        """Return the new states and the conditions of a tick of `dt` [s] that starts at `t` [s]; call once per tick."""
+        """Return the new states and the conditions of a tick of `dt` [s] that starts at `t` [s]. Call once per tick."""
         states, found = list(state), NOMINAL
         for k, fault in enumerate(self.faults):
             if fault.active(t):
@@ -52,7 +52,7 @@ def clashes(faults: Sequence[Scripted]) -> list[str]:
 
 
 def loadings(faults: Sequence[Scripted]) -> list[tuple[int, tuple[PointMass, ...]]]:
-    """Return each set of payloads carried in the run, with the index of the fault that starts or ends the set."""
+    """Return each combination of payloads in the run, with the index of the fault that starts or ends it."""
     found = []
     for k, fault in enumerate(faults):
         if isinstance(fault, Payload):

@@ -1,9 +1,10 @@
 """Base classes of sensors, which compute a measurement from the true state once per tick.
 
-A sensor is frozen data with keys under `[sensors.<name>]` and the methods `init(seed) -> state` and `measure(state,
-truth, conditions, dt) -> (state, reading)`. The reading (measurement) is a float or a NamedTuple in SI units and
-radians. Random numbers come from `randomness.stream` under the name of the sensor. A sensor uses the same number of
-samples in each tick under all conditions, so that faults do not change its noise. `columns` and `report` log a reading.
+A sensor is an immutable object with keys under `[sensors.<name>]` and the methods `init(seed) -> state` and
+`measure(state, truth, conditions, dt) -> (state, reading)`. The reading (measurement) is a float or a NamedTuple in SI
+units and radians. Random numbers come from `randomness.stream` under the name of the sensor. A sensor uses the same
+number of random samples in each tick under all conditions, so that faults do not change its noise. `columns` and
+`report` log the measurement.
 
 Each sensor of the package has a compiled law (measurement function), and the suite evaluates all laws in one compiled
 call. The parameters of a law are the keys of the sensor as a named tuple of numbers.
@@ -23,7 +24,7 @@ from agrobot_mj.core.vectors import Vector
 
 
 class SensedMotion(NamedTuple):
-    """Part of the true state that the compiled sensors measure. `Truth` describes the fields."""
+    """Quantities of the true state that the compiled sensors measure. `Truth` describes the fields."""
 
     t: float
     yaw: float
@@ -41,7 +42,7 @@ class SensedMotion(NamedTuple):
 
 @shared
 def motion_of(truth: Truth) -> SensedMotion:
-    """Return the part of the true state that compiled sensors measure."""
+    """Return the quantities of the true state that the compiled sensors measure."""
     t = truth
     return SensedMotion(
         t.t, t.yaw, t.pitch, t.roll, t.speed, t.yaw_rate, t.antenna, t.antenna_velocity, t.wheel_speed, t.body_rates,
@@ -50,7 +51,7 @@ def motion_of(truth: Truth) -> SensedMotion:
 
 
 class Noise(NamedTuple):
-    """State of a compiled sensor between two ticks: random streams and numbers."""
+    """State of a compiled sensor between two ticks: random streams and numeric values."""
 
     generators: tuple[Generator, ...]  # Random streams, advanced in place
     values: Any  # Named tuple of the numbers that change in each tick
@@ -64,17 +65,19 @@ class Sensor(Reporting):
         raise NotImplementedError
 
     def measure(self, state: Any, truth: Truth, conditions: Conditions, dt: float) -> tuple[Any, Any]:
-        """Return the new state and the reading at the end of the tick of `dt` [s] that ends at `truth.t`."""
+        """Return the new state and the measurement at time `truth.t`, the end of a tick of `dt` [s]."""
         raise NotImplementedError
 
 
 class CompiledSensor(Sensor):
-    """Base class of optional sensors with a compiled law."""
+    """Base class of the optional sensors with a compiled law (measurement function)."""
 
     law: ClassVar[Callable[..., tuple[Any, Any]]]
-    """Compiled function: parameters, values, addresses of random streams and motion -> new values and reading."""
+    """Compiled measurement function, which maps parameters, values, addresses of random streams and motion to new
+    values and a measurement.
+    """
     absent: ClassVar[Any] = nan
-    """Reading if the tractor does not have the sensor."""
+    """Measurement of a tractor without the sensor, usually NaN."""
 
     enabled: bool = False
     """Whether the sensor is present."""
@@ -84,7 +87,7 @@ class CompiledSensor(Sensor):
         raise NotImplementedError
 
     def measure(self, state: Noise, truth: Truth, conditions: Conditions, dt: float) -> tuple[Noise, Any]:
-        """Return the new state and the reading at the end of the tick of `dt` [s] that ends at `truth.t`."""
+        """Return the new state and the measurement at time `truth.t`, the end of a tick of `dt` [s]."""
         if not self.enabled:
             return state, self.absent
         law = type(self).law
@@ -93,19 +96,19 @@ class CompiledSensor(Sensor):
 
 
 class OptionalSensor(Sensor):
-    """Base class of optional sensors with a scalar reading; the paper's tractor does not have these sensors."""
+    """Base class of the optional sensors with a scalar measurement. The paper's tractor does not have these sensors."""
 
     column: ClassVar[Column]
-    """Log column of the reading."""
+    """Log column of the measurement."""
 
     enabled: bool = False
-    """Whether the sensor is present; otherwise the reading is NaN."""
+    """Whether the sensor is present; otherwise the measurement is NaN."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log column of the reading, if the sensor is present."""
+        """Log column of the measurement, or an empty tuple if the sensor is absent."""
         return (self.column,) if self.enabled else ()
 
     def report(self, reading: float) -> tuple[float, ...]:
-        """Return the reading, if the sensor is present."""
+        """Return the value of the log column, or an empty tuple if the sensor is absent."""
         return (reading,) if self.enabled else ()

@@ -1,4 +1,4 @@
-"""Obstructed view of the sky in a part of the field, such as trees along an edge or a yard between buildings.
+"""Parts of the field with an obstructed view of the sky, for example below trees or between buildings.
 
 Below the canopy the receiver has a float solution or no solution; losses of the solution form a two-state Markov chain.
 After leaving the canopy the receiver has a float solution until the ambiguities are resolved. Positions refer to the
@@ -29,7 +29,7 @@ class CanopyState(NamedTuple):
 
 
 class Canopy(Spec):
-    """Polygon with an obstructed view of the sky, an item of `[[sensors.gnss.canopy]]`."""
+    """Polygon with an obstructed view of the sky, configured by an item of `[[sensors.gnss.canopy]]`."""
 
     points: Annotated[tuple[tuple[Place, Place], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
@@ -37,7 +37,7 @@ class Canopy(Spec):
     )
     """Corners [east, north] of the polygon, clockwise or counter-clockwise, without repeating the first corner [m]."""
     sky: Literal["float", "none"] = "float"
-    """Best solution below the canopy: `float` or `none`."""
+    """Best quality of the solution below the canopy: `float` or `none` (no solution)."""
     lapse_share: Annotated[float, Field(ge=0, le=0.95)] = 0.2
     """Fraction of the time without a solution [-]. Assumed value (0-0.5; maximum for wet broad leaves in summer)."""
     lapse_s: Annotated[float, Field(ge=TICK_S, le=HUGE)] = 2.0
@@ -51,7 +51,7 @@ class Canopy(Spec):
         return self
 
     def init(self, seed: int, index: int) -> CanopyState:
-        """Return the state before the first tick; `index` is the number of the canopy in the receiver's list."""
+        """Return the state before the first tick; `index` is the position of the canopy in the receiver's list."""
         generator = stream(seed, f"gnss.canopy.{index}")
         return CanopyState(generator, bool(generator.random() < self.lapse_share))
 

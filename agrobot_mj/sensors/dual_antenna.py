@@ -38,7 +38,7 @@ class DualAntennaLaw(NamedTuple):
 def antenna_heading(
     p: DualAntennaLaw, slow: float, generator: int, motion: SensedMotion, quality: int
 ) -> tuple[float, float]:
-    """Return the new slow error and the measured heading, wrapped [rad].
+    """Return the new slow error, relative to its standard deviation [-], and the measured heading, wrapped [rad].
 
     The heading is NaN without a second antenna or without fixed ambiguities.
     """
@@ -52,7 +52,7 @@ def antenna_heading(
 
 
 class DualAntenna(Spec):
-    """Second antenna on the roof for the heading (`[sensors.gnss.dual_antenna]`); the paper's tractor has none."""
+    """Second antenna on the roof for the heading (`[sensors.gnss.dual_antenna]`); absent on the paper's tractor."""
 
     sized: ClassVar = {"baseline_m": {"track": 1}}
 
@@ -61,11 +61,12 @@ class DualAntenna(Spec):
     baseline_m: Annotated[float, Field(ge=0.1, le=20)] = 1.0
     """Distance between the antennas [m]. Assumed value (0.5-1.5), the width of a roof."""
     sigma_m: NonNegative = 0.003
-    """Standard deviation of the relative position's white noise [m]. Assumed value (0.002-0.004: carrier phase)."""
+    """Standard deviation of the white noise in the relative position [m]. Assumed value (0.002-0.004: carrier
+    phase)."""
     wander_sigma_m: NonNegative = 0.003
     """Standard deviation of the slow relative position error [m]. Assumed value (0.002-0.006: multipath)."""
     wander_time_s: Positive = 115.0
-    """Correlation time of the slow error [s]. Assumed value: carrier phase on short baselines [Miller2012]."""
+    """Correlation time of the slow position error [s]. Assumed value: carrier phase on short baselines [Miller2012]."""
     mounting_deg: float = 0.0
     """Constant mounting error of the heading [deg], left positive. Assumed value (up to 1 before calibration)."""
 

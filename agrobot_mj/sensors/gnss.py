@@ -28,7 +28,7 @@ FLOAT = Quality.FLOAT
 
 
 def _whole_ticks_apart(rate_hz: float) -> float:
-    """Return `rate_hz`. Raises ValueError unless the interval of the solutions is a whole number of ticks."""
+    """Return `rate_hz`. Raise ValueError unless the interval between solutions is a whole number of ticks."""
     ticks = 1.0 / (rate_hz * TICK_S)
     if abs(ticks - round(ticks)) > 1e-9 * ticks:
         raise ValueError(f"must give a period of whole ticks of {TICK_S:g} s, got {rate_hz:g}; try 20, 10 or 5")
@@ -36,7 +36,7 @@ def _whole_ticks_apart(rate_hz: float) -> float:
 
 
 class GnssReading(NamedTuple):
-    """Solution delivered in one tick."""
+    """GNSS solution delivered in one tick."""
 
     fix: Fix | None  # Position and velocity, or None if there is no solution
     quality: int  # Quality of the solution, a constant of `Quality`
@@ -147,7 +147,7 @@ def _further(p: FurtherPart, error: Vector, generator: int) -> Vector:
 
 
 class Delivery(NamedTuple):
-    """State of the receiver between two ticks, except its errors."""
+    """State of the receiver between two ticks, without its position errors."""
 
     canopies: tuple[CanopyState, ...]  # State of each canopy
     heading: SignalLine = SignalLine()  # Signal line that transmits the heading from two antennas
@@ -163,49 +163,47 @@ class GnssState(NamedTuple):
 
 
 class Gnss(Sensor):
-    """RTK-GNSS receiver, configured by `[sensors.gnss]`."""
+    """RTK-GNSS receiver of the tractor, configured by `[sensors.gnss]`."""
 
     sigma_m: NonNegative = 0.02
-    """Standard deviation of the horizontal position error [m] per axis, white plus correlated. Value from section V-A
+    """Standard deviation of the horizontal position error per axis, white plus correlated [m]. Value from section V-A
     of the paper."""
     float_sigma_m: NonNegative = 0.3
-    """Standard deviation of the horizontal position error [m] of a float solution per axis. Assumed value (0.2-0.5)."""
+    """Standard deviation of the horizontal position error of a float solution per axis [m]. Assumed value (0.2-0.5)."""
     correlated_fraction: Fraction = 0.3
     """Correlated fraction of the position error variance [-]. Assumed value (0.2-0.6: multipath, atmosphere)."""
     correlation_time_s: Positive = 30.0
-    """Correlation time of the error [s]. Assumed value (ten seconds to minutes: multipath)."""
+    """Correlation time of the correlated position error [s]. Assumed value (ten seconds to minutes: multipath)."""
     float_correlated_fraction: Fraction = 0.9
     """Correlated fraction of the float error variance [-]. Assumed value (0.7-1): all ambiguities change slowly."""
     float_correlation_time_s: Positive = 120.0
     """Correlation time of the float error [s]. Assumed value (minutes: the ambiguities converge)."""
     multipath_sigma_m: NonNegative = 0.0
-    """Standard deviation [m] of an additional Gauss-Markov error of a fixed solution, horizontal per axis. Default: no
-    such error. Assumed value: 0.004-0.008 in the field."""
+    """Standard deviation of an additional Gauss-Markov error of a fixed solution, horizontal per axis [m]. Default: no
+    multipath error. Assumed value: 0.004-0.008 in the field."""
     multipath_time_s: Positive = 115.0
     """Correlation time of the multipath error [s]. Assumed value: carrier phase, baselines up to 10 km [Miller2012]."""
     drift_sigma_m: NonNegative = 0.0
-    """Standard deviation [m] of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites.
-    Default: no such error. Assumed value (0.005-0.015) for a base station at 10-20 km."""
+    """Standard deviation of a slow Gauss-Markov error of a fixed solution due to atmosphere and satellites [m].
+    Default: no drift. Assumed value (0.005-0.015) for a base station at 10-20 km."""
     drift_time_s: Positive = 900.0
-    """Correlation time of the slow error [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
+    """Correlation time of the slow error (drift) [s]. Assumed value: network RTK, 13-17 min [Odolinski2012]."""
     height_ratio: NonNegative = 2.0
-    """Height error divided by horizontal error per axis [-], for all errors. Assumed value (1.5-3)."""
+    """Ratio of height error to horizontal error per axis [-], for all position errors. Assumed value (1.5-3)."""
     velocity_sigma_m_s: NonNegative = 0.03
     """Standard deviation of the white velocity noise per axis [m/s]. Assumed value (0.01-0.05: Doppler)."""
     rate_hz: Annotated[float, Field(ge=1, le=20), AfterValidator(_whole_ticks_apart)] = 20.0
     """Number of solutions per second [Hz], at intervals of whole ticks. Assumed value (5-20 for guidance)."""
     latency_s: Latency = 0.0
-    """Latency of a solution in whole ticks [s]. Assumed value: below a tick in receivers, up to 0.2 over radio."""
+    """Latency of a solution [s], in whole ticks. Assumed value: below a tick in receivers, up to 0.2 s over radio."""
     configured_ahead_m: AntennaPlace | None = None
-    """Distance of the antenna ahead of the rear axle [m] as configured in the on-board computer. Default: true
-    value."""
+    """Distance of the antenna ahead of the rear axle in the on-board configuration [m]. Default: the true value."""
     configured_left_m: AntennaPlace | None = None
-    """Lateral offset of the antenna as configured in the on-board computer [m], left positive. Default: the true
-    value."""
+    """Lateral offset of the antenna in the on-board configuration [m], left positive. Default: the true value."""
     dual_antenna: DualAntenna = DualAntenna()
     """Second antenna for the heading. Default: absent."""
     canopy: Annotated[tuple[Canopy, ...], Field(max_length=100)] = ()
-    """Parts of the field with an obstructed view of the sky, `[[sensors.gnss.canopy]]`."""
+    """Parts of the field with an obstructed view of the sky, configured by `[[sensors.gnss.canopy]]`."""
 
     def configured(self, ahead: float, left: float) -> tuple[float, float]:
         """Return the configured antenna position ahead and left of the rear axle [m], by default the true position."""
@@ -214,7 +212,7 @@ class Gnss(Sensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns: height, and with two antennas the heading."""
+        """Log columns of the height and, with two antennas, of the heading."""
         height = Column("gnss_z", "m", "GNSS solution of the antenna, up; null without a solution", drawn=False)
         heading = Column("gnss_heading", "rad", "heading from two antennas; null without fixed ambiguities")
         return (height, heading) if self.dual_antenna.enabled else (height,)
@@ -233,7 +231,7 @@ class Gnss(Sensor):
         )
 
     def init(self, seed: int) -> GnssState:
-        """Return the initial state: errors from their stationary distributions, and no solutions in transit."""
+        """Return the initial state, with errors from their stationary distributions and no solutions in transit."""
         axes = {"gnss": 2, "gnss.float": 2, "gnss.height": 2, "gnss.multipath": 3, "gnss.drift": 3}
         parts = [GaussMarkov.stationary(stream(seed, name), n) for name, n in axes.items()]
         aside = GaussMarkov.stationary(stream(seed, "gnss.dual_antenna"))
@@ -277,7 +275,8 @@ class Gnss(Sensor):
         """Return the new state and the solution delivered in the tick in which `fix` and `heading` were computed.
 
         Quality and offset in `conditions` apply to the solution computed in this tick, the latency to the delivered
-        solution. While the latency increases no solution arrives; when it decreases, overtaken solutions are lost.
+        solution. While the latency increases, no solution arrives. When the latency decreases, overtaken solutions are
+        lost.
         """
         canopies, line, pending, last = state
         if self.dual_antenna.enabled:

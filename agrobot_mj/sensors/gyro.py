@@ -1,8 +1,8 @@
 """Yaw-rate gyro, whose error consists of constant bias, random walk of the bias, and white noise.
 
 Measurements are in rad/s, keys in deg/s. The random walk has a separate random stream and starts at zero. A gyro fixed
-to the chassis measures about the chassis axis: on a slope its output differs from the yaw rate by the cosine of the
-tilt and contains parts of the roll and pitch rates.
+to the chassis measures the rate about the chassis axis. On a slope its output differs from the yaw rate by the cosine
+of the tilt and contains parts of the roll and pitch rates.
 """
 
 from math import radians, sqrt
@@ -40,7 +40,7 @@ def gyro_rate(p: GyroLaw, s: GyroValues, streams: tuple[int, int], motion: Sense
 
 
 class Gyro(CompiledSensor, OptionalSensor):
-    """Yaw-rate gyro, the keys of `[sensors.gyro]`."""
+    """Yaw-rate gyro, configured by the keys of `[sensors.gyro]`."""
 
     column = Column("gyro", "rad/s", "yaw rate from the gyro")
     law = gyro_rate
@@ -48,7 +48,7 @@ class Gyro(CompiledSensor, OptionalSensor):
     axes: Literal["vertical", "body"] = "vertical"
     """Measured axis: `vertical` for a levelled gyro, `body` for a gyro that tilts with the chassis."""
     sigma_deg_s: NonNegative = 0.1
-    """Standard deviation of the white noise [deg/s]. Assumed value (0.05-0.3) for the mean of a MEMS gyro in a tick."""
+    """Standard deviation of the white noise [deg/s]. Assumed value (0.05-0.3) for a MEMS gyro averaged over a tick."""
     bias_deg_s: float = 0.0
     """Constant bias [deg/s]. Default: 0. Assumed value after calibration (up to 0.1)."""
     bias_walk_deg_s_rt_s: NonNegative = 0.002
@@ -59,5 +59,5 @@ class Gyro(CompiledSensor, OptionalSensor):
         return GyroLaw(self.axes == "body", self.sigma_deg_s, self.bias_deg_s, self.bias_walk_deg_s_rt_s * sqrt(dt))
 
     def init(self, seed: int) -> Noise:
-        """Return the initial state, whose bias has not yet changed."""
+        """Return the initial state, with a random-walk part of zero in the bias."""
         return Noise((stream(seed, "gyro"), stream(seed, "gyro.bias")), GyroValues())

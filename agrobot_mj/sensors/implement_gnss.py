@@ -1,8 +1,8 @@
 """Second GNSS receiver on the implement, which measures the position of the implement's tool or axle.
 
 The measurement is the working point in ENU: the inertial unit of the receiver corrects the antenna position for tilt,
-so that the antenna height has no effect. The error is white plus correlated as for the tractor's receiver, without
-latency and losses.
+so that the antenna height has no effect. The error has white and correlated parts, as for the tractor's receiver.
+Latency and signal losses are not modelled.
 """
 
 from math import nan, sqrt
@@ -41,7 +41,7 @@ class ImplementGnssValues(NamedTuple):
 def implement_fix(
     p: ImplementGnssLaw, s: ImplementGnssValues, streams: tuple[int], motion: SensedMotion
 ) -> tuple[ImplementGnssValues, ImplementFix]:
-    """Return the new state and the measured position of the implement."""
+    """Return the new state and the measured position of the implement's working point."""
     error = wandered_plane(s.error, p.kept, streams[0])
     x = motion.implement[0] + p.sigma * (p.slow * error[0] + p.fast * normal(streams[0]))
     y = motion.implement[1] + p.sigma * (p.slow * error[1] + p.fast * normal(streams[0]))
@@ -49,7 +49,7 @@ def implement_fix(
 
 
 class ImplementGnss(CompiledSensor):
-    """RTK-GNSS receiver on the implement, the keys of `[sensors.implement_gnss]`."""
+    """RTK-GNSS receiver on the implement, configured by the keys of `[sensors.implement_gnss]`."""
 
     law = implement_fix
     absent = ImplementFix()
@@ -59,9 +59,9 @@ class ImplementGnss(CompiledSensor):
     sigma_m: NonNegative = 0.02
     """Standard deviation of the position error per axis, white plus correlated [m]. Assumed value, as for `gnss`."""
     correlated_fraction: Fraction = 0.2
-    """Correlated fraction of the error variance [-]. Assumed value (0.1-0.5)."""
+    """Correlated fraction of the position error variance [-]. Assumed value (0.1-0.5)."""
     correlation_time_s: Positive = 60.0
-    """Correlation time of the error [s]. Assumed value (30-300)."""
+    """Correlation time of the correlated position error [s]. Assumed value (30-300)."""
 
     def parameters(self, dt: float) -> ImplementGnssLaw:
         """Return the parameters of the kernel `implement_fix` for ticks of length `dt` [s]."""
@@ -75,7 +75,7 @@ class ImplementGnss(CompiledSensor):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the position, if the receiver is present."""
+        """Log columns of the position, or an empty tuple if the receiver is absent."""
         if not self.enabled:
             return ()
         return (
@@ -84,5 +84,5 @@ class ImplementGnss(CompiledSensor):
         )
 
     def report(self, reading: ImplementFix) -> tuple[float, ...]:
-        """Return the position, if the receiver is present."""
+        """Return the measured position, or an empty tuple if the receiver is absent."""
         return tuple(reading) if self.enabled else ()

@@ -6,8 +6,8 @@ system. Shocks cause no bias in this loop, since the mean of a level component i
 bias of an inclinometer, which measures the direction of f: a bump on rough ground pushes up and back at the same time.
 The unit interprets accelerations as tilt: in a frame that rotates with the yaw rate r the error settles at e / (1 +
 (tau r)^2), with e = a / g for a lateral acceleration a. With aiding, the unit subtracts speed times yaw rate and the
-change of speed; the accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick follows from
-the velocities at its ends.
+change of speed; the accelerations from sideslip, heave and the lever arm remain. The mean of f over a tick is computed
+from the velocities at the start and end of the tick.
 
 Each axis has additional errors: constant bias, slow first-order Gauss-Markov error (thermal drift) [Brown2012] and
 white noise. Angles are in rad as in ISO 8855 (roll left side up, pitch nose down positive), keys in deg.
@@ -27,7 +27,7 @@ from agrobot_mj.sensors.base import CompiledSensor, Noise, SensedMotion
 
 
 class Attitude(NamedTuple):
-    """Measurement of the inertial unit, or NaN if there is no inertial unit."""
+    """Measurement of the inertial unit: roll, pitch and specific force; NaN if there is no inertial unit."""
 
     roll: float  # Roll [rad], left side up positive
     pitch: float  # Pitch, nose down positive [rad]
@@ -107,7 +107,7 @@ def _acceleration(last: UnitMotion, now: UnitMotion, turned: float, dt: float) -
 
 @jit
 def _known(p: ImuLaw, last: UnitMotion, now: UnitMotion, turned: float) -> tuple[float, float]:
-    """Return the acceleration computed from the aiding speed [m/s2], forward and to the left, or 0 without aiding."""
+    """Return the acceleration that the unit subtracts [m/s2], forward and to the left, or 0 without aiding."""
     if not p.aided:
         return 0.0, 0.0
     return (now.speed - last.speed) / p.dt, (now.speed + last.speed) / 2 * turned / p.dt
@@ -133,16 +133,17 @@ def _force(pull: Vector, motion: SensedMotion) -> Vector:
 
 
 class Imu(CompiledSensor):
-    """Inertial unit on the chassis (`[sensors.imu]`); the paper's tractor has none."""
+    """Inertial unit on the chassis (`[sensors.imu]`); absent on the paper's tractor."""
 
     sized: ClassVar = {"up_m": {"length": 1}}
     law = attitude
     absent = Attitude(nan, nan)
 
     enabled: bool = False
-    """Whether the unit is present; otherwise roll and pitch are NaN."""
+    """Whether the inertial unit is present; otherwise roll and pitch are NaN."""
     aiding: Literal["none", "speed"] = "speed"
-    """Aiding: with `speed` the unit subtracts accelerations known from speed and yaw rate, as guidance systems do."""
+    """Aiding: `speed` to subtract accelerations computed from speed and yaw rate, or `none` to disable this
+    correction."""
     time_constant_s: NonNegative = 3.0
     """Time constant of the levelling by accelerometers [s], or 0 for an inclinometer. Assumed value (1-20)."""
     ahead_m: float = 0.0
@@ -152,19 +153,19 @@ class Imu(CompiledSensor):
     up_m: float = 1.0
     """Height of the unit above the ground below the rear axle [m]. Assumed value (0.5-3), cab floor to cab roof."""
     sigma_deg: NonNegative = 0.1
-    """Standard deviation of the white noise of each axis [deg]. Assumed value (0.02-0.2) for the mean in a tick."""
+    """Standard deviation of the white noise of each axis [deg]. Assumed value (0.02-0.2) for the mean over a tick."""
     wander_sigma_deg: NonNegative = 0.2
     """Standard deviation of the slow error of each axis [deg]. Assumed value (0.1-0.5 in guidance systems)."""
     wander_time_s: Positive = 60.0
     """Correlation time of the slow error [s]. Assumed value: tens of seconds to minutes."""
     roll_bias_deg: float = 0.0
-    """Constant error of the roll from mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
+    """Constant roll error due to mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
     pitch_bias_deg: float = 0.0
-    """Constant error of the pitch from mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
+    """Constant pitch error due to mounting [deg]. Default: 0. Assumed value without calibration (up to 0.5)."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of both angles and the specific force, if the unit is present."""
+        """Log columns of roll, pitch and specific force, or an empty tuple if the unit is absent."""
         force = "specific force at the unit {}, mean of the tick, without noise"
         found = (
             Column("imu_roll", "rad", "roll from the inertial unit, left side up positive"),
@@ -197,5 +198,5 @@ class Imu(CompiledSensor):
         return Noise((error.generator,), ImuValues(error.value))
 
     def report(self, reading: Attitude) -> tuple[float, ...]:
-        """Return both angles and the specific force, if the unit is present."""
+        """Return roll, pitch and specific force, or an empty tuple if the unit is absent."""
         return reading if self.enabled else ()

@@ -1,8 +1,9 @@
 """Potentiometers of the steering and the pedal, sampled many times per tick.
 
 Each sample has noise and is rounded to the resolution. A Savitzky-Golay filter [Savitzky1964] smooths the samples,
-which are then averaged, as in the paper, section V-B. Filter and mean are linear and form one vector of weights. Inputs
-and outputs are in radians or pedal positions, samples in degrees. A tick may have any number of physics steps.
+which are then averaged, as in the paper, section V-B. Filter and mean are linear and are combined in one vector of
+weights. Inputs and outputs are in radians or pedal positions, samples in degrees. A tick may have any number of physics
+steps.
 """
 
 from functools import lru_cache
@@ -34,7 +35,7 @@ class PotentiometerLaw(NamedTuple):
 
 @jit
 def rounded_mean(p: PotentiometerLaw, generator: int, history: Vector) -> float:
-    """Return the weighted mean of noisy samples of `history` (n,), each rounded to a count, in the same unit."""
+    """Return the weighted mean of samples of the signal `history` (n,), each with noise and rounded to a count."""
     total, last = 0.0, history.size - 1
     for i in range(p.weights.size):
         left = p.before[i]
@@ -44,7 +45,7 @@ def rounded_mean(p: PotentiometerLaw, generator: int, history: Vector) -> float:
 
 
 class Potentiometer(Sensor):
-    """Base class of potentiometers; each mounting position overrides `measure`."""
+    """Base class of the potentiometers. Subclasses define `seen`, the true signal at their mounting position."""
 
     place: ClassVar[str]
     """Name of the sensor's random stream."""
@@ -72,7 +73,7 @@ class Potentiometer(Sensor):
 
     @property
     def weights(self) -> Vector:
-        """Weights of filter and mean [-], with a sum of 1: the measurement is `weights @ samples`, shape (samples,)."""
+        """Weights of the samples in the measurement, from filter and mean [-]; their sum is 1, shape (samples,)."""
         return _mean_of_savgol(self.samples, self.savgol_window, self.savgol_polyorder)
 
     @property
@@ -94,11 +95,11 @@ class Potentiometer(Sensor):
         raise NotImplementedError
 
     def read(self, history: Array, generator: Generator) -> float:
-        """Return the measurement in a tick with the true signal `history` (n,) after each physics step."""
+        """Return the measurement of a tick from the true signal `history` (n,) after each physics step."""
         return rounded_mean(self.parameters(len(history)), address(generator), cast(Vector, history))
 
     def measure(self, state: Generator, truth: Truth, conditions: Conditions, dt: float) -> tuple[Generator, float]:
-        """Return the random stream and the measurement at the end of a tick."""
+        """Return the random stream, advanced in place, and the measurement at the end of a tick."""
         return state, self.read(self.seen(truth), state)
 
 
@@ -107,7 +108,8 @@ class SteeringPotentiometer(Potentiometer):
 
     At a knuckle the sensor measures the angle of this wheel, which is larger on the inside of a bend because of the
     Ackermann geometry. The rod between knuckle and axle adds the error second_order (delta / 45 deg)^2 + third_order
-    (delta / 45 deg)^3. The centre and the scale of each side may be wrong in the on-board computer.
+    (delta / 45 deg)^3. The straight-ahead angle and the scale of each side can be configured wrongly in the on-board
+    computer.
     """
 
     place = "steering_pot"
@@ -115,19 +117,22 @@ class SteeringPotentiometer(Potentiometer):
     at: Literal["virtual", "left", "right"] = "virtual"
     """Measured wheel: the `virtual` wheel of the bicycle model, or the `left` or `right` knuckle."""
     second_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error at 45 deg [deg], equal for left and right, from a rod that is not perpendicular to the lever at 0 deg."""
+    """Second-order error at 45 deg [deg], equal for left and right: a rod that is not perpendicular to the lever at 0
+    deg."""
     third_order_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Error [deg] at 45 deg with opposite signs for left and right angles, from levers of unequal length."""
+    """Third-order error at 45 deg [deg], with opposite signs for left and right angles: levers of unequal length."""
     centre_deg: Annotated[float, Field(ge=-20, le=20)] = 0.0
-    """Steering angle measured in straight travel [deg]; not 0 if the centre set in the on-board computer is wrong."""
+    """Steering angle measured in straight travel [deg], due to a wrong centre in the on-board computer."""
     scale_left: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Measured angle divided by the true angle when steering left [-], from a wrong scale in the on-board computer."""
+    """Measured angle divided by the true angle when steering left [-], due to a wrong scale in the on-board
+    computer."""
     scale_right: Annotated[float, Field(ge=0.2, le=5)] = 1.0
-    """Measured angle divided by the true angle when steering right [-], from a wrong scale in the on-board computer."""
+    """Measured angle divided by the true angle when steering right [-], due to a wrong scale in the on-board
+    computer."""
 
     @property
     def linear(self) -> bool:
-        """Whether the sensor measures the angle of the virtual wheel."""
+        """Whether the sensor measures the angle of the virtual wheel without systematic errors."""
         errors = self.second_order_deg, self.third_order_deg, self.centre_deg
         return self.at == "virtual" and not any(errors) and self.scale_left == self.scale_right == 1.0
 
@@ -157,7 +162,7 @@ class PedalPotentiometer(Potentiometer):
 
     @property
     def degrees_per_unit(self) -> float:
-        """Potentiometer angle at full pedal [deg]; the measured signal is then 1."""
+        """Potentiometer angle per unit of the measured signal [deg], which is the angle at full pedal."""
         return self.travel_deg
 
     def seen(self, truth: Truth) -> Array:
@@ -169,8 +174,8 @@ class PedalPotentiometer(Potentiometer):
 def _resampling(n: int, samples: int) -> tuple[Index, Matrix]:
     """Return indices and weights that interpolate `n` values of a tick to `samples` evenly spaced samples.
 
-    The index (samples,) is that of the preceding value; the weights (samples, 2) are for this value and the next one.
-    The interpolation is constant before the first value.
+    An index refers to the value before the sample, shape (samples,). The weights apply to this value and the next
+    value, shape (samples, 2). The interpolation is constant before the first value.
     """
     place = np.maximum(n * np.arange(1, samples + 1) / samples - 1, 0.0)
     before = place.astype(np.int64)

@@ -22,7 +22,7 @@ from agrobot_mj.sensors.speed import SpeedLaw, SpeedValues, radar_speed, wheel_s
 
 
 class Laws(NamedTuple):
-    """Parameters of the compiled sensors; the fields after `present` have the names of the fields of `Values`."""
+    """Parameters of the compiled sensors. The fields after `present` have the same names as the fields of `Values`."""
 
     steering_pot: PotentiometerLaw
     pedal_pot: PotentiometerLaw
@@ -37,7 +37,7 @@ class Laws(NamedTuple):
 
 
 class Values(NamedTuple):
-    """Numbers in the state of each compiled sensor between two ticks."""
+    """Numeric values in the state of each compiled sensor between two ticks."""
 
     gnss: FixErrors
     gyro: GyroValues
@@ -48,7 +48,7 @@ class Values(NamedTuple):
 
 
 class Generators(NamedTuple):
-    """Random streams of the compiled sensors."""
+    """Random number generators of the compiled sensors."""
 
     steering_pot: Any
     pedal_pot: Any
@@ -74,7 +74,7 @@ class Addresses(NamedTuple):
 
 
 class SensorReadings(NamedTuple):
-    """Measurements of the compiled sensors, with NaN for absent sensors."""
+    """Measurements of the compiled sensors in one tick, with NaN for absent sensors."""
 
     gnss: Solved  # Solution computed in this tick
     heading: float  # Heading from two antennas before its signal line [rad]
@@ -99,7 +99,7 @@ def sense(
     sky: Sky,
     steer: Vector,
 ) -> tuple[Held[Values], SensorReadings, bool]:
-    """Return the numbers after a tick, the measurements, and whether the true state is finite.
+    """Return the sensor states after a tick, the measurements, and whether the true state is finite.
 
     `steer` (n,) is the signal of the steering potentiometer, or an empty array for the steering angle.
     """
@@ -130,7 +130,7 @@ def sense(
 
 @jit
 def is_sound(t: Truth) -> bool:
-    """Return whether the true state is finite, except samples and numbers that only some plants report."""
+    """Return whether the true state is finite. Samples and plant-specific numbers are not checked."""
     (x, y, z), (vx, vy, vz) = t.antenna, t.antenna_velocity
     pose = t.t + t.x + t.y + t.z + t.yaw + t.pitch + t.roll + t.rear_x + t.rear_y
     rates = t.speed + t.lateral_speed + t.yaw_rate + t.steer + t.pedal

@@ -4,14 +4,14 @@ A pulse wheel on the differential measures the angular velocity of the rear whee
 
     reading = (1 + scale error + slip) * circumferential speed + white noise.
 
-Plants with tyres have slip; `slip_sigma` adds slip for the plant without tyres, and for ground that is uneven within a
-contact patch. A Doppler radar below the tractor is independent of slip and measures no sign:
+Plants with tyres have slip. `slip_sigma` adds slip for the plant without tyres, and for ground that is uneven within a
+contact patch. A Doppler radar below the tractor is independent of slip and measures only the magnitude of the speed:
 
     reading = |u| / cos(pitch) * (1 + scale error + ground) + white noise,
 
-where moving crops and clods (ground) and the pitch of the tractor change the reading. Slip and ground are slow
-first-order Gauss-Markov errors [Brown2012]. Below a minimum speed both readings are zero: pulses are too far apart, and
-vibration masks the Doppler shift.
+where moving crops and clods (ground) and the pitch of the tractor change the measurement. Slip and ground are slow
+first-order Gauss-Markov errors [Brown2012]. Below a minimum speed both measurements are zero, because pulses are too
+far apart and vibration masks the Doppler shift.
 """
 
 from math import cos
@@ -62,7 +62,7 @@ def radar_speed(p: SpeedLaw, s: SpeedValues, streams: tuple[int], motion: Sensed
 
 
 class SpeedSensor(CompiledSensor, OptionalSensor):
-    """Base class of speed sensors."""
+    """Base class of the speed sensors with white noise and a slow relative error."""
 
     def init(self, seed: int) -> Noise:
         """Return the initial state, with a slow error sampled from its stationary distribution."""
@@ -79,14 +79,15 @@ class WheelSpeed(SpeedSensor):
     sigma_m_s: NonNegative = 0.02
     """Standard deviation of the white noise [m/s]. Assumed value (0.01-0.03) for counting pulses within a tick."""
     scale_error: float = 0.02
-    """Constant relative error: assumed wheel radius / true radius - 1 [-]. Assumed value (0-0.05, due to wear and
-    pressure)."""
+    """Constant relative error: assumed wheel radius divided by true radius, minus 1 [-]. Assumed value (0-0.05, due to
+    wear and pressure)."""
     slip_sigma: NonNegative = 0.002
-    """Standard deviation of the slow slip [-]. Assumed value (0.001-0.01): a tenth of the mean slip without draught."""
+    """Standard deviation of the slip variation [-]. Assumed value (0.001-0.01): a tenth of the mean slip without
+    draught."""
     slip_time_s: Positive = 10.0
-    """Correlation time of the slow slip [s]. Assumed value: the time of driving 10 m."""
+    """Correlation time of the slip variation [s]. Assumed value: the travel time over 10 m."""
     least_speed_m_s: NonNegative = 0.03
-    """Speed below which the sensor returns zero [m/s]. Assumed value: several pulses per second."""
+    """Speed below which the measurement is zero [m/s]. Assumed value: several pulses per second."""
 
     def parameters(self, dt: float) -> SpeedLaw:
         """Return the parameters of the kernel `wheel_speed` for ticks of length `dt` [s]."""
@@ -103,13 +104,13 @@ class RadarSpeed(SpeedSensor):
     sigma_m_s: NonNegative = 0.03
     """Standard deviation of the white noise [m/s]. Assumed value (0.02-0.05: width of the Doppler spectrum)."""
     scale_error: float = 0.01
-    """Constant relative error [-]. Assumed value (0-0.03) for an error of the mounting angle."""
+    """Constant relative error [-]. Assumed value (0-0.03) for a wrong mounting angle."""
     ground_sigma: NonNegative = 0.01
     """Standard deviation of the slow relative error from crops and clods [-]. Assumed value (0.005-0.03)."""
     ground_time_s: Positive = 5.0
-    """Correlation time of the slow error [s]. Assumed value: the time of driving several metres."""
+    """Correlation time of the slow relative error [s]. Assumed value: the travel time over several metres."""
     least_speed_m_s: NonNegative = 0.2
-    """Speed below which the sensor returns zero [m/s]. Assumed value (0.1-0.5)."""
+    """Speed below which the measurement is zero [m/s]. Assumed value (0.1-0.5)."""
 
     def parameters(self, dt: float) -> SpeedLaw:
         """Return the parameters of the kernel `radar_speed` for ticks of length `dt` [s]."""

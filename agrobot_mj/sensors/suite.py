@@ -35,7 +35,7 @@ LINES = {
     "imu_roll": ("imu", "roll"),
     "imu_pitch": ("imu", "pitch"),
 }
-"""Sensor, and field of its measurement ("" for a number), for each signal line that `Conditions` can distort."""
+"""Sensor and field of its measurement ("" for a number) for each signal line that `Conditions` can distort."""
 NO_SAMPLES = np.zeros(0)  # Replacement of the steering-angle samples in the true state
 
 
@@ -48,12 +48,12 @@ class SensorState(NamedTuple):
     states: dict[str, Any]  # States of the sensors that are not compiled
     readings: dict[str, Any]  # Last measurement of each sensor, or an empty mapping before the first tick
     lines: tuple[tuple[str, SignalLine], ...] = ()
-    """Signal lines distorted in the last tick, by name; other lines transmitted the measurement unchanged."""
+    """Signal lines distorted in the last tick, by name. Other lines transmitted their measurements unchanged."""
     sound: bool = True  # Whether the numbers of the true state are finite
 
 
 class Sensors(Spec):
-    """All sensors of the tractor, the tables of `[sensors]`."""
+    """All sensors of the tractor, configured by the tables of `[sensors]`."""
 
     gnss: Gnss = Gnss()
     """RTK-GNSS receiver."""
@@ -79,11 +79,11 @@ class Sensors(Spec):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns that the sensors add to the log."""
+        """Log columns of all sensors."""
         return tuple(column for sensor in self.all.values() for column in sensor.columns)
 
     def init(self, seed: int) -> SensorState:
-        """Return the state before the first tick, with noise from the random streams of `seed`."""
+        """Return the state before the first tick; `seed` determines the random streams of the sensors."""
         compiled, others = _split(self)
         states: dict[str, Any] = {name: sensor.init(seed) for name, sensor in compiled.items()}
         gnss, steering_pot, pedal_pot = states["gnss"], states["steering_pot"], states["pedal_pot"]
@@ -100,13 +100,13 @@ class Sensors(Spec):
     def measure(
         self, state: SensorState, truth: Truth, conditions: Conditions, dt: float
     ) -> tuple[SensorState, Measurement]:
-        """Return the measurement available to the controllers in the tick of length `dt` [s] that ends at `truth.t`."""
+        """Return the new state, and the measurements for the controllers at the end of a tick of `dt` [s]."""
         suite = _suite(self, dt)
         suite.prepare(len(truth.steer_samples))
         return suite.measure(state, held(truth), conditions)
 
     def report(self, state: SensorState) -> tuple[float, ...]:
-        """Return the values of `columns` after a tick."""
+        """Return the values of the log columns after a tick."""
         return _suite(self, TICK_S).report(state)
 
 
@@ -115,7 +115,7 @@ KINDS = {name: type(getattr(Sensors(), name)) for name in Generators._fields}  #
 
 
 def _split(sensors: Sensors) -> tuple[dict[str, Any], dict[str, Sensor]]:
-    """Return the sensors evaluated in the compiled call, and the sensors evaluated by their own `measure`.
+    """Return the sensors evaluated in the compiled call, and the sensors evaluated by their method `measure`.
 
     If the class of a sensor overrides `measure` or `seen`, the compiled call contains a default sensor in its place.
     """
@@ -129,7 +129,7 @@ def _methods(kind: type) -> list[Any]:
 
 
 class Suite:
-    """Sensors of a run, prepared for the compiled call."""
+    """Sensors of a run, with parameters prepared for the compiled call."""
 
     def __init__(self, sensors: Sensors, dt: float) -> None:
         """Prepare the sensors for ticks of length `dt` [s]."""
@@ -142,7 +142,7 @@ class Suite:
         self.plain = not self.others and self.gnss.immediate and self.steering_pot.linear
         """Whether the compiled call delivers all measurements in ticks without faults."""
         self._streams: tuple[Generators, Addresses] | None = None
-        """Random streams, and their addresses."""
+        """Random streams and their addresses, or None before the first tick."""
         self.absent = {name: self.compiled[name].absent for name in NOISY if not self.compiled[name].enabled}
         self.present = {
             name: sensor
@@ -195,7 +195,7 @@ class Suite:
         return SensorState(state.generators, values, delivery, states, readings, lines, sound), measurement
 
     def report(self, state: SensorState) -> tuple[float, ...]:
-        """Return the values of `columns` after a tick."""
+        """Return the values of the log columns after a tick."""
         readings = state.readings
         values: list[float] = []
         for name, report in self._reporting:
@@ -203,7 +203,7 @@ class Suite:
         return tuple(values)
 
     def prepare(self, steps: int) -> None:
-        """Compute the parameters of `sense` for ticks that all have `steps` physics steps."""
+        """Compute the parameters of `sense` for ticks with `steps` physics steps."""
         if steps != self._prepared[0]:
             noisy: dict[str, CompiledSensor] = {name: self.compiled[name] for name in NOISY}
             present: Any = tuple(sensor.enabled for sensor in noisy.values())
@@ -212,7 +212,7 @@ class Suite:
             self._prepared = steps, held(Laws(*pots, present, self.gnss.parameters(self.dt), **laws))
 
     def _addresses(self, generators: Generators) -> Held[Addresses]:
-        """Return the addresses of the random streams."""
+        """Return the addresses of the random streams of all compiled sensors."""
         known = self._streams
         if known is None or known[0] is not generators:
             pots, others = map(address, generators[:2]), map(addresses, generators[3:])
@@ -241,7 +241,7 @@ def _suite(sensors: Sensors, dt: float) -> Suite:
 def _distort(
     readings: dict[str, Any], last: SensorState, conditions: Conditions, dt: float
 ) -> tuple[tuple[str, SignalLine], ...]:
-    """Write the values transmitted by distorted lines into `readings`; return the lines after a tick of `dt` [s]."""
+    """Write the transmitted values of distorted lines into `readings`. Return the lines after a tick of `dt` [s]."""
     before, lines = dict(last.lines), []
     for name, (sensor, field) in LINES.items():
         if (distortion := getattr(conditions, name)) != SOUND:

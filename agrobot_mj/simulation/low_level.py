@@ -3,7 +3,7 @@
 from typing import Any
 
 from agrobot_mj.control.base import Situation
-from agrobot_mj.control.pid import LoopsLaw, LoopsState, SteeringLoop, SteeringState, clip, loops_step, wishes_of
+from agrobot_mj.control.pid import LoopsLaw, LoopsState, SteeringLoop, SteeringState, clip, loop_command_of, loops_step
 from agrobot_mj.core.kernels import held, stage
 from agrobot_mj.core.signals import NEUTRAL_V, TICK_S, Command, Drive, Measurement
 from agrobot_mj.scenario.schema import Scenario
@@ -25,10 +25,10 @@ class LowLevelLoops:
     def drive(self, states: Any, measured: Measurement, situation: Situation, command: Command) -> Drive:
         """Return the valve voltages and the brake, and update `states`; the command may bypass one or both loops."""
         reference, other = situation.reference, self.other
-        wishes = wishes_of(command, reference.vx == reference.vy == 0.0)
+        loop_command = loop_command_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering
         before, steer = LoopsState(states.speed, steering, states.brake), measured.steer
-        after, drive = _run(self.law, before, wishes, held(situation.estimate), steer, measured.pedal, TICK_S)
+        after, drive = _run(self.law, before, loop_command, held(situation.estimate), steer, measured.pedal, TICK_S)
         states.speed, steering, states.brake = after
         if other is None:
             states.steering = steering
