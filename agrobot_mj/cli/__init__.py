@@ -1,8 +1,13 @@
 """Command line, based on typer. Each command loads its input, calls one function and prints the result.
 
-Exit status 0: the run ended as its scenario expects. 1: another outcome, or files could not be written. 2: the input is
-invalid; one message reports the error, without a traceback. 130: Ctrl-C or SIGTERM interrupted the command. With
-`--json` stdout contains one JSON document for every status (`answers`). Commands import large libraries only when
+Exit status:
+
+- 0: the run ended as its scenario expects.
+- 1: the run ended with another outcome, or files could not be written.
+- 2: the input is invalid; one message reports the error, without a traceback.
+- 130: Ctrl-C or SIGTERM interrupted the command.
+
+With `--json` stdout contains one JSON document for every status (`answers`). Commands import large libraries only when
 called, so that `--help` and `list` start fast.
 """
 
@@ -31,15 +36,15 @@ __all__ = ["app", "main"]
 
 BROKEN_OFF = 130  # Exit status of a command interrupted by a signal, as in Unix shells
 OBJECTS_PER_COLLECTION = 500_000
-"""Number of new objects between two garbage collections. Python's default adds 0.25 s to the start-up time."""
+"""Number of new objects between two garbage collections [-]. Python's default adds 0.25 s to the start-up time."""
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-"""Error numbers (errno) of a full or faulty disk, which are not errors in the input."""
+"""Error numbers (errno) of a full or faulty disk, which are no errors in the input."""
 USAGE_ERROR: Any = typer.BadParameter.__bases__[0]
-"""Base class of usage errors of the command-line parser: from click, or from the copy of click in typer."""
+"""Base class of the usage errors of the command-line parser, either from click or from the copy of click in typer."""
 
 
 def main() -> None:
-    """Run the program. Invalid input ends with exit status 2 and one message, or a JSON document with `--json`."""
+    """Run the program. For invalid input, exit with status 2 and one message, or a JSON document with `--json`."""
     gc.set_threshold(OBJECTS_PER_COLLECTION)
     atexit.register(gc.freeze)  # avoids a garbage collection over all modules at exit, which takes 0.4 s
     sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 - closed by the caller
@@ -70,7 +75,7 @@ def main() -> None:
 
 
 def _of_plugin(error: Exception) -> str:
-    """Return an error's traceback from the first frame in a plugin file, or an empty string if no frame is in one."""
+    """Return the traceback of an error from the first frame in a plugin file, or an empty string without a plugin."""
     if (plugins := sys.modules.get("agrobot_mj.scenario.plugins")) is None:
         return ""
     files, frame = set(map(str, plugins.loaded_files())), error.__traceback__
@@ -102,7 +107,7 @@ def _called() -> tuple[int, str]:
 
 
 def _flushed(status: int) -> int:
-    """Flush stdout and return the exit status `status`. A closed pipe or a full disk does not change the status."""
+    """Flush stdout and return `status`. A closed pipe or a full disk does not change the exit status."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -118,13 +123,13 @@ OTHER_NAMES = {
     "output": "--out",
     "verbose": "--help",
 }
-"""Options, keyed by words that users often write in place of the option names."""
+"""Command-line options, by words that users often write instead of the option names."""
 OTHER_WORDS = {"law": "guidance", "laws": "guidance"}
-"""Tables of a scenario, keyed by words that users often write in place of the table names."""
+"""Scenario tables, by words that users often write instead of the table names."""
 
 
 def meant(error: Any) -> str:
-    """Return a suggestion to append to a parser error message, such as `use --set seed=3`, or an empty string."""
+    """Return a suggestion for the message of a usage error, such as `use --set seed=3`, or an empty string."""
     if (context := error.ctx) is None:
         return ""
     options = _options(context.command)
@@ -136,7 +141,7 @@ def meant(error: Any) -> str:
 
 
 def _for_option(flag: str, options: set[str], context: Any) -> str:
-    """Return the suggestion for an option that the command does not have."""
+    """Return the suggestion for an unknown option of a command, or an empty string."""
     word = flag.lstrip("-").replace("-", "_")
     if (other := OTHER_NAMES.get(word)) in options:
         return f"use {other}"
@@ -156,7 +161,7 @@ def _options(command: Any) -> set[str]:
 
 
 def _value(flag: str) -> str:
-    """Return the value of an option on the command line, or dots if the value is missing or needs quotes."""
+    """Return the value of the option `flag` on the command line, or "..." if the value is missing or needs quotes."""
     for word, following in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
         given = following if word == flag else word.removeprefix(f"{flag}=") if word.startswith(f"{flag}=") else ""
         if re.fullmatch(r"[\w.+-]{1,40}", given) and not given.startswith("--"):
@@ -169,7 +174,7 @@ def _as_toml(value: str) -> str:
 
 
 def _key(word: str) -> str:
-    """Return the scenario key with a given name, with or without unit, or the key `kind` of the table of this name."""
+    """Return the scenario key named `word`, with or without unit, or the key `kind` of the table named `word`."""
     from agrobot_mj.core.spec import members
     from agrobot_mj.core.walk import keys
     from agrobot_mj.scenario.schema import Scenario

@@ -1,4 +1,4 @@
-"""Result of a command as lines of text or, with `--json`, as one JSON document.
+"""Output of the result of a command, as lines of text or, with `--json`, as one JSON document.
 
 With `--json` stdout contains only the document, for every exit status. Progress, hints and output of libraries or
 plugins go to stderr. The document contains the result of the command and the keys `command`, `version`, `exit_status`
@@ -26,7 +26,7 @@ Json = Annotated[bool, typer.Option(FLAG, help="Print one JSON document, also on
 
 
 def with_json(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--json` if the command returns an `Answer`; other commands are unchanged."""
+    """Add the option `--json` to a command that returns an `Answer`. Other commands are returned unchanged."""
     if signature(command).return_annotation is not Answer:
         return command
 

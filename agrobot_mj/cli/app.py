@@ -19,7 +19,7 @@ from agrobot_mj.core.resources import installed
 from agrobot_mj.core.version import __version__
 
 Commands = Mapping[Callable[..., Any], HelpEntry | Sequence[str]]
-"""Command functions, each with its help entry or only with examples; functions with examples only are listed last."""
+"""Command functions with their help entry or their examples. Functions with only examples are listed last."""
 CORE: Commands = {
     runs.run: listed(
         "Run",
@@ -56,7 +56,7 @@ WIDEST = 74  # Maximum line length of an example [characters], for terminals wit
 
 
 def epilog(examples: Sequence[str]) -> str:
-    """Return the examples section at the end of a command's help. Long lines continue as in a shell."""
+    """Return the section of examples at the end of the help of a command. Long lines are continued as in a shell."""
     if not examples:
         return ""
     lines = [line for example in examples for line in _folded(f"agrobot-mj {example}")]
@@ -64,7 +64,7 @@ def epilog(examples: Sequence[str]) -> str:
 
 
 def _folded(text: str) -> list[str]:
-    """Split a command line before its options into lines of at most `WIDEST` characters."""
+    """Split a command line at its options into lines of at most `WIDEST` characters."""
     if len(text) <= WIDEST or (at := text.rfind(" --", 0, WIDEST - 1)) < 0:
         return [text]
     return [f"{text[:at]} \\", *(f"    {line}" for line in _folded(text[at + 1 :]))]

@@ -1,4 +1,4 @@
-"""Commands for writing scenarios: lists, explanations of keys, template, and schema."""
+"""Commands for writing scenarios: lists, explanations of keys, scenario template, and JSON schema."""
 
 import tomllib
 from shlex import quote

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM. A run ends as aborted with complete files; other work is cancelled and cleaned up."""
+"""Handling of Ctrl-C and SIGTERM. Runs end as `aborted` with complete files; other work is cancelled."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from agrobot_mj.core.interrupts import handled_by
 
 @contextmanager
 def stop_on_signals() -> Iterator[list[int]]:
-    """Yield a list that receives the first signal, so that a run can end early. A second signal interrupts the run."""
+    """Yield a list that receives the first signal, to end a run early. A second signal interrupts the run."""
     received: list[int] = []
 
     def handle(number: int, _frame: Any) -> None:
@@ -23,7 +23,7 @@ def stop_on_signals() -> Iterator[list[int]]:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """End the block on SIGTERM as on Ctrl-C, with clean-up.
+    """Interrupt the block with KeyboardInterrupt on SIGTERM as on Ctrl-C.
 
     KeyboardInterrupt is raised even if an extension module converts the exception in a callback, or if the interpreter
     drops the exception in a finaliser.

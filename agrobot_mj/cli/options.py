@@ -43,14 +43,14 @@ Plugins = Annotated[
 
 
 def number(value: float | None) -> float | None:
-    """Return a number, which may be infinite; reject NaN."""
+    """Return a number, which may be infinite. Reject NaN."""
     if value is not None and isnan(value):
         raise typer.BadParameter("is not a number")
     return value
 
 
 def finite(value: float | None) -> float | None:
-    """Return a finite number; reject NaN and infinite values, including values that overflow."""
+    """Return a finite number. Reject NaN and infinite values, including values that overflow."""
     if value is not None and not isfinite(value):
         raise typer.BadParameter("must be a finite number")
     return value
@@ -80,7 +80,7 @@ LONGEST_NAME = 150  # Maximum number of characters of a default folder name
 
 
 def overrides(sets: list[str] | None, option: str = "--set") -> dict[str, Any]:
-    """Convert texts `key=value` to values by dotted key. A value is TOML; a bare word is a string."""
+    """Convert texts `key=value` to a mapping of dotted keys to values. A value is TOML, and a bare word is a string."""
     found: dict[str, Any] = {}
     for text in sets or []:
         key, equals, value = utf8(text, option).partition("=")
@@ -110,7 +110,7 @@ def utf8(text: str, option: str) -> str:
 
 
 def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--plugin`, which loads plugin files before the command runs."""
+    """Add the option `--plugin` to a command. Plugin files are loaded before the command runs."""
 
     @wraps(command)
     def begun(*given: Any, plugins: list[Path] | None, **options: Any) -> Any:
@@ -124,7 +124,7 @@ def with_plugins(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command with the option `--machine`. The machine is applied before the other overrides."""
+    """Add the option `--machine` to a command with overrides. The machine is applied before the other overrides."""
     if "sets" not in signature(command).parameters:
         return command
 
@@ -139,7 +139,7 @@ def with_machine(command: Callable[..., Any]) -> Callable[..., Any]:
 def with_option(
     begun: Callable[..., Any], command: Callable[..., Any], name: str, kind: Any, default: Any = None
 ) -> Callable[..., Any]:
-    """Return the function `begun` with the signature of `command` and an additional option."""
+    """Return the function `begun` with the signature of `command` and an additional option `name`."""
     own = signature(command)
     option = Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
     begun.__signature__ = own.replace(parameters=[*own.parameters.values(), option])  # type: ignore[attr-defined]
@@ -148,7 +148,7 @@ def with_option(
 
 
 def names(text: str, option: str) -> list[str]:
-    """Return the names in a comma-separated list, without repetition."""
+    """Return the names in a comma-separated list, without duplicates."""
     found = list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
     if not found:
         raise ScenarioError(f"{option}: specify at least one")
@@ -167,7 +167,7 @@ def seconds(text: str) -> list[float]:
 
 
 def results_folder(out: Path | None, default: str) -> Path:
-    """Return the results folder: `out`, or a folder in runs/ named after `default` without special characters."""
+    """Return the writable results folder: `out` or, by default, a folder in runs/ named after `default`."""
     if out is not None:
         utf8(str(out), "--out")
     folder = out if out is not None else Path("runs") / re.sub(r"[^\w.-]+", "_", default).lstrip(".")[-LONGEST_NAME:]

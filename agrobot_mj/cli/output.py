@@ -1,4 +1,4 @@
-"""Output of commands: results on stdout, hints on stderr. Stdout may be a closed pipe or a file on a full disk."""
+"""Output of commands: results on stdout, and hints on stderr. Stdout may be a closed pipe or a file on a full disk."""
 
 import sys
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     from agrobot_mj.scenario.schema import Scenario
 
 MOST_SCENARIOS, MOST_LINES = 100, 10
-"""Maximum number of scenarios checked for configuration hints, and maximum number of hints printed."""
+"""Maximum number of scenarios for which hints are determined, and maximum number of hints printed."""
 
 
 def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
-    """Print the distinct configuration hints of the first scenarios to stderr and return them, or none if `quiet`."""
+    """Print the hints about the first scenarios to stderr, without duplicates. Return the hints, or [] if `quiet`."""
     if quiet:
         return []
     from agrobot_mj.scenario.hints import hints
@@ -28,7 +28,7 @@ def print_hints(scenarios: "Iterable[Scenario]", quiet: bool) -> list[str]:
 
 
 def say(text: object) -> None:
-    """Print a result to stdout. A write error other than a closed pipe is reported on stderr."""
+    """Print a result to stdout. Report write errors on stderr, except for a closed pipe."""
     try:
         print(text, flush=True)
     except BrokenPipeError:

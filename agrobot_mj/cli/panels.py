@@ -1,4 +1,4 @@
-"""Commands in the help text, grouped in panels. Advanced commands are listed with `--help-all` only."""
+"""Help text of the command line, with commands grouped in panels. Only `--help-all` lists advanced commands."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 PANELS = ("Run", "Field work", "Compare", "Field logs", "Check", "Connect", "Write scenarios")
-"""Panels in the order of the help text. The panels of installed packages follow."""
+"""Titles of the panels in the order of the help text. Panels of installed packages follow."""
 
 
 class HelpEntry(NamedTuple):
@@ -19,11 +19,11 @@ class HelpEntry(NamedTuple):
     panel: str = "Other commands"
     advanced: bool = False  # Whether only `--help-all` lists the command
     now: str = ""
-    """Command that replaces this deprecated command, which is hidden and will be removed in the next version."""
+    """Replacement of a deprecated command. Deprecated commands are hidden and will be removed in the next version."""
 
 
 def listed(panel: str, *examples: str, advanced: bool = False) -> HelpEntry:
-    """Return the help entry of a command for a panel, with example command lines."""
+    """Return the help entry of a command in a panel, with example command lines."""
     return HelpEntry(examples, panel, advanced)
 
 
@@ -31,21 +31,21 @@ COMMANDS: dict[str, HelpEntry] = {}
 
 
 def command_name(function: Callable[..., Any]) -> str:
-    """Return the name of a command: the function name without trailing underscores, other underscores become spaces."""
+    """Return the command name of a function: trailing underscores are removed, and other underscores become spaces."""
     return function.__name__.rstrip("_").replace("_", " ")
 
 
 def split_command(words: Sequence[str]) -> tuple[str, list[str]]:
-    """Split a command line into its command, of one or two words, and the remaining words."""
+    """Split a command line into the command name, of one or two words, and the remaining words."""
     count = 2 if " ".join(words[:2]) in COMMANDS else 1
     return " ".join(words[:count]), list(words[count:])
 
 
 class PanelledGroup(TyperGroup):
-    """Command group that lists its commands in panels and supports commands of two words."""
+    """Command group that lists its commands in panels and supports command names of two words."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name of the command, the command, and the remaining arguments."""
+        """Return the command name, the command, and the remaining arguments."""
         for before, word in pairwise(("", *args)):
             if re.fullmatch(r"(--[\w-]+=)?\s*", word):
                 place = f" after {before}" if before else ""
@@ -62,7 +62,7 @@ class PanelledGroup(TyperGroup):
         return super().resolve_command(ctx, [name, *rest])
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the panels; include advanced commands with `--help-all`."""
+        """Write the panels of the help text. With `--help-all` advanced commands are included."""
         whole = ctx.params.get("help_all", False)
         shown = {name: each for name, each in COMMANDS.items() if not each.now and (whole or not each.advanced)}
         for panel in dict.fromkeys((*PANELS, *(each.panel for each in shown.values()))):
@@ -71,7 +71,7 @@ class PanelledGroup(TyperGroup):
                     formatter.write_dl(self._rows(names, [*shown], formatter))
 
     def _rows(self, names: Sequence[str], aligned: Sequence[str], formatter: Any) -> list[tuple[str, str]]:
-        """Return the help rows of commands: each name, padded to the longest name in `aligned`, and its description."""
+        """Return the help rows of commands: name, padded to the longest name in `aligned`, and description."""
         width = max(map(len, aligned))
         limit = formatter.width - width - 6
         return [(f"{name:{width}}", self.commands[name].get_short_help_str(limit)) for name in names]

@@ -1,6 +1,6 @@
-"""Commands that run simulations: one run, or a comparison of laws, variants, plants and seeds.
+"""Commands that simulate: one run, or a comparison of laws, variants, plants and seeds.
 
-Example of a text for `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
+Example of a value of `--variant`: `worn: steering.valve.dead_band_v=0.8, path.points=[[0, 0], [9, 0]]`.
 """
 
 import sys
@@ -68,7 +68,7 @@ def run(
 
 
 def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ...]":
-    """Return the recorders of a run, for its folder, a live viewer or both, or an empty tuple if none is requested."""
+    """Return the recorders of a run, which write to `folder` or a live viewer, or an empty tuple without recording."""
     from agrobot_mj.simulation.storage import RECORDING, can_record
 
     if not live and not (recorded and can_record()):
@@ -79,7 +79,7 @@ def recordings(folder: Path, recorded: bool, live: bool) -> "tuple[Recording, ..
 
 
 def answer(log: "Log", folder: Path, hints: list[str], about: list[str]) -> Answer:
-    """Return the result of a command that simulated one run. The texts `about` follow the outcome in the first line."""
+    """Return the result of a command that simulated one run. The first line of text contains outcome and `about`."""
     from agrobot_mj.metrics.safety import drift_text
     from agrobot_mj.simulation.diagnosis import attribution
 
@@ -165,7 +165,7 @@ FORM = '"name: key=value, key=value"'
 
 
 def variants(texts: list[str] | None) -> "list[SweepVariant]":
-    """Return the variants of the command line, in order. Raises `ScenarioError` for an invalid text."""
+    """Return the variants given on the command line, in order. Raises `ScenarioError` for an invalid text."""
     return [_variant(text) for text in texts or []]
 
 
@@ -188,7 +188,7 @@ def _variant(text: str) -> "SweepVariant":
 
 
 def _items(text: str, name: str) -> Iterator[tuple[str, Any]]:
-    """Yield keys and values of `KEY=VALUE, ...`. A value is TOML, which may contain commas, or a bare word."""
+    """Yield keys and values of a text `KEY=VALUE, ...`. A value is a bare word or TOML, which may contain commas."""
     item, fault = "", ""
     for part in text.split(","):
         item += part

@@ -1,4 +1,4 @@
-"""Files to share a results folder: an HTML page that contains recording and viewer, and a poster image."""
+"""Files for sharing a results folder: an HTML page that contains the recording and its viewer, and a poster image."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ PAGE, POSTER = "share.html", "poster.png"  # Files written by `report --share`
 
 
 def recording_of(folder: Path) -> Path:
-    """Return the recording of a run or comparison. Raises `ScenarioError` for a folder without a recording."""
+    """Return the path of the recording in a results folder. Raises `ScenarioError` for a folder without a recording."""
     from agrobot_mj.simulation.storage import RECORDING
 
     found = next((file for name in (COMPARISON, RECORDING) if (file := folder / name).is_file()), None)
@@ -31,7 +31,7 @@ def recording_of(folder: Path) -> Path:
 
 
 def share(recording: Path) -> list[Path]:
-    """Write page and poster into the folder of a recording; return both files, or only the page if rendering fails."""
+    """Write the page and the poster next to a recording. Return both files, or only the page if rendering fails."""
     from agrobot_mj.recording.transport.share import write_shared
 
     folder = recording.parent
@@ -42,7 +42,7 @@ def share(recording: Path) -> list[Path]:
 
 
 def _poster(recording: Path, file: Path) -> Path | None:
-    """Render the first tab of a recording to a file and return the file. Return None if rendering fails."""
+    """Render the first tab of a recording to `file`. Return the file, or None if rendering fails."""
     from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 
     with tempfile.TemporaryDirectory() as place:
@@ -57,7 +57,7 @@ def _poster(recording: Path, file: Path) -> Path | None:
 
 
 def _about(folder: Path) -> tuple[str, str]:
-    """Return the title and the main facts of a results folder: outcome, lateral error, law."""
+    """Return the title of a results folder and a text with outcome, lateral error and guidance law."""
     try:
         said = tomllib.loads((folder / "scenario.toml").read_text("utf-8"))
         metrics = json.loads((folder / "metrics.json").read_text("utf-8"))

@@ -97,8 +97,8 @@ def report(
 ) -> None:
     """Write report.html for a results folder.
 
-    The file works offline, with zoomable curves, maps and rankings. With --share a second file contains the
-    recording and its viewer.
+    The file works offline, with zoomable curves, maps and rankings. With --share a second file contains the recording
+    and its viewer.
     """
     from agrobot_mj.studies.pages import write_report
 

@@ -1,1 +1,1 @@
-"""Shared base of the package: signals, configuration classes, errors, geometry, random numbers, kernels, files."""
+"""Modules used by the whole package: signals, configuration, errors, geometry, random numbers, kernels and files."""

@@ -1,6 +1,6 @@
 """Checks of user-supplied values: arguments of the API, and return values of plugin methods.
 
-A wrong argument type raises TypeError, a wrong return type raises `ScenarioError`.
+A wrong argument type raises TypeError. A wrong return type raises `ScenarioError`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ def without_exit() -> Iterator[None]:
 
 
 def check_argument(name: str, value: object, fits: bool, wanted: str) -> None:
-    """Raise TypeError with the argument name and the `wanted` description unless `fits` is true."""
+    """Raise TypeError for the argument `name` unless `fits` is true; `wanted` describes valid values."""
     if not fits:
         raise TypeError(f"{name}: must be {wanted}, got {one_line(value)}")
 
@@ -34,28 +34,28 @@ def check_overrides(overrides: object) -> None:
 
 
 def check_update(found: Any, message: type[Message], stage: str, kind: str, method: str) -> tuple[Any, Message]:
-    """Return `found`, the result of a method. Raises `ScenarioError` unless it is a pair (state, `message`)."""
+    """Return the method result `found`. Raises `ScenarioError` unless `found` is a pair (state, `message`)."""
     if isinstance(found, tuple) and len(found) == 2 and isinstance(found[1], message):
         return found
     raise _refusal(found, f"its state and {_one(message)}", stage, kind, method)
 
 
 def check_type(found: Any, wanted: type[Message], stage: str, kind: str, method: str) -> Message:
-    """Return `found`, the result of a method. Raises `ScenarioError` unless the result has the type `wanted`."""
+    """Return the method result `found`. Raises `ScenarioError` unless `found` has the type `wanted`."""
     if isinstance(found, wanted):
         return found
     raise _refusal(found, _one(wanted), stage, kind, method)
 
 
 def check_pair(found: Any, wanted: str, stage: str, kind: str, method: str) -> tuple[Any, Any]:
-    """Return `found`, the result of a method. Raises `ScenarioError` unless it is a pair, described by `wanted`."""
+    """Return the method result `found`. Raises `ScenarioError` with the text `wanted` unless `found` is a pair."""
     if isinstance(found, tuple) and len(found) == 2:
         return found
     raise _refusal(found, wanted, stage, kind, method)
 
 
 def is_compiled(part: Any, *methods: str) -> bool:
-    """Return whether `part.compiled` exists and no subclass overrides one of the `methods` that `compiled` replaces."""
+    """Return whether `part.compiled` is valid. Subclasses that override one of `methods` invalidate this code."""
     kinds = type(part).__mro__
     first = {name: next(k for k, kind in enumerate(kinds) if name in vars(kind)) for name in ("compiled", *methods)}
     return part.compiled is not None and first["compiled"] == min(first.values())

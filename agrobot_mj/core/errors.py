@@ -1,4 +1,7 @@
-"""Exceptions, and formatting of their messages. Imports no large library: the command line imports this file first."""
+"""Exceptions, and formatting of their messages.
+
+This module imports no large library, because the command line imports it first.
+"""
 
 from collections.abc import Sequence
 from difflib import get_close_matches
@@ -9,19 +12,19 @@ from typing import Any
 LONGEST_LINE, LONGEST_VALUE = 2000, 120
 """Maximum length of a line in a message, and of a quoted value or key [characters]."""
 MOST_FAULTS, MOST_LINES, LONGEST_TEXT = 20, 120, 20_000
-"""Maximum number of errors listed per file, and maximum number of lines and characters of a message."""
+"""Maximum number of errors listed per file, and maximum number of lines and of characters of a message."""
 
 PLUGIN = "a plugin's kind needs --plugin FILE.py"  # End of the messages about unknown kinds
 LIKENESS = 0.6  # Minimum similarity of a word suggested in place of an unknown word [-]. Assumed value.
 
 
 def shortened(text: str, most: int = LONGEST_VALUE) -> str:
-    """Return `text`, with its middle omitted if it has more than about `most` characters."""
+    """Return `text`, with the middle omitted if the text has more than about `most` characters."""
     return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 4 :]} ({len(text)} characters)"
 
 
 def bounded(text: str) -> str:
-    """Return a message shortened to about `MOST_LINES` lines, plus the number of omitted lines."""
+    """Return a message limited to about `MOST_LINES` lines. The last line contains the number of omitted lines."""
     lines, end = text.split("\n"), " more lines"
     shown = [shortened(line, LONGEST_LINE) for line in lines[: MOST_LINES + 1]]
     length = len("\n".join(shown))
@@ -44,11 +47,11 @@ class CommandError(ValueError):
 
 
 class NotFiniteError(ArithmeticError):
-    """Error for a message of a stage that is not finite or is implausible; the text names the field and the stage."""
+    """Error for a non-finite or implausible value in the output of a stage; the text names the field and the stage."""
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """Return `; did you mean 'x'?` with the most similar known word, ignoring case, or an empty string."""
+    """Return `; did you mean 'x'?` with the known word most similar to `word`, or an empty string. Case is ignored."""
     by_lower = {name.lower(): name for name in known}
     close = get_close_matches(word.lower(), by_lower, n=1, cutoff=LIKENESS)
     return f"; did you mean {by_lower[close[0]]!r}?" if close else ""
@@ -60,7 +63,7 @@ EXTRAS = {
     "matplotlib": ("report", "a figure"),
     "filterpy": ("filters", "this estimator"),
 }
-"""Optional libraries that modules import at their top, each with the extra that installs it and its purpose."""
+"""Optional libraries that modules import at their top, each with its extra and its purpose."""
 
 
 def installed(module: str) -> bool:
@@ -69,7 +72,7 @@ def installed(module: str) -> bool:
 
 
 def missing_extra(error: ModuleNotFoundError) -> str:
-    """Return the message about an import that failed for a missing extra, or an empty string for other modules."""
+    """Return the install instruction for a missing optional library, or an empty string for other modules."""
     package = (error.name or "").partition(".")[0]
     if package not in EXTRAS:
         return ""
@@ -78,7 +81,7 @@ def missing_extra(error: ModuleNotFoundError) -> str:
 
 
 def required(module: str, extra: str, purpose: str) -> Any:
-    """Return an imported module. Raises `ScenarioError` with the install command of its `extra` if the import fails."""
+    """Import and return a module. Raises `ScenarioError` with the install command of its `extra` on failure."""
     try:
         return import_module(module)
     except ImportError as error:

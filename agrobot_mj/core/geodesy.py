@@ -1,8 +1,8 @@
-"""Local plane on the Earth: conversion between metres east and north of an origin and latitude and longitude.
+"""Local plane on the Earth: conversion between east and north coordinates [m] and latitude and longitude [deg].
 
 The length of a degree is a truncated series for the WGS84 ellipsoid, as in guidance programs for farm machines. A
-degree of latitude has its length at the origin, a degree of longitude its length at the latitude of the point. The east
-axis follows the parallel: at 51 degrees north, 500 m east of the origin, the plane is 24 mm off the tangent plane.
+degree of latitude is evaluated at the origin, and a degree of longitude at the latitude of the point. The east axis
+follows the parallel: at 51 degrees north, 500 m east of the origin, the plane is 24 mm off the tangent plane.
 """
 
 from math import cos, radians
@@ -25,7 +25,7 @@ class Origin(_Place):
     __slots__ = ()
 
     def __new__(cls, latitude: float, longitude: float) -> "Origin":
-        """Create an origin. Raises TypeError naming the argument if a value is not a number."""
+        """Create an origin. Raises TypeError with the argument name if a value is not a number."""
         for name, value in (("latitude", latitude), ("longitude", longitude)):
             check_argument(name, value, hasattr(value, "__float__"), "a number")  # a text has no __float__
         return super().__new__(cls, latitude, longitude)
@@ -44,19 +44,19 @@ def metres_per_longitude(latitude: float) -> float:
 
 
 def to_geodetic(origin: Origin, east: float, north: float) -> tuple[float, float]:
-    """Return latitude and longitude [deg] of a point given by its coordinates east and north of the origin [m]."""
+    """Convert coordinates east and north of the origin [m] to latitude and longitude [deg]."""
     latitude = origin.latitude + north / metres_per_latitude(origin.latitude)
     return latitude, origin.longitude + east / metres_per_longitude(latitude)
 
 
 def to_local(origin: Origin, latitude: float, longitude: float) -> tuple[float, float]:
-    """Return the coordinates east and north of the origin [m] of a latitude and longitude [deg]."""
+    """Convert latitude and longitude [deg] to coordinates east and north of the origin [m]."""
     north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
     return (longitude - origin.longitude) * metres_per_longitude(latitude), north
 
 
 def local_points(origin: Origin, latitude: Array, longitude: Array) -> Array:
-    """Return east and north of points, shape (n, 2) [m], from latitudes and longitudes (n,) [deg]."""
+    """Convert latitudes and longitudes (n,) [deg] to coordinates east and north of the origin, shape (n, 2) [m]."""
     lengths = np.array([metres_per_longitude(each) for each in latitude.tolist()])
     north = (latitude - origin.latitude) * metres_per_latitude(origin.latitude)
     return np.column_stack([(longitude - origin.longitude) * lengths, north])

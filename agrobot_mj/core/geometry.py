@@ -29,7 +29,7 @@ def from_heading(yaw: float, forward: float, left: float) -> tuple[float, float]
 
 
 def along_arc(start: tuple[float, float, float], curvature: float, distance: float) -> tuple[float, float, float]:
-    """Return x, y [m] and heading [rad] at `distance` [m] along an arc of the given `curvature` [1/m]."""
+    """Return x, y [m] and heading [rad] at `distance` [m] from the pose `start` along an arc of `curvature` [1/m]."""
     x, y, yaw = start
     half_turn = curvature * distance / 2
     chord = distance * (sin(half_turn) / half_turn if half_turn else 1.0)
@@ -38,14 +38,14 @@ def along_arc(start: tuple[float, float, float], curvature: float, distance: flo
 
 
 def to_level(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Rotate a vector from the axes x, y, z of a tilted body to the level frame (forward, left, up)."""
+    """Rotate a vector from the body axes (x, y, z) to the level frame (forward, left, up) by roll and pitch [rad]."""
     x, y, z = vector
     left, up = cos(roll) * y - sin(roll) * z, sin(roll) * y + cos(roll) * z
     return cos(pitch) * x + sin(pitch) * up, left, -sin(pitch) * x + cos(pitch) * up
 
 
 def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Rotate a vector from the level frame (forward, left, up) to the axes x, y, z of a tilted body."""
+    """Rotate a vector from the level frame (forward, left, up) to the body axes (x, y, z) by roll and pitch [rad]."""
     forward, left, up = vector
     across = sin(pitch) * forward + cos(pitch) * up
     ahead = cos(pitch) * forward - sin(pitch) * up
@@ -53,7 +53,7 @@ def to_body(roll: float, pitch: float, vector: tuple[float, float, float]) -> tu
 
 
 def check_polygon(points: Sequence[tuple[float, float]]) -> None:
-    """Raise ValueError naming the key `points` if the corners do not enclose an area."""
+    """Raise ValueError for the key `points` if the corners do not enclose an area."""
     if len(set(points)) < 3:
         raise ValueError("points: the polygon has fewer than 3 different corners; add corners")
     lengths = np.linalg.svd(np.array(points) - points[0], compute_uv=False)
@@ -62,7 +62,7 @@ def check_polygon(points: Sequence[tuple[float, float]]) -> None:
 
 
 def in_polygon(points: Sequence[tuple[float, float]], x: float, y: float) -> bool:
-    """Return whether the point (x, y) is inside a polygon: a ray to the east crosses an odd number of edges."""
+    """Return whether the point (x, y) is inside a polygon, by counting the edges that a ray to the east crosses."""
     inside = False
     for (x0, y0), (x1, y1) in zip(points, (*points[1:], points[0]), strict=True):
         if (y0 <= y) != (y1 <= y) and x < x0 + (y - y0) / (y1 - y0) * (x1 - x0):

@@ -1,8 +1,9 @@
-"""States of compiled stages that stay in compiled memory: Python passes only a reference to them.
+"""References to states of compiled stages that stay in compiled memory.
 
-A stage with an argument or a result annotated `Held[State]` takes and returns references. `held` of `kernels` makes a
-reference, `fetched` returns its named tuple. Converting a state of 300 numbers to Python objects takes longer than most
-stages. A held state is immutable like its named tuple. Without compilation the reference is the named tuple itself.
+A stage with an argument or a result annotated `Held[State]` takes or returns a reference. `kernels.held` creates a
+reference, and `kernels.fetched` returns its named tuple. References save time: converting a state of 300 numbers to
+Python objects takes longer than most stages. A held state is immutable, like its named tuple. Without compilation the
+reference is the named tuple itself.
 """
 
 import ctypes
@@ -26,10 +27,10 @@ KINDS: dict[int, Any] = {}  # Types of the held states, by their number
 
 @structref.register
 class HeldType(types.StructRef):  # type: ignore[misc]
-    """Numba's type of a reference to a named tuple; `kind` identifies its class in every process."""
+    """Numba type of a reference to a named tuple. The number `kind` identifies the tuple class in every process."""
 
     def __init__(self, value: types.Type) -> None:
-        """Create the type of references to values of this type."""
+        """Create the type of references to values of the numba type `value`."""
         super().__init__((("kind", types.int64), ("value", value)))
         self.types = (value,)
         self.number = int.from_bytes(blake2b(str(value).encode(), digest_size=7).digest(), "little")
@@ -38,7 +39,7 @@ class HeldType(types.StructRef):  # type: ignore[misc]
 
 @unbox(HeldType)
 def _taken(kind: Any, reference: Any, c: Any) -> Any:
-    """Return the native reference of a Python reference; kernels without reference counts borrow the reference."""
+    """Convert a Python reference to a native reference. Kernels without reference counts borrow the reference."""
     native = cgutils.create_struct_proxy(kind)(c.context, c.builder)
     native.meminfo = _word(c.builder, reference, 2)  # after the header of a Python object
     if c.context.enable_nrt:
@@ -47,14 +48,14 @@ def _taken(kind: Any, reference: Any, c: Any) -> Any:
 
 
 def _word(builder: Any, pointer: Any, k: int) -> Any:
-    """Return the pointer stored in word `k` at `pointer`."""
+    """Load the pointer stored `k` machine words after `pointer`."""
     byte = IntType(8).as_pointer()
     return builder.load(builder.gep(builder.bitcast(pointer, byte.as_pointer()), [IntType(32)(k)]))
 
 
 @intrinsic  # type: ignore[misc, unused-ignore]
 def value_of(_: Any, reference: Any) -> Any:
-    """Return the named tuple of a native reference, also in kernels without reference counts."""
+    """Return the named tuple that a native reference points to; also valid in kernels without reference counts."""
 
     def read(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         native = cgutils.create_struct_proxy(reference)(context, builder, value=arguments[0])
@@ -68,17 +69,17 @@ def value_of(_: Any, reference: Any) -> Any:
 
 @box(HeldType)
 def _given(kind: Any, value: Any, c: Any) -> Any:
-    """Return the Python reference of a native reference."""
+    """Convert a native reference to a Python reference."""
     return c.pyapi.nrt_meminfo_as_pyobject(cgutils.create_struct_proxy(kind)(c.context, c.builder, value=value).meminfo)
 
 
 def number_of(reference: Any) -> int:
-    """Return the index of the type of a held state."""
+    """Return the number that identifies the type of a held state, a key of `KINDS`."""
     return ctypes.c_int64.from_address(reference.data).value
 
 
 def holding(value: Any) -> Callable[..., Any]:
-    """Return a function for kernels that returns a reference to a copy of a named tuple of the type `value`."""
+    """Return a kernel function that copies a named tuple of the type `value` and returns a reference to the copy."""
     kind = HeldType(value)
     number = kind.number
 

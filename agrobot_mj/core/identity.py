@@ -1,11 +1,12 @@
 """Identity of a run: digests of all inputs that affect its results.
 
 An identity text consists of five parts with eight hex digits, "scenario-files-plugins-program-libraries". A comparison
-of two texts shows the differing parts. The last three parts identify the code. Digests depend on contents, not on
-folder names: moved results keep their identity.
+of two texts shows the differing parts. The last three parts identify the code. Digests depend on file contents, not on
+folder names, so that moved results keep their identity.
 
-Plugins are the files passed to `take_in`, and the files imported by them from outside the installed libraries, with all
-files of an imported package. Data files that plugins open from other folders are not included.
+The plugins part covers the files passed to `take_in`, and the files that they import from outside the installed
+libraries. An imported package is included with all its files. Data files that plugins open from other folders are not
+included.
 """
 
 import ast
@@ -48,17 +49,17 @@ class Identity(NamedTuple):
 
     @property
     def code(self) -> str:
-        """Text of the three parts that identify the code."""
+        """Text of the three parts that identify the code: plugins, program and libraries."""
         return "-".join(self[2:])
 
 
 def code() -> tuple[str, str, str]:
-    """Return the digests of plugins, program and libraries loaded in this process."""
+    """Return the digests of the plugins, the program and the libraries loaded in this process."""
     return joined(sorted(set(_plugins.values()))), PROGRAM, libraries()
 
 
 def code_text() -> str:
-    """Return the digests that `code` returns as one text."""
+    """Return the digests of plugins, program and libraries as one text, as in `Identity.code`."""
     return "-".join(code())
 
 
@@ -77,13 +78,13 @@ def differing(text: object, other: str) -> list[str]:
 
 
 def digest(*contents: bytes, digits: int = len(NONE)) -> str:
-    """Return the hex digest of several contents in the given order, or zeros without contents."""
+    """Return one hex digest of byte strings in the given order, or zeros without byte strings."""
     whole = hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents))
     return whole.hexdigest()[:digits] if contents else "0" * digits
 
 
 def joined(digests: Iterable[str]) -> str:
-    """Return the digest of a sequence of digests."""
+    """Return one digest of a sequence of digests."""
     return digest(*map(str.encode, digests))
 
 
@@ -102,7 +103,7 @@ def _file_digest(path: Path, _stamp: object) -> str:
 
 @cache
 def libraries() -> str:
-    """Return the digest of the versions of `LIBRARIES`."""
+    """Return one digest of the installed versions of `LIBRARIES`."""
     return digest(*(f"{name} {_version(name)}".encode() for name in LIBRARIES))
 
 
@@ -115,7 +116,7 @@ def _version(name: str) -> str:
 
 
 def program_digest(parts: Iterable[str] = PARTS) -> str:
-    """Return the digest of the models and of the sources in `parts` and in extensions that add kinds."""
+    """Return one digest of the MJCF models, the source folders `parts`, and the extensions that add kinds."""
     with_kinds = sorted(path.parent for path in PACKAGE.glob("extensions/*/kinds.py"))
     places = [*(PACKAGE / part for part in parts), *with_kinds]
     found = [path for place in places for path in sorted(place.rglob("*.py"))]
@@ -128,7 +129,7 @@ PROGRAM = program_digest()  # Digest of the sources at the start of this process
 def take_in(name: str, member: type | None = None) -> None:
     """Add the files of a loaded module, and of the modules that it imports, to the plugins of the identity.
 
-    For a class `member` defined interactively, such as in a notebook, its compiled code is added.
+    For a class `member` defined interactively, for example in a notebook, the compiled code is added.
     """
     if member and not _place(name):
         functions = (getattr(part, "__code__", None) for part in vars(member).values())
@@ -158,7 +159,7 @@ def _take_in(paths: Iterable[Path]) -> None:
 
 
 def _files_of(name: str, installed: bool) -> list[Path]:
-    """Return the file of a module, or all files of the package that contains the module."""
+    """Return the file of a module, or all files of its package. Omit installed libraries unless `installed`."""
     parts = name.split(".")
     if parts[0] in sys.stdlib_module_names or parts[0] == PACKAGE.name:
         return []
@@ -184,7 +185,7 @@ def _place(name: str) -> Path | None:
 
 
 def _imported(content: bytes) -> Iterator[str]:
-    """Yield the names of all modules imported by a source, except by relative imports."""
+    """Yield the names of the modules that a source file imports with absolute imports."""
     for node in ast.walk(_tree(content)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -193,7 +194,7 @@ def _imported(content: bytes) -> Iterator[str]:
 
 
 def _imported_beside(path: Path, content: bytes) -> Iterator[Path]:
-    """Yield the files of the modules imported by a source with relative imports."""
+    """Yield the files of the modules that a source file imports with relative imports."""
     for node in ast.walk(_tree(content)):
         if isinstance(node, ast.ImportFrom) and node.level:
             module = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))

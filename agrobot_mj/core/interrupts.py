@@ -1,8 +1,9 @@
 """Delay of signals during atomic work, and temporary handlers for SIGINT and SIGTERM.
 
-Python runs signal handlers between two instructions of the main thread. A handler that raises an exception
-(KeyboardInterrupt) aborts the work there. `held_back` delays handlers to the end of a block; `deferring` runs them only
-when the block calls `deliver`. Signals without a handler keep their default action. Other threads run no handlers.
+Python runs signal handlers between two instructions of the main thread. A handler that raises an exception, such as
+KeyboardInterrupt, aborts the work at this point. `held_back` delays handlers to the end of a block. `deferring` runs
+handlers only when the block calls `deliver`. Signals without a handler keep their default action. Other threads run no
+handlers.
 """
 
 import _signal  # type: ignore[import-not-found]  # `signal.signal` without enums: 0.3 us in place of 5 us
@@ -19,7 +20,7 @@ HELD = tuple(
     for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGALRM", "SIGUSR1", "SIGUSR2", "SIGBREAK")
     if hasattr(signal, name)
 )
-"""Signals whose handlers are delayed: programs commonly raise exceptions in these handlers."""
+"""Signals whose handlers are delayed, because these handlers commonly raise exceptions."""
 PATIENCE_S = 5.0
 """Duration of a block [s] after which handlers run immediately, so that a hanging block can be interrupted."""
 
@@ -43,12 +44,12 @@ MOST_HELD = 2  # Maximum number of delayed signals per signal number: a second s
 
 
 class _State:
-    """State of the blocks of the main thread that currently delay signals."""
+    """State shared by all blocks of the main thread that currently delay signals."""
 
     def __init__(self) -> None:
         self.blocks = self.indivisible = self.patient = 0
         self.aside: dict[int, Any] = {}
-        """Replaced handler of each signal, kept for code that saves `_keep` and later reinstalls `_keep`."""
+        """Original handler by signal number, stored permanently because other code may reinstall `_keep` later."""
         self.replaced: list[int] = []
         """Signals whose current handler is `_keep`."""
         self.received: list[int] = []
@@ -62,7 +63,7 @@ _STATE = _State()
 
 
 class Block:
-    """Block in which signal handlers are delayed, see `held_back`, `until_the_end` and `deferring`."""
+    """Context manager that delays signal handlers; see `held_back`, `until_the_end` and `deferring`."""
 
     __slots__ = ("counted", "indivisible", "patient")
 
@@ -98,17 +99,17 @@ def held_back() -> Block:
 
 
 def until_the_end() -> Block:
-    """Delay signals to the end of the block, whatever its duration, for C code that loses exceptions of callbacks."""
+    """Delay signals to the end of the block, regardless of its duration, for C code that loses exceptions."""
     return Block(True, patient=True)
 
 
 def deferring() -> Block:
-    """Delay signals until `deliver` or the end of the block, for runs and tasks of seconds or minutes."""
+    """Delay signals to the next call of `deliver` or the end of the block, for runs and tasks of seconds or minutes."""
     return Block(False)
 
 
 def deliver() -> None:
-    """Run the handlers of the signals delayed by a `deferring` block. There is no effect within `held_back`."""
+    """Run the handlers of signals delayed by `deferring`. Has no effect within `held_back` and `until_the_end`."""
     if not _STATE.blocks or _STATE.indivisible or not _in_main_thread():
         return
     _STATE.since = monotonic()
@@ -132,7 +133,7 @@ def _in_main_thread() -> bool:
 
 
 def _keep(number: int, frame: Any) -> None:
-    """Record a signal within a block; call its handler if the block hangs or no block is open."""
+    """Record a signal, or call its original handler if the block hangs or no block is open."""
     hangs = not _STATE.patient and monotonic() - _STATE.since > PATIENCE_S
     if hangs or not _STATE.replaced:
         _STATE.received = [other for other in _STATE.received if other != number]
@@ -142,7 +143,7 @@ def _keep(number: int, frame: Any) -> None:
 
 
 def _set_aside() -> None:
-    """Replace all handlers by `_keep`; restore them if an exception occurs."""
+    """Replace the handlers of all `HELD` signals by `_keep`. Restore the handlers if an exception occurs."""
     _STATE.since = monotonic()
     try:
         for number in HELD:
@@ -158,7 +159,7 @@ def _set_aside() -> None:
 
 
 def _put_back() -> None:
-    """Restore the handlers that the block has not changed, and run the handlers of the delayed signals."""
+    """Restore the handlers unless the block has changed them, and run the handlers of the delayed signals."""
     failed: BaseException | None = None
     while _STATE.replaced:
         number = _STATE.replaced[-1]

@@ -28,7 +28,7 @@ from agrobot_mj.core.locks import locked
 
 KEPT = 8  # Maximum number of package versions whose caches are kept on disk
 PARTS = ("core", "machine", "terrain", "tyres", "plants", "control", "estimation", "paths")
-"""Folders of the package with kernels or constants used by kernels."""
+"""Package folders with kernels, or with constants used by kernels."""
 MAKES_KERNELS = b"agrobot_mj.core.kernels import"  # Text that identifies files with kernels outside `PARTS`
 PATIENCE_S = 120.0  # Maximum time to wait for another process that compiles the same function [s]
 CHECKSUM = 4  # Length of the checksum [bytes]
@@ -44,7 +44,7 @@ def _content() -> str:
 
 
 def _cache() -> Path | None:
-    """Return the folder of compiled kernels, or None if it is not writable, and delete the oldest caches."""
+    """Create and return the cache folder of this version, or None if the folder is not writable. Delete old caches."""
     home = _home()
     folder = home / _content()
     try:
@@ -59,7 +59,7 @@ def _cache() -> Path | None:
 
 
 def _home() -> Path:
-    """Return the parent folder of all caches: in the user's cache folder or, without a home, in a temporary folder."""
+    """Return the parent folder of all caches, in the user's cache folder or, without a home, in a temporary folder."""
     try:
         return user_cache_path("agrobot_mj") / "kernels"
     except (RuntimeError, KeyError):  # no HOME and no entry in the password file
@@ -67,7 +67,7 @@ def _home() -> Path:
 
 
 def _private(folder: Path) -> Path:
-    """Return the folder, which is created if missing, or the null device if other users could write into the folder."""
+    """Create a missing folder and return it. Return the null device if other users have access to the folder."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
@@ -85,7 +85,7 @@ class _DamagedError(Exception):
 
 
 class _CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
-    """Index file and data files of a function, each with a checksum."""
+    """Cache files of a function (index and compiled code), each with a checksum."""
 
     def _dump(self, value: object) -> bytes:
         return bytes(super()._dump(value))
@@ -131,7 +131,7 @@ def _checksum(path: str, content: bytes) -> bytes:
 
 
 class PackageCache(FunctionCache):  # type: ignore[misc]
-    """Kernel cache that excludes code for classes outside the package, because these classes may change."""
+    """Kernel cache that excludes code compiled for classes outside the package, because these classes may change."""
 
     def __init__(self, function: Any) -> None:
         before = config.CACHE_DIR
@@ -145,7 +145,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled code for the argument types `sig`, or None if the cache does not contain the code."""
+        """Return the compiled code for the argument types `sig`, or None if the code is not in the cache."""
         load = super().load_overload
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 
@@ -156,7 +156,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:
-        """Return the result of `work`; repeat it after deleting damaged files. Returns None on a disk error."""
+        """Return the result of a cache access, repeated after deleting damaged files, or None on a disk error."""
         try:
             return work()
         except _DamagedError:
@@ -167,7 +167,7 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
 
     @contextmanager
     def compiling(self) -> Iterator[None]:
-        """Lock a function without compiled code, so that other processes wait for its code instead of compiling it."""
+        """Lock a function that is missing in the cache, so that other processes wait for its compiled code."""
         handle, index = None, Path(self._cache_file._index_path)
         if not index.exists():
             with suppress(OSError):
@@ -191,7 +191,7 @@ def _tell() -> None:
 
 
 def _outside(parts: Iterable[Any]) -> bool:
-    """Return whether these types contain, at any depth, a named tuple class defined outside the package."""
+    """Return whether the numba types `parts` contain, at any depth, a named tuple class defined outside the package."""
     classes = (getattr(part, "instance_class", PackageCache) for part in parts)
     return not all(map(is_ours, classes)) or any(_outside(getattr(part, "types", ())) for part in parts)
 

@@ -1,4 +1,7 @@
-"""Compilation of scalar kernels, without the GIL and with a disk cache; plain Python with `NUMBA_DISABLE_JIT=1`."""
+"""Compilation of scalar kernels with numba, without the GIL and with a disk cache.
+
+With `NUMBA_DISABLE_JIT=1` kernels are plain Python functions.
+"""
 
 import copyreg
 import os
@@ -28,7 +31,7 @@ box_in_c()
 
 
 def shared(function: F) -> F:
-    """Return `function` unchanged, and allow kernels to call it."""
+    """Allow kernels to call `function`, and return the unchanged Python function."""
     return cast(F, register_jitable(function))
 
 
@@ -37,7 +40,7 @@ for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to
 
 
 def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
-    """Delay signals while LLVM compiles or loads machine code: its callbacks lose exceptions of signal handlers."""
+    """Delay signals during `finalize`, because LLVM callbacks lose exceptions of signal handlers."""
 
     def finalize_whole(library: JITCodeLibrary) -> None:
         with until_the_end():
@@ -50,23 +53,23 @@ JITCodeLibrary._finalize_specific = _hold_signals_back(JITCodeLibrary._finalize_
 
 
 def jit(function: F) -> F:
-    """Return `function`, compiled on its first call."""
+    """Compile `function` with numba on its first call."""
     return _compiled(function)
 
 
 def kernel(function: F) -> F:
-    """Compile a function of the physics step on its first call; division follows numpy.
+    """Compile a function of the physics step on its first call. Division by zero gives infinity or NaN, as in numpy.
 
-    The function must not create, store or return arrays: numba then omits the reference counts of array arguments,
+    The function must not create, store or return arrays. Numba then omits the reference counts of array arguments,
     whose updates take as long as the arithmetic of a wheel. An array created in a kernel would never be freed;
-    tests/core/test_kernels.py checks that there is none. Kernels are inlined into their callers: numba would otherwise
-    pass records, such as the 200 numbers of a wheel, through memory.
+    tests/core/test_kernels.py checks that kernels create no arrays. Kernels are inlined into their callers, because
+    numba would otherwise pass records, such as the 200 numbers of a wheel, through memory.
     """
     return _compiled(function, _nrt=False, error_model="numpy", forceinline=True)
 
 
 def bound(function: Any, *arguments: object) -> Callable[..., Any]:
-    """Return `function` compiled for the types of these arguments, without numba's type dispatch."""
+    """Return `function` compiled for the types of `arguments`. Calls bypass numba's type dispatch."""
     if config.DISABLE_JIT:
         return cast(Callable[..., Any], function)
     kinds = tuple(HeldType(KINDS[number_of(a)]) if type(a) is Reference else typeof(a) for a in arguments)
@@ -76,10 +79,10 @@ def bound(function: Any, *arguments: object) -> Callable[..., Any]:
 
 
 def stage(function: F) -> F:
-    """Return `function`, compiled on its first call for its annotated types, without numba's type dispatch.
+    """Return `function`, compiled on its first call for its annotated types. Calls bypass numba's type dispatch.
 
     `function` may be a `jit` function, which kernels can also call. Arguments are numbers, C-contiguous arrays
-    (`Vector`, `Matrix`), tuples and named tuples of them, and references to named tuples (`Held`).
+    (`Vector`, `Matrix`), tuples and named tuples of these types, and references to named tuples (`Held`).
     """
     if config.DISABLE_JIT:
         return function
@@ -107,7 +110,7 @@ def stage(function: F) -> F:
 
 
 def _entry(compiled: Any, *kinds: types.Type) -> Callable[..., Any]:
-    """Return the compiled function for arguments of these types, without numba's type dispatch."""
+    """Return the function compiled for arguments of the types `kinds`. Calls bypass numba's type dispatch."""
     _KEPT.append(compiled)  # the machine code is freed with its dispatcher
     cached = isinstance(compiled._cache, PackageCache)
     with compiled._cache.compiling() if cached else nullcontext():
@@ -127,7 +130,7 @@ def _check_references(hint: Any, found: Any) -> None:
 
 
 def declared(hint: Any) -> types.Type:
-    """Return numba's type for the annotation of an argument of a `stage`."""
+    """Return the numba type that corresponds to the type annotation of a `stage` argument."""
     if isinstance(hint, UnionType):  # optional number: present in kernels
         hint = get_args(hint)[0]
     if hint in NUMBERS:
@@ -144,9 +147,9 @@ def declared(hint: Any) -> types.Type:
 
 
 def held(value: T, as_it_is: bool = False) -> T:
-    """Return a reference to a copy of a named tuple, for arguments annotated `Held`; arrays are not copied.
+    """Return a reference to a copy of a named tuple, for arguments annotated `Held`. Arrays in the tuple are shared.
 
-    The copy has the annotated types or, if `as_it_is`, those of the value. References are returned unchanged.
+    The fields have the annotated types or, if `as_it_is`, the types of their values. References are returned unchanged.
     """
     if config.DISABLE_JIT or type(value) is Reference:
         return value
@@ -154,7 +157,7 @@ def held(value: T, as_it_is: bool = False) -> T:
 
 
 def fetched(value: T) -> T:
-    """Return the named tuple of a reference; other values are returned unchanged. Kernels may call this function."""
+    """Return the named tuple of a reference. Other values are returned unchanged. Kernels may call this function."""
     return cast(T, _fetcher(number_of(value))(value)) if type(value) is Reference else value
 
 
@@ -186,7 +189,7 @@ copyreg.pickle(Reference, lambda reference: (held, (fetched(reference),)))
 
 
 NUMBERS = {float: types.float64, int: types.int64, bool: types.boolean, complex: types.complex128}
-"""Types of numbers in kernels."""
+"""Numba type of each Python number type."""
 
 
 @cache

@@ -8,9 +8,9 @@ LONGEST = 60  # Maximum number of characters of a safe name
 
 
 def safe_names(names: Iterable[str]) -> list[str]:
-    """Return each name reduced to ASCII letters, digits, dots, dashes and underscores, in the same order.
+    """Return the names reduced to ASCII letters, digits, dots, dashes and underscores, in the same order.
 
-    The results differ from each other even if case is ignored. Names that are already safe stay unchanged.
+    The results are unique, even without regard to case. Names that are already safe stay unchanged.
     """
     found: list[str] = []
     taken: set[str] = set()

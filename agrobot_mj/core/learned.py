@@ -1,7 +1,10 @@
-"""Table of learned values with which a later run can start: `learned.parquet`.
+"""Table of values learned in a run, with which a later run can start: `learned.parquet`.
 
-Each row contains the name of a quantity (`quantity`), the arc length along the lap (`place_m`) [m], null for values
-without a location, and the value, in the unit of the log signal of that name.
+Columns:
+
+- `quantity`: name of the log signal.
+- `place_m`: arc length along the lap [m], or null for a value without a location.
+- `value`: learned value, in the unit of the log signal.
 """
 
 from collections.abc import Mapping
@@ -16,7 +19,7 @@ LEARNED = "learned.parquet"
 MOST_BYTES = 50e6  # Maximum size of an input file, a map of 1000 km [bytes]
 
 Learned = Mapping[str, Array]
-"""Learned values by quantity, shape (n, 2): arc length [m] (NaN for a value without a location) and value."""
+"""Learned values by quantity, shape (n, 2). Columns: arc length [m], or NaN without a location, and value."""
 
 
 def learned_table(learned: Learned) -> Any:
@@ -30,7 +33,7 @@ def learned_table(learned: Learned) -> Any:
 
 
 def read_learned(name: str) -> Learned:
-    """Return the learned values in a file. Raises ValueError with the file name and the fix."""
+    """Read learned values from a file. Raises ValueError with the file name and the fix."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -5,8 +5,9 @@ With roll phi, pitch theta and heading psi (ISO 8855) the components of the angu
     w_z = psi' - phi' sin(theta)                                about the vertical,
     r   = psi' cos(phi) cos(theta) - theta' sin(phi)            about the vertical axis of the chassis.
 
-On a slope of 10 deg the terms without psi' add up to 3 deg of heading in every half turn. Roll and pitch are low-pass
-filtered before differentiation. The filter delay causes no lasting error, as the increments add up to the total change.
+On a slope of 10 deg the terms without psi' contribute 3 deg of heading to every rotation by 180 deg. Roll and pitch are
+low-pass filtered before differentiation. The filter delay causes no permanent error, because the increments add up to
+the total change.
 """
 
 from math import cos, exp, sin
@@ -15,7 +16,7 @@ from typing import NamedTuple
 from agrobot_mj.core.kernels import kernel_method
 
 SMOOTHING_S = 0.1
-"""Time constant of the low-pass filter [s]. Assumed value; with 0.5 s the heading error in a bend is 0.3 deg."""
+"""Time constant of the roll and pitch filter [s]. Assumed value; 0.5 s causes a heading error of 0.3 deg in a bend."""
 
 
 class SmoothedTilt(NamedTuple):
@@ -27,7 +28,7 @@ class SmoothedTilt(NamedTuple):
     pitch_rate: float = 0.0  # Rate of the filtered pitch [rad/s]
 
     def after(self, roll: float, pitch: float, dt: float) -> "SmoothedTilt":
-        """Return the filtered tilt after a measurement of roll and pitch [rad], `dt` [s] after the previous one."""
+        """Return the filtered tilt after a measurement of roll and pitch [rad], `dt` [s] after the last measurement."""
         new = 1.0 - exp(-dt / SMOOTHING_S)
         d_roll, d_pitch = new * (roll - self.roll), new * (pitch - self.pitch)
         return SmoothedTilt(self.roll + d_roll, self.pitch + d_pitch, d_roll / dt, d_pitch / dt)

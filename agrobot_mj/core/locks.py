@@ -1,4 +1,4 @@
-"""Exclusive lock on a file or folder, for which other processes wait."""
+"""Exclusive lock on a file or folder between processes."""
 
 import os
 import time
@@ -11,9 +11,10 @@ except ImportError:  # pragma: no cover - Windows has no such locks; simultaneou
 
 
 def locked(path: Path, patience: float) -> int | None:
-    """Lock a file or folder, and return its descriptor, or None on a file system without locks.
+    """Lock a file or folder and return its file descriptor. Return None on a file system without locks.
 
-    Closing the descriptor releases the lock. Waits up to `patience` [s]; then raises TimeoutError.
+    Closing the descriptor releases the lock. Raises TimeoutError if another process holds the lock for more than
+    `patience` [s].
     """
     if flock is None:  # pragma: no cover
         return None

@@ -1,8 +1,8 @@
-"""Growing array of rows; a long array is stored in a memory-mapped temporary file.
+"""Array that is filled row by row. A long array is stored in a memory-mapped temporary file.
 
-The file has no name and is deleted with the process. It is in the folder of `tempfile` (TMPDIR) and stores column by
-column, so that single columns can be read. Disk space for the next rows is reserved before they are written. If the
-disk is full, an array of at most MOST_BYTES moves to memory.
+The file is in the folder of `tempfile` (TMPDIR), has no name, and is deleted when the process ends. The array is stored
+column by column, so that single columns can be read. Disk space for the next rows is reserved before they are written.
+If the disk is full, an array of at most MOST_BYTES moves to memory.
 """
 
 import errno
@@ -18,13 +18,14 @@ import numpy as np
 from agrobot_mj.core.signals import Array
 
 PIECE = 12_000
-"""Number of rows reserved at a time: ten minutes in steps of 50 ms. Arrays up to this length stay in memory."""
+"""Number of rows for which disk space is reserved at a time: ten minutes in steps of 50 ms. Arrays up to this length
+stay in memory."""
 MOST_BYTES = 500_000_000  # Maximum size of an array kept in memory if the disk is full, several hours of a run [bytes]
 _TOLD: set[str] = set()  # Folders for which a message about missing disk space was printed
 
 
 class LongArray:
-    """Array of shape (rows, *shape); unwritten rows are undefined. Raises the same errors as `make_room`."""
+    """Array of shape (rows, *shape) with undefined values in unwritten rows. Raises the same errors as `make_room`."""
 
     def __init__(self, rows: int, shape: tuple[int, ...]) -> None:
         self._file: Any = None
@@ -45,9 +46,9 @@ class LongArray:
         return np.ndarray(shape, buffer=self._map, order="F")
 
     def make_room(self, end: int) -> None:
-        """Reserve space for the rows before `end`. Raises OSError naming the folder if there is no space.
+        """Reserve space for the rows before `end`. Raises OSError with the folder name if there is no space.
 
-        In a forked process the rows move to a separate file, because both processes map the same file.
+        In a forked process the rows are first copied to a separate file, because both processes map the same file.
         """
         if self._map is not None and self._process != os.getpid():
             self._process, numbers, self._room = os.getpid(), self.numbers, 0
@@ -71,7 +72,7 @@ class LongArray:
             self.numbers, self._room, self._map, self._file = numbers, rows, None, None
 
     def release(self) -> None:
-        """Release the memory of rows that were read or written; the values stay in the file."""
+        """Free the memory of rows that were read or written. The values stay in the file."""
         if self._map is not None and hasattr(mmap, "MADV_DONTNEED"):
             self._map.madvise(mmap.MADV_DONTNEED)
 

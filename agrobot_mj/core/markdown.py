@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 def markdown_table(
     heads: Sequence[object], rows: Iterable[Sequence[object]], numbers_from: int | None = None, aligned: bool = False
 ) -> str:
-    """Return a table with one line per row and no final newline; a `|` within a cell is escaped.
+    """Return a Markdown table without a final newline. A `|` within a cell is escaped.
 
-    Columns from index `numbers_from` on are right-aligned; `aligned` pads cells to equal width, for a terminal. Raises
-    ValueError if a row and `heads` have different lengths.
+    Columns from index `numbers_from` on are right-aligned. If `aligned`, cells are padded to equal width for a
+    terminal. Raises ValueError if a row and `heads` have different lengths.
     """
     lines = [[str(cell).replace("|", "\\|") for cell in row] for row in (heads, *rows)]
     widths = [max(map(len, column)) if aligned else 1 for column in zip(*lines, strict=True)]

@@ -1,4 +1,4 @@
-"""Conversion of validation errors to one message per file, which lists each error with its key and the fix."""
+"""Conversion of validation errors to one message per file. The message lists each error with its key and the fix."""
 
 import re
 from collections.abc import Mapping
@@ -41,7 +41,7 @@ def explain(error: ValidationError, source: str, data: Mapping[str, Any], root: 
 
 
 def first_faults(error: ValidationError) -> tuple[list[dict[str, Any]], list[str]]:
-    """Return the first `MOST_FAULTS` errors of pydantic and, if necessary, a line with the number of further errors."""
+    """Return the first `MOST_FAULTS` errors of pydantic and, for further errors, a line with their number."""
     left = error.error_count() - MOST_FAULTS
     errors = [dict(each) for each in error.errors(include_url=False)[:MOST_FAULTS]]
     return errors, [f"and {left:,} more errors"] if left > 0 else []
@@ -82,7 +82,7 @@ def fault(error: Mapping[str, Any]) -> str:
 
 
 class _Repeated:
-    """Input value quoted in a message, shortened to at most one line."""
+    """Invalid input value quoted in a message, shortened to `LONGEST_VALUE` characters."""
 
     def __init__(self, value: Any) -> None:
         self.value = value
@@ -95,7 +95,7 @@ class _Repeated:
 
 
 def _walk(loc: tuple[Any, ...], data: Any, root: type[Spec]) -> tuple[list[str], type[Spec] | None]:
-    """Return the keys of an error location without union tags, and the class that owns the last key."""
+    """Return the keys in the location of a pydantic error, without union tags, and the class that owns the last key."""
     keys: list[str] = []
     owner: type[Spec] | None = root
     following: type[Spec] | None = root

@@ -1,7 +1,7 @@
-"""NMEA 0183 sentences of a GNSS receiver: writing of GGA, RMC and VTG, and reading of the fields of any sentence.
+"""NMEA 0183 sentences of a GNSS receiver: output of GGA, RMC and VTG, and parsing of the fields of any sentence.
 
-A sentence is `$fields*CS` and CR LF; CS is the exclusive or of the characters between `$` and `*` in two hex digits.
-Minutes have seven decimals (0.2 mm); the usual five would quantise an RTK position to 19 mm.
+A sentence is `$fields*CS` followed by CR LF. CS is the exclusive or of the characters between `$` and `*` as two hex
+digits. Minutes of angle have seven decimals (0.2 mm), because the usual five quantise an RTK position to 19 mm.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -13,7 +13,7 @@ KNOTS = 3600 / 1852  # Conversion factor from m/s to knots [kn per m/s]
 MINUTE_DECIMALS = 7
 NO_FIX, GPS_FIX, DGPS_FIX, RTK_FIX, RTK_FLOAT = 0, 1, 2, 4, 5  # Values of the fix quality indicator in GGA sentences
 MODES = {NO_FIX: "N", DGPS_FIX: "D", RTK_FIX: "R", RTK_FLOAT: "F"}
-"""Mode letter in RMC and VTG for each quality number. Default: "A"."""
+"""Mode letter in RMC and VTG sentences by fix quality. Default: "A"."""
 
 
 class Solution(NamedTuple):
@@ -55,18 +55,18 @@ def fields_of(datagram: bytes) -> list[str] | None:
 
 
 def clock(t: float) -> str:
-    """Return the UTC time, `t` [s] after the start of the run, as hhmmss.ss."""
+    """Return the UTC time `t` [s] after the start of the run, in the form hhmmss.ss."""
     time = START + timedelta(seconds=round(t, 2))
     return f"{time:%H%M%S}.{time.microsecond // 10000:02d}"
 
 
 def date(t: float) -> str:
-    """Return the UTC date, `t` [s] after the start of the run, as ddmmyy."""
+    """Return the UTC date `t` [s] after the start of the run, in the form ddmmyy."""
     return f"{START + timedelta(seconds=round(t, 2)):%d%m%y}"
 
 
 def angle(value: float, hemispheres: str, digits: int) -> tuple[str, str]:
-    """Return a latitude or longitude [deg] as text in degrees and minutes, and the letter of its hemisphere."""
+    """Return a latitude or longitude [deg] as text in degrees and minutes, and the letter of the hemisphere."""
     unit = 10**MINUTE_DECIMALS
     whole, rest = divmod(round(abs(value) * 60 * unit), 60 * unit)
     return f"{whole:0{digits}d}{rest // unit:02d}.{rest % unit:0{MINUTE_DECIMALS}d}", hemispheres[value < 0]
@@ -76,7 +76,7 @@ LONGEST_DEGREES = 5  # Maximum number of digits before the decimal point of a st
 
 
 def degrees_of(text: str, hemisphere: str) -> float:
-    """Return the latitude or longitude [deg] of a string in degrees and minutes. Raises ValueError if invalid."""
+    """Convert a text in degrees and minutes to latitude or longitude [deg]. Raises ValueError for an invalid text."""
     if (point := text.index(".")) > LONGEST_DEGREES:
         raise ValueError(text)
     value = int(text[: point - 2]) + float(text[point - 2 :]) / 60
@@ -84,12 +84,12 @@ def degrees_of(text: str, hemisphere: str) -> float:
 
 
 def place(solution: Solution) -> tuple[str, str, str, str]:
-    """Return the sentence fields latitude, hemisphere, longitude and hemisphere."""
+    """Return the position fields of a sentence: latitude, N or S, longitude, E or W."""
     return *angle(solution.latitude, "NS", 2), *angle(solution.longitude, "EW", 3)
 
 
 def to_compass(yaw: float) -> float:
-    """Return the compass heading [deg], clockwise from north in [0, 360), of a yaw [rad]."""
+    """Convert a yaw [rad] to a compass heading [deg], clockwise from north in [0, 360)."""
     return degrees(pi / 2 - yaw) % 360.0
 
 

@@ -1,6 +1,6 @@
 """Shared colours: the colour-blind-safe palette of Okabe and Ito (2008), with additional colours.
 
-Figures use the "#RRGGBB" strings directly; recordings, with a dark background, use their integers from `rgba`.
+Figures use the "#RRGGBB" strings. Recordings have a dark background and use the integers from `rgba`.
 """
 
 BLACK = "#000000"
@@ -13,18 +13,18 @@ VERMILION = "#D55E00"
 PINK = "#CC79A7"
 GREY = "#999999"
 LIGHT_GREY, DARK_GREY = "#BBBBBB", "#666666"
-"""Greys that differ from the other colours on dark and on white backgrounds."""
+"""Greys that are distinguishable from the other colours, on dark and on white backgrounds."""
 BRIGHT_BLUE = "#3A9BDC"
 """Variant of `BLUE` for lines on a dark background."""
 ROYAL_BLUE, BROWN = "#3A6FD8", "#8C6D46"
-"""Additional colours on a dark background, for eight runs or nine rules in one plot."""
+"""Additional colours on a dark background, for plots of eight runs or of nine network rules."""
 WINE, OLIVE = "#882255", "#999933"
 """Additional colours for figures with many guidance laws, from Tol's colour-blind-safe muted palette."""
 NAMES = {
     **{ORANGE: "orange", SKY_BLUE: "sky blue", VERMILION: "vermilion", GREEN: "green"},
     **{PINK: "pink", YELLOW: "yellow", ROYAL_BLUE: "blue", LIGHT_GREY: "grey"},
 }
-"""Names of the colours of runs in a comparison."""
+"""Colour names used for the runs of a comparison."""
 
 
 def rgba(colour: str, alpha: int = 0xFF) -> int:

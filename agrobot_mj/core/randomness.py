@@ -20,7 +20,7 @@ from numpy.random import Generator, SeedSequence, _generator, default_rng
 from agrobot_mj.core.kernels import shared
 
 LIBRARY = str(_generator.__file__)
-"""Path of the compiled module of numpy that exports the functions of its random distributions."""
+"""Path of the compiled numpy module that exports the functions of the random distributions."""
 if config.DISABLE_JIT:
     normal: Any = ctypes.CDLL(LIBRARY).random_standard_normal
     normal.restype, normal.argtypes = ctypes.c_double, [ctypes.c_void_p]
@@ -31,12 +31,12 @@ else:
 
 
 def address(generator: Generator) -> int:
-    """Return the address of a generator in memory, valid as long as the generator exists."""
+    """Return the memory address of a generator, which is valid as long as the generator exists."""
     return int(ctypes.cast(generator.bit_generator.ctypes.bit_generator, ctypes.c_void_p).value or 0)
 
 
 def addresses(generators: Iterable[Generator]) -> Any:
-    """Return the addresses of generators, as a tuple."""
+    """Return the memory addresses of generators as a tuple."""
     return tuple(map(address, generators))
 
 
@@ -47,7 +47,7 @@ def stream(seed: int, name: str) -> Generator:
 
 
 def generators(state: Any) -> list[Generator]:
-    """Return all random generators in a picklable state, at any depth, without duplicates."""
+    """Return all random generators contained in a picklable state, at any depth, without duplicates."""
     finder = _Finder(io.BytesIO())
     finder.dump(state)
     return finder.found
@@ -69,20 +69,21 @@ class _Finder(pickle.Pickler):
 
 
 def branch(generator: Generator, number: int) -> None:
-    """Restart a generator in place with a stream that depends only on its seed, its name and `number`."""
+    """Switch a generator in place to a stream that depends only on seed, stream name and branch `number`."""
     bits = generator.bit_generator
     seed = cast(SeedSequence, bits.seed_seq)
     bits.state = type(bits)(SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, _BRANCH, number))).state
 
 
 _BRANCH = int.from_bytes(blake2b(b"branch", digest_size=4).digest(), "little")
-"""Part of the spawn keys of branches that differs from the child numbers used by `SeedSequence.spawn`."""
+"""Element of the spawn keys of branches, different from the child numbers used by `SeedSequence.spawn`."""
 
 
 def gauss_markov(value: float, white: float, dt: float, correlation: float) -> float:
     """Return the next value of a first-order Gauss-Markov process [Brown2012] of unit variance.
 
-    `white` is a standard normal sample; the autocorrelation decreases to 37 % over `correlation`, in the unit of `dt`.
+    `white` is a standard normal sample. The autocorrelation decreases to 37 % in the time `correlation`, which has the
+    unit of `dt`.
     """
     kept = exp(-dt / correlation)
     return kept * value + sqrt(1.0 - kept * kept) * white
@@ -96,17 +97,17 @@ class GaussMarkov(NamedTuple):
 
     @classmethod
     def stationary(cls, generator: Generator, axes: int = 1) -> "GaussMarkov":
-        """Return a process sampled from its stationary distribution."""
+        """Return a process with initial values sampled from the stationary distribution."""
         return cls(generator, tuple(generator.standard_normal(axes).tolist()))
 
     def after(self, dt: float, correlation: float) -> "GaussMarkov":
-        """Return the process `dt` later; `correlation` has the unit of `dt`."""
+        """Return the process after a step of `dt`. The correlation time `correlation` has the same unit."""
         white, (kept, new) = self.generator.standard_normal(len(self.value)).tolist(), shares(dt, correlation)
         return GaussMarkov(self.generator, tuple([kept * v + new * w for v, w in zip(self.value, white, strict=True)]))
 
 
 Shares = tuple[float, float]
-"""Weights [-] of the last value and of the white noise in the next value of a Gauss-Markov process."""
+"""Weights of the last value and of the white noise in the next value of a Gauss-Markov process [-]."""
 
 
 @lru_cache(maxsize=256)
@@ -117,7 +118,7 @@ def shares(dt: float, correlation: float) -> Shares:
 
 @shared
 def wandered(value: float, weights: Shares, generator: int) -> float:
-    """Return the next value of a Gauss-Markov process, with white noise of the generator at the address `generator`."""
+    """Return the next value of a Gauss-Markov process; `generator` is the address of the generator of white noise."""
     white: float = normal(generator)
     return weights[0] * value + weights[1] * white
 

@@ -1,4 +1,4 @@
-"""Base class of scenario parts that add signals to the log."""
+"""Base class of the parts of a scenario that add signals to the log."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar

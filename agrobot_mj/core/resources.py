@@ -1,6 +1,6 @@
-"""Paths of the package's files, and checks of files named in a scenario before they are opened.
+"""Paths of the files of the package, and checks of files named in a scenario before they are opened.
 
-`models/` and `scenarios/` are inside an installed wheel or next to the package.
+The folders `models/` and `scenarios/` are inside the package in an installed wheel, otherwise next to the package.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ SCENARIOS = resource_dir("scenarios")
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a file exists; False for invalid names, such as names that are too long."""
+    """Return whether a path is an existing file; False for invalid names, for example names that are too long."""
     try:
         return path.is_file()
     except OSError:
@@ -30,7 +30,7 @@ def is_file(path: Path) -> bool:
 
 
 def library_file(name: str) -> Path:
-    """Return the path of a data file named in a scenario: a shipped file of that name, otherwise the given path."""
+    """Return the path of a data file named in a scenario. A shipped file of the same name takes precedence."""
     given, shipped = Path(name), SCENARIOS / name
     return shipped if not given.is_absolute() and is_file(shipped) else given
 
@@ -54,7 +54,7 @@ def machine_files() -> dict[str, Path]:
 def installed(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoint]:
     """Return the entry points of extensions and installed packages that add kinds, commands, or report pages.
 
-    Extensions are first; those whose folder was removed are omitted.
+    Extensions come first. Extensions whose folder was removed are omitted.
     """
     ours, theirs = list[EntryPoint](), list[EntryPoint]()
     for entry in entry_points(group=f"agrobot_mj.{group}"):
@@ -68,11 +68,11 @@ def installed(group: Literal["plugins", "commands", "reports"]) -> list[EntryPoi
 LONGEST_NAME = 80  # Maximum number of characters of a file name in a message
 
 Stamp = tuple[str, int, int, int]
-"""Path of a file, modification and status-change times [ns], and size; equal stamps mean equal content."""
+"""Path, modification time [ns], status-change time [ns] and size [bytes] of a file. Equal stamps mean equal content."""
 
 
 def stamp(name: str) -> Stamp | None:
-    """Return the stamp of a file, which identifies its content, or None if the file does not exist."""
+    """Return the stamp that identifies the content of a file, or None if the file does not exist."""
     path = library_file(name)
     try:
         status = path.stat()
@@ -82,13 +82,13 @@ def stamp(name: str) -> Stamp | None:
 
 
 def stamped(name: str, kinds: Sequence[str], most_bytes: int) -> Stamp:
-    """Return the stamp of a file that fulfils the conditions of `checked`. Raises ValueError otherwise."""
+    """Return the stamp of a file that passes the checks of `checked`. Raises ValueError otherwise."""
     path = checked(name, kinds, most_bytes)
     return stamp(name) or refuse(path, "the file no longer exists; create it again")
 
 
 def absence(path: Path) -> str:
-    """Return the reason why a path is not a regular file, as text; reading a device or a pipe would never end."""
+    """Return the reason why a path is not a regular file: the file is missing, or a folder, device or pipe."""
     try:
         return "is not a regular file; specify a file" if path.exists() else "no such file"
     except OSError:  # as in `is_file`
@@ -96,9 +96,9 @@ def absence(path: Path) -> str:
 
 
 def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
-    """Return the path of a regular file with one of the endings `kinds` (any if empty) and at most `most_bytes` bytes.
+    """Return the path of a regular file with one of the endings `kinds` and at most `most_bytes` bytes.
 
-    Raises ValueError with the file name and the fix.
+    Empty `kinds` permit any ending. Raises ValueError with the file name and the fix.
     """
     path = library_file(name)
     known = f" ({', '.join(kinds)})" if kinds else ""
@@ -122,6 +122,6 @@ def checked(name: str, kinds: Sequence[str], most_bytes: int) -> Path:
 
 
 def refuse(path: Path, what: str) -> NoReturn:
-    """Raise ValueError with the file name and the text `what`, which describes the problem."""
+    """Raise ValueError with the file name and the description `what` of the problem."""
     shown = path.name if len(path.name) <= LONGEST_NAME else path.name[:LONGEST_NAME] + "..."
     raise ValueError(f"{shown}: {what}") from None

@@ -1,4 +1,4 @@
-"""Root of a function of one variable, by SciPy's implementation of Brent's method."""
+"""Root of a function of one variable, by Brent's method in SciPy."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ XTOL, RTOL = 2e-12, 8.881784197001252e-16  # Absolute and relative tolerance: th
 def root(function: Callable[[float], float], low: float, high: float, xtol: float = XTOL, rtol: float = RTOL) -> float:
     """Return the root of `function` between `low` and `high`. Raises ValueError unless the signs at both ends differ.
 
-    scipy.optimize is imported on the first call: the import takes an eighth of a second, and most runs do not need it.
+    scipy.optimize is imported on the first call, because the import takes 0.1 s and most runs need no roots.
     """
     from scipy.optimize import brentq
 

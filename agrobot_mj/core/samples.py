@@ -1,4 +1,4 @@
-"""Samples of a path as numbers for kernels: nearest point, points and curvatures at arc lengths."""
+"""Kernels for a path given by samples: nearest point, and points and curvatures at arc lengths."""
 
 from math import atan2, sqrt
 from typing import NamedTuple
@@ -13,7 +13,7 @@ STEP_M = 0.05  # Spacing of the samples [m]
 WINDOW_M = 4.0  # Half-width of the search window around the given arc length [m]
 ROUNDING_M = 1e-6  # Extension of a leg at both ends to allow for rounding errors, less than the sample spacing [m]
 BEND = 1.4
-"""Maximum heading change of the path [rad] between the middle and each end of the search window; less than 90 deg."""
+"""Maximum heading change of the path from the middle of the search window to either end [rad]. Must be below 90 deg."""
 T, X, Y, YAW, CURVATURE, SPEED, S, TURNED, DIRECTION = range(9)  # Column numbers of the sample array, as in `Sample`
 
 
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
 
 @shared
 def _offset(a: Sample, x: float, y: float) -> float:
-    """Return the signed distance [m] of the point (x, y) [m] from the osculating circle of a sample, positive left."""
+    """Return the signed distance [m] of (x, y) [m] from the osculating circle of a sample, positive to the left."""
     ahead, left = to_heading(a.yaw, x - a.x, y - a.y)
     along, across = a.curvature * ahead, 1 - a.curvature * left
     return (2 * left - a.curvature * (ahead * ahead + left * left)) / (1 + sqrt(along * along + across * across))
@@ -43,10 +43,10 @@ def _offset(a: Sample, x: float, y: float) -> float:
 def found_nearest(
     samples: Matrix, x: float, y: float, near: float, low: float, high: float, window: float
 ) -> tuple[int, bool]:
-    """Return the index of the sample nearest to (x, y), and whether it is inside the searched range, not at its end.
+    """Return the index of the sample nearest to (x, y) [m], and whether it is inside the search range, not at its end.
 
-    The range extends by `window` [m], and at most a heading change of BEND, from the arc length `near` [m], and is
-    limited to the leg from `low` to `high` [m].
+    The search range is centred at the arc length `near` [m] and limited to the leg from `low` to `high` [m]. On both
+    sides it extends by `window` [m], but at most by a heading change of BEND.
     """
     s, turned = samples[:, S], samples[:, TURNED]
     middle = min(int(np.searchsorted(s, near)), len(s) - 1)
@@ -71,7 +71,7 @@ def offset_at(samples: Matrix, k: int, x: float, y: float) -> float:
 
 @jit
 def nearest_point(samples: Matrix, x: float, y: float, near: float, low: float, high: float) -> PathPoint:
-    """Return the path point nearest to (x, y) [m], searched around arc length `near` from `low` to `high` [m]."""
+    """Return the path point nearest to (x, y) [m], near the arc length `near` and between `low` and `high` [m]."""
     near = min(max(near, low), high)
     k, inside = found_nearest(samples, x, y, near, low, high, WINDOW_M)
     a = _sample_at(samples, k)
@@ -92,7 +92,7 @@ def point_at(samples: Matrix, s: float) -> PathPoint:
 
 @jit
 def curvatures_at(samples: Matrix, distances: Vector) -> tuple[Vector, float]:
-    """Return the curvature of the last sample before each of `distances` (0 before the start), and their maximum."""
+    """Return the curvatures [1/m] at the arc lengths `distances` [m] (0 before the start), and the maximum distance."""
     found, last, most = np.zeros(distances.size), samples.shape[0] - 1, -np.inf
     for i in range(distances.size):
         most = max(most, distances[i])
@@ -116,7 +116,7 @@ def _sample_at(samples: Matrix, k: int) -> Sample:
 
 @jit
 def _along(a: Sample, ds: float, offset: float, first: bool) -> PathPoint:
-    """Return the path point `ds` [m] after a sample; `first` states whether it is the first sample of the path."""
+    """Return the path point `ds` [m] after a sample; `first` is true for the first sample of the path."""
     curvature = 0.0 if a.s + ds < 0.0 and first else a.curvature  # straight before the start
     direction = -1.0 if a.direction < 0 else 1.0
     x, y, yaw = along_arc((a.x, a.y, a.yaw), curvature, direction * ds)

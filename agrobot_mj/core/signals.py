@@ -13,9 +13,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 TICK_S = 0.05
-"""Sampling period of sensors and controllers, T_s in the paper [s]."""
+"""Duration of a tick, the sampling period of sensors and controllers, T_s in the paper [s]."""
 ROUNDING_S = 1e-6
-"""Tolerance in comparisons of times [s]: well above rounding errors and well below a tick."""
+"""Tolerance in comparisons of times [s], well above rounding errors and well below a tick."""
 NEUTRAL_V = 6.0
 """Valve voltage that causes no flow [V]. The paper gives the range 0-12 V."""
 
@@ -26,7 +26,7 @@ Outcome = Literal[
     "completed", "unfinished", "stopped", "rolled_over", "diverged", "left_terrain", "stuck", "jackknifed", "aborted",
     "host_lost", "not_engaged", "latched",
 ]  # fmt: skip
-"""Outcomes of a run. With guidance along a path, `completed` means that the path was driven to its end."""
+"""Possible outcomes of a run. With guidance along a path, `completed` means that the path was driven to its end."""
 
 Array = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -40,11 +40,11 @@ class Column(NamedTuple):
 
     name: str
     unit: str
-    """SI unit, with rad for angles; "-" for dimensionless signals."""
+    """SI unit. Angles are in rad, and dimensionless signals have the unit "-"."""
     description: str
     """Description in one line: quantity, frame and sign."""
     drawn: bool = True
-    """Whether recordings plot the signal separately if no other plot contains it. The table contains every signal."""
+    """Whether recordings plot the signal separately if no other plot contains it. The log contains every signal."""
 
 
 class Truth(NamedTuple):
@@ -57,7 +57,7 @@ class Truth(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     z: float
-    """Height coordinate of the CG [m]."""
+    """Vertical coordinate of the CG [m], up positive."""
     yaw: float
     """Heading from east [rad], counter-clockwise, wrapped to (-pi, pi]."""
     pitch: float
@@ -71,7 +71,7 @@ class Truth(NamedTuple):
     yaw_rate: float
     """Yaw rate, gamma in the paper [rad/s]."""
     steer: float
-    """Angle of the virtual front wheel of the bicycle model [rad], left positive."""
+    """Steering angle of the virtual front wheel of the bicycle model [rad], left positive."""
     pedal: float
     """Pedal position, -1 (full reverse) to 1 (full forward) [-]."""
     rear_x: float
@@ -91,8 +91,8 @@ class Truth(NamedTuple):
     body_rates: tuple[float, float, float] = (nan, nan, nan)
     """Angular velocity in chassis axes: x forward, y left, z up [rad/s]."""
     knuckle_samples: Matrix = np.zeros((2, 0))
-    """Angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad], or an
-    empty array if the plant has no knuckles."""
+    """Steering angles of the left and right front wheel after each physics step of the last tick, shape (2, n) [rad],
+    or an empty array for a plant without steering knuckles."""
     rear_velocity: tuple[float, float, float] = (nan, nan, nan)
     """Velocity of the rear-axle point R, ENU [m/s]."""
     implement: tuple[float, float] = (nan, nan)
@@ -100,7 +100,7 @@ class Truth(NamedTuple):
 
 
 class Fix(NamedTuple):
-    """GNSS solution at the antenna."""
+    """GNSS solution: position and velocity of the antenna."""
 
     x: float
     """East coordinate of the antenna [m]."""
@@ -111,15 +111,15 @@ class Fix(NamedTuple):
     vy: float
     """North velocity of the antenna [m/s]."""
     t: float = nan
-    """Time at which the solution is valid, since the start [s], or NaN if the receiver does not report it."""
+    """Time of validity of the solution since the start [s], or NaN if the receiver does not report this time."""
     z: float = nan
-    """Height of the antenna [m], or NaN if the receiver does not report it."""
+    """Height of the antenna [m], or NaN if the receiver does not report the height."""
     heading: float = nan
     """Heading from two antennas [rad], from east, counter-clockwise, or NaN if not measured or ambiguous."""
 
 
 NO_FIX = Fix(nan, nan, nan, nan)
-"""Missing fix in compiled stages."""
+"""Value that represents a missing fix in compiled stages."""
 
 
 class Quality:
@@ -137,7 +137,7 @@ class PointMass(NamedTuple):
     """Point mass attached to the chassis."""
 
     kg: float
-    """Mass; negative for removed ballast [kg]."""
+    """Mass [kg], negative for removed ballast."""
     ahead: float
     """Distance ahead of the rear-axle point R on the ground [m]."""
     left: float
@@ -147,37 +147,37 @@ class PointMass(NamedTuple):
 
 
 class Distortion(NamedTuple):
-    """Distortion of the signal on a faulty line: of a measurement or a valve voltage. Default: no fault."""
+    """Distortion of a measurement or a valve voltage on a faulty signal line. Default: no fault."""
 
     scale: float = 1.0
-    """Transmitted signal divided by the true signal; negative for a reversed sign [-]."""
+    """Transmitted signal divided by the true signal [-]; negative for a reversed sign."""
     offset: float = 0.0
     """Offset added to the scaled signal, in the unit of the signal."""
     delay_s: float = 0.0
-    """Delay of the signal in whole ticks [s]."""
+    """Delay of the signal [s], a whole number of ticks."""
     stuck: Literal["", "last", "zero"] = ""
-    """Value that a stuck line transmits: the `last` value or `zero`; "" if the line is not stuck."""
+    """Value transmitted by a stuck line: its `last` value or `zero`; "" if the line is not stuck."""
     lost: bool = False
-    """Whether the line transmits no signal: the measurement is NaN."""
+    """Whether the signal is lost, so that the received value is NaN."""
 
 
 SOUND = Distortion()
 
 Frozen = Literal["", "nothing", "velocity", "live_velocity"]
-"""Velocity reported by a receiver whose position is frozen: zero, the last or the true velocity; "" if not frozen."""
+"""Velocity reported by a receiver whose position is frozen: zero, last or true velocity; "" if not frozen."""
 
 
 class Conditions(NamedTuple):
     """Faults and disturbances in one tick. Default: no faults."""
 
     gnss_quality: int = Quality.FIX
-    """Quality of the solution at the antenna, a constant of `Quality`."""
+    """Quality of the GNSS solution at the antenna, a constant of `Quality`."""
     gnss_latency_s: float = 0.0
-    """Latency added to the latency of the receiver [s], in whole ticks."""
+    """Additional latency of the GNSS receiver [s], a whole number of ticks."""
     gnss_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the position of the solution, east and north [m]
     gnss_velocity_offset: tuple[float, float] = (0.0, 0.0)  # Offset of the velocity, east and north [m/s]
     gnss_frozen: Frozen = ""
-    """Velocity reported while the receiver repeats its last position; "" if it is not frozen."""
+    """Velocity reported by a receiver whose position is frozen, see `Frozen`; "" if not frozen."""
     heading: Distortion = SOUND  # Distortion of the heading measured by two antennas [rad]
     gyro: Distortion = SOUND  # Distortion of the yaw rate measured by the gyro [rad/s]
     wheel_speed: Distortion = SOUND  # Distortion of the measured wheel speed [m/s]
@@ -188,18 +188,18 @@ class Conditions(NamedTuple):
     valve: Distortion = SOUND  # Distortion of the voltage at the steering valve, relative to neutral [V]
     pedal_valve: Distortion = SOUND  # Distortion of the voltage at the pedal valve, relative to neutral [V]
     valve_gain: float = 1.0
-    """Remaining fraction of the steering valve's flow [-]."""
+    """Flow of the steering valve divided by its flow without a fault [-]."""
     valve_dead_band: float = 0.0
-    """Increase of the half width of the steering valve's dead band [V]."""
+    """Increase in the half-width of the steering valve's dead band [V]."""
     payload: tuple[PointMass, ...] = ()
     drawbar: float = 0.0
-    """Pull of an implement at the hitch, against the direction of motion [N]."""
+    """Drawbar pull of an implement at the hitch [N], against the direction of motion."""
     side_force: float = 0.0
     """Horizontal force on the CG [N], to the left of the heading."""
     grip: float = 1.0
-    """Factor on the ground friction under all wheels [-]."""
+    """Factor on the friction coefficient of the ground under all wheels [-]."""
     tyre_stiffness: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
-    """Remaining fraction of the vertical and slip stiffness [-] of the tyres fl, fr, rl, rr."""
+    """Vertical and slip stiffness of the tyres fl, fr, rl, rr divided by the stiffness without a fault [-]."""
     tyre_rolling: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     """Factor on the rolling resistance of the tyres fl, fr, rl, rr [-]."""
 
@@ -227,7 +227,7 @@ class Measurement(NamedTuple):
     wheel_speed: float = nan
     """Speed of the driven wheels from their sensor [m/s], forward positive, or NaN if not measured."""
     readings: Mapping[str, Any] = MappingProxyType({})
-    """Measurements of all sensors, by their names in `[sensors]`."""
+    """Measurements of all sensors by sensor name, as in the table `[sensors]`."""
 
 
 class Estimate(NamedTuple):
@@ -238,7 +238,7 @@ class Estimate(NamedTuple):
     y: float
     """North coordinate of the CG [m]."""
     yaw: float
-    """Heading [rad], or course of R from an estimator that determines the course, wrapped to (-pi, pi]."""
+    """Heading [rad], wrapped to (-pi, pi]. Estimators that determine the course of R report this course instead."""
     speed: float
     """Velocity of the rear-axle point R along `yaw`, negative in reverse [m/s]."""
     yaw_rate: float
@@ -250,28 +250,29 @@ class Estimate(NamedTuple):
     covariance: Array
     """Covariance of (rear_x, rear_y, yaw), shape (3, 3) [m2, m rad, rad2]."""
     nis: float = nan
-    """Normalised innovation squared of the position; mean 2 for a consistent filter, NaN without a fix [-]."""
+    """Normalised innovation squared (NIS) of the position [-]; mean 2 for a consistent filter, NaN without a fix."""
     steer_bias: float = nan
-    """Measured steering angle minus the angle that explains the motion [rad], left positive. NaN if not estimated."""
+    """Bias of the measured steering angle [rad], left positive: measured angle minus the angle that explains the
+    motion. NaN if not estimated."""
     sideslip: float = 0.0
-    """Course of the rear-axle point R minus heading, if `yaw` is the course [rad], or 0 if not identifiable."""
+    """Course of the rear-axle point R minus its heading [rad], if `yaw` is the course. Zero if not identifiable."""
     aligned: bool = True
-    """Whether the yaw has been determined; until then `yaw` is the initial value."""
+    """Whether the filter has determined the yaw. Before alignment `yaw` is the initial value."""
     fix_age: float = nan
-    """Age of the newest accepted fix; before the first fix, the time since the start [s]."""
+    """Time since the newest accepted fix or, before the first fix, since the start [s]."""
     position_sigma: float = nan
-    """Standard deviation of the position of the rear-axle point R [m] in the direction of maximum uncertainty."""
+    """Standard deviation of the position of the rear-axle point R in the direction of maximum uncertainty [m]."""
     nis_mean: float = nan
-    """NIS of the position, smoothed over several seconds; about 2 for a consistent filter [-]."""
+    """NIS of the position [-], smoothed over several seconds; about 2 for a consistent filter."""
 
 
 class Reference(NamedTuple):
     """Desired state of the CG at one time.
 
-    The heading of the tractor is `yaw`, forward and in reverse. Its signed speed u = vx cos(yaw) + vy sin(yaw) is
-    negative in reverse; the velocity across the heading is zero. `curvature` is the yaw rate divided by u, left
-    positive: wheels turned left give a positive curvature, forward and in reverse. Without reverse driving `yaw` is the
-    direction of travel. At a cusp u passes through zero while `yaw` is continuous.
+    `yaw` is the heading of the tractor, forward and in reverse. The signed speed u = vx cos(yaw) + vy sin(yaw) along
+    the heading is negative in reverse, and the velocity across the heading is zero. `curvature` is the yaw rate divided
+    by u, left positive: wheels turned left give a positive curvature, forward and in reverse. Without reverse driving
+    `yaw` is the direction of travel. At a cusp u passes through zero while `yaw` is continuous.
     """
 
     x: float
@@ -291,7 +292,7 @@ class Reference(NamedTuple):
 
 
 class PathPoint(NamedTuple):
-    """Point of a path that is nearest to a given point."""
+    """Point of a path, for example the point nearest to the tractor."""
 
     s: float
     """Arc length from the start of the path to the point [m]."""
@@ -308,7 +309,7 @@ class PathPoint(NamedTuple):
     speed: float
     """Speed of the reference along the heading [m/s], negative in reverse."""
     offset: float
-    """Signed distance of the query point from the path [m], positive to the left of the heading."""
+    """Signed distance of the query point from the path [m], positive to the left of the path heading."""
     direction: float = 1.0
     """Direction of travel [-], also defined where the reference is at rest: 1 forward, -1 in reverse."""
 
@@ -321,24 +322,24 @@ class Command(NamedTuple):
     speed: float
     """Commanded velocity along the heading [m/s], negative in reverse."""
     steer_voltage: float | None = None
-    """Voltage of the steering valve from a law that bypasses the steering loop; otherwise None [V]."""
+    """Voltage of the steering valve [V], from a law that bypasses the steering loop; otherwise None."""
     pedal: float | None = None
-    """Pedal position from -1 to 1 that bypasses the speed loop, for a stop with unknown speed; otherwise None [-]."""
+    """Pedal position from -1 to 1 [-] that bypasses the speed loop, for a stop at unknown speed; otherwise None."""
     released: bool = False
-    """Whether the pedal valve is unpowered, so that a spring returns the pedal, independent of the pedal sensor."""
+    """Whether the pedal valve is unpowered. A spring then returns the pedal, independent of the pedal sensor."""
 
 
 class Drive(NamedTuple):
-    """Output of the low-level loops to valves and brake."""
+    """Output of the low-level loops to the valves and the brake."""
 
     steer_voltage: float
     """Steering valve voltage, 0-12 V, neutral at 6 V; higher voltages steer left [V]."""
     pedal_voltage: float
     """Pedal valve voltage [V], 0-12 V, neutral at 6 V, or NaN without power. Higher voltages drive forward."""
     brake: float = 0.0
-    """Applied fraction of the brake torque, 0 to 1 [-]."""
+    """Brake torque divided by its maximum, 0 to 1 [-]."""
 
     @property
     def powered_pedal(self) -> float:
-        """Voltage at the pedal valve; NaN (no power) while braking, so that no drive acts against the brake [V]."""
+        """Pedal valve voltage [V], or NaN (no power) while braking, so that the drive does not oppose the brake."""
         return nan if self.brake > 0.0 else self.pedal_voltage

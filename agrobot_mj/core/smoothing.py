@@ -1,4 +1,4 @@
-"""Centred moving average for figures; the control loop does not use it."""
+"""Centred moving average for figures, unused by the control loop."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from agrobot_mj.core.signals import Array
 
 
 def moving_mean(values: Array, count: int) -> Array:
-    """Return the mean of the finite values among the `count` rows around each row of `values` (n,), NaN if none."""
+    """Return the centred moving average of the finite `values` (n,) over `count` rows, NaN if all are missing."""
     finite, window = np.isfinite(values), np.ones(max(1, min(len(values), count)))
     total = np.convolve(np.where(finite, values, 0.0), window, "same")
     counted = np.convolve(finite, window, "same")

@@ -1,7 +1,8 @@
-"""Base class of all configuration: frozen, with known keys and finite numbers only.
+"""Base class of all configuration classes, which are frozen and accept only known keys and finite numbers.
 
 pydantic can collect attribute docstrings when a class is created, which takes a quarter of a second in every run. Only
-`explain`, `schema`, `init` and the docs use them, so they are read from the source on demand.
+`explain`, `schema`, `init` and the docs use these docstrings. This module therefore reads them from the source on
+demand.
 """
 
 import ast
@@ -72,7 +73,7 @@ CarcassShare = Annotated[float, Field(ge=0.05, le=2)]
 
 
 def whole_ticks(seconds: float) -> float:
-    """Return `seconds` unchanged. Raises ValueError unless they are a whole number of ticks."""
+    """Return the time `seconds` unchanged. Raises ValueError unless the time is a whole number of ticks."""
     ticks = round(seconds / TICK_S)
     if not isclose(seconds, ticks * TICK_S, abs_tol=1e-9):
         raise ValueError(f"{seconds} is not a whole number of {TICK_S} s ticks; try {ticks * TICK_S:g}")
@@ -80,11 +81,11 @@ def whole_ticks(seconds: float) -> float:
 
 
 UNPRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Control characters, separators, bidirectional marks and lone surrogates, which control a terminal or reverse text."""
+"""Pattern of control characters, separators, bidirectional marks and lone surrogates, which affect the terminal."""
 
 
 def printable(text: str) -> str:
-    """Return `text` unchanged. Raises ValueError if it contains characters that control a terminal."""
+    """Return `text` unchanged. Raises ValueError for characters that control a terminal or reverse text."""
     if UNPRINTABLE.search(text):
         raise ValueError(f"must be one line of printable characters, got {shortened(repr(text))}")
     return text
@@ -108,15 +109,15 @@ Latency = Annotated[float, Field(ge=0, le=5), AfterValidator(whole_ticks)]  # De
 
 
 class Spec(BaseModel):
-    """Frozen configuration with units in the key names; unknown keys are errors."""
+    """Base class of frozen configuration classes, with units in the key names. Unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True, defer_build=True)
 
     sized: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Exponents of the size ratios (`machine.fitting.ratios_of`) with which default values scale, by dotted key."""
+    """Exponents with which default values scale with the size ratios of `machine.fitting.ratios_of`, by dotted key."""
 
     def following(self, ratios: Mapping[str, float]) -> Self:
-        """Return a copy with default values, also of nested parts, scaled to a machine by its size `ratios`."""
+        """Return a copy with default values, also in nested tables, scaled by the size `ratios` of a machine."""
         parts = {name: part for name in type(self).model_fields if isinstance(part := getattr(self, name), Spec)}
         found = self.model_copy()
         found.__dict__.update({name: part.following(ratios) for name, part in parts.items()})
@@ -147,7 +148,7 @@ class Spec(BaseModel):
 
 
 def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None:
-    """Set a key to a value unless the key was given, without marking the key as given."""
+    """Set the value of a key that was not set explicitly, without marking the key as explicitly set."""
     name, *rest = keys
     default = default or name not in part.model_fields_set
     if rest:
@@ -159,7 +160,7 @@ def fill(part: Spec, keys: list[str], value: Any, default: bool = False) -> None
 
 
 def members(annotation: Any) -> Mapping[str, type[Spec]]:
-    """Return the classes in an annotation by `kind`, or by class name for a class without kinds."""
+    """Return the configuration classes in an annotation by their `kind`, or by class name for a class without kinds."""
     return _members(annotation)
 
 
@@ -177,5 +178,5 @@ def _members(annotation: Any) -> Mapping[str, type[Spec]]:
 
 
 def every(union: Any) -> list[type[Spec]]:
-    """Return the classes of a discriminated union such as `Path`, which is the registry of all kinds of a part."""
+    """Return the classes of a discriminated union such as `Path`. The union is the registry of all kinds of a table."""
     return list(dict.fromkeys(members(union).values()))

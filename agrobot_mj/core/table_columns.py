@@ -1,8 +1,8 @@
 """Columns of an external log (Parquet or CSV), read as floats; empty and infinite cells become NaN.
 
-External files may contain anything: text, lists, milliseconds, decreasing times, a hundred million rows. Sizes are
-checked before reading, and only requested columns are read, one by one. Every problem is a `ScenarioError` that names
-the file, the column and the fix.
+External files may contain invalid data: text, lists, milliseconds, decreasing times, or a hundred million rows. Sizes
+are checked before reading, and only requested columns are read, one by one. Every problem is a `ScenarioError` that
+names the file, the column and the fix.
 """
 
 import re
@@ -28,10 +28,10 @@ MOST_HEADER_BYTES = 1_000_000  # Maximum length of a CSV header line [bytes]
 SHOWN = 24  # Maximum number of column names listed in a message
 LONGEST_STEP_S = 5.0  # Median time step above which the times cannot be in seconds [s]; slower logs contain no dynamics
 SAME_TIME = 1.5
-"""Mean number of rows with equal time [-]: above this limit the times are rounded, below it rows are repeated."""
+"""Limit of the mean number of rows per time [-]. Above the limit the times are rounded; below, rows are repeated."""
 LATEST_STEP_S = 1e-5  # Median time step below which the times cannot be in seconds [s]
 MOST_STEPS = 1e8
-"""Maximum duration divided by the median time step: a year at 3 Hz. Longer durations contain a wrong time."""
+"""Maximum duration of a log divided by its median time step [-]: a year at 3 Hz. Longer logs contain a wrong time."""
 NAME = b"name"  # Key of the log's name in the table metadata
 PARQUET = b"PAR1"  # First bytes of a Parquet file
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x1a]")  # Pattern of a character that text does not contain
@@ -64,17 +64,17 @@ def column_names(source: Source) -> list[str]:
 
 
 def read_columns(source: Source, wanted: Sequence[str], why: dict[str, str] | None = None) -> dict[str, Array]:
-    """Return columns of a log as floats, shape (n,) each; empty cells are NaN and clock times are in seconds.
+    """Return columns of a log as floats, shape (n,) each. Empty cells are NaN, and clock times are in seconds.
 
-    `why` contains, for messages, the key that requests a column. Raises `FieldLogError` for an unreadable file, a
-    missing column, a column without numbers, and more than `MOST_ROWS` rows.
+    `why` maps columns to the scenario keys that request them, for messages. Raises `FieldLogError` for an unreadable
+    file, a missing column, a column without numbers, and more than `MOST_ROWS` rows.
     """
     cells = _cells(source, wanted, why)
     return {column: _floats(source_name(source), column, cells(column)) for column in dict.fromkeys(wanted)}
 
 
 def accepted_rows(source: Source, column: str, accepted: Sequence[int | str], why: str) -> Mask:
-    """Return a boolean mask (n,) of rows whose value is one of `accepted`. Raises the same errors as `read_columns`."""
+    """Return a mask (n,) of the rows whose value is in `accepted`. Raises the same errors as `read_columns`."""
     cells = _cells(source, [column], {column: why})(column)
     if not pa.types.is_string(cells.type):
         return np.isin(_floats(source_name(source), column, cells), [a for a in accepted if not isinstance(a, str)])
@@ -107,7 +107,7 @@ def _cells(source: Source, wanted: Sequence[str], why: dict[str, str] | None) ->
 
 
 def loaded(source: Source) -> Source:
-    """Return a log that can be read by columns; a CSV file becomes a table. Raises `FieldLogError` if unreadable."""
+    """Return a log that can be read by columns; a CSV file becomes a table. Raises `FieldLogError` for a bad file."""
     if isinstance(source, pa.Table) or _is_parquet(source):
         return source
     names = column_names(source)
@@ -194,7 +194,7 @@ def _header(path: Path) -> tuple[list[str], str]:
 
 
 def _csv(path: Path, wanted: Sequence[str]) -> pa.Table:
-    """Return the requested columns of a CSV file; check its size first, as its number of rows is unknown."""
+    """Return the requested columns of a CSV file. The size is checked first, because the number of rows is unknown."""
     check_size(path)
     names, delimiter = _header(path)
     try:
@@ -231,7 +231,7 @@ def _floats(name: str, column: str, cells: pa.ChunkedArray) -> Array:
 
 
 def _numpy(cells: pa.ChunkedArray, origin: int) -> Array:
-    """Return cells minus `origin` as a writable array, so that nanoseconds since 1970 keep all digits."""
+    """Return cells minus `origin` as a writable array. The difference keeps all digits of nanoseconds since 1970."""
     if origin:
         return np.array([np.nan if v is None else float(v - origin) for v in cells.to_pylist()])
     return np.array(cells.to_numpy(zero_copy_only=False), dtype=np.float64)

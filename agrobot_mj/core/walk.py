@@ -1,4 +1,4 @@
-"""Traversal of the configuration schema: all keys, and all classes that the table of a key may have.
+"""Traversal of the configuration schema: all keys, and all classes that the table under a key may have.
 
 Several kinds of a table may define the same key, so that a dotted key can belong to several classes, see `places`.
 """
@@ -39,7 +39,7 @@ SYNONYMS = {
     "heading": ("yaw",),
     "time": ("duration",),
 }
-"""Words used in the names of keys and kinds, by everyday synonym."""
+"""Words in the names of keys and kinds, by a synonym that users may search for."""
 SHORT = 3  # Maximum number of letters of a search word that matches complete words only, such as `mu`
 
 
@@ -50,7 +50,7 @@ def alternatives(word: str) -> tuple[str, ...]:
 
 
 def named_by(words: list[str], text: str) -> bool:
-    """Return whether a string contains the joined words, or a synonym of each word as a complete word."""
+    """Return whether `text` contains the joined `words`, or each word or one of its synonyms."""
     if "".join(words).lower() in re.sub(r"[\s_]", "", text.lower()):
         return True
     parts = set(re.split(r"[^a-z0-9]+", text.lower()))
@@ -58,7 +58,7 @@ def named_by(words: list[str], text: str) -> bool:
 
 
 def _contains(parts: set[str], text: str, word: str) -> bool:
-    """Return whether `word` is one of the words `parts` of a text or, if longer than `SHORT`, a part of it."""
+    """Return whether a text contains `word`: as one of its words `parts` or, if longer than `SHORT`, anywhere."""
     return word in parts or (len(word) > SHORT and word in text)
 
 
@@ -87,7 +87,7 @@ class Key(NamedTuple):
 
 
 class TableClass(NamedTuple):
-    """Class that a table of the configuration may have."""
+    """Possible class of a table of the configuration."""
 
     kinds: tuple[tuple[str, str], ...]  # Kinds that select this class, as pairs (table, kind)
     owner: type[Spec]
@@ -95,7 +95,7 @@ class TableClass(NamedTuple):
 
 
 def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()) -> Iterator[Key]:
-    """Yield all keys below `owner`; a recursive class is entered once."""
+    """Yield all keys of the class `owner` and of its nested classes. Recursive classes are visited once."""
     for name, field in owner.model_fields.items():
         yield Key(prefix + name, owner, name)
         for member in members(field.annotation).values():
@@ -104,7 +104,7 @@ def keys(owner: type[Spec], prefix: str = "", above: tuple[type[Spec], ...] = ()
 
 
 class Index(NamedTuple):
-    """All keys of a schema, in the order of traversal."""
+    """Index of all keys of a schema, in the order of traversal."""
 
     tables: dict[str, list[Key]]  # Keys by the name of their table
     names: dict[str, list[str]]  # Dotted keys by their last part, without duplicates
@@ -125,12 +125,15 @@ def _indexed(root: type[Spec], _validator: object) -> Index:
 
 
 def elsewhere(root: type[Spec], name: str) -> str:
-    """Return `; did you mean 'tractor.mass_kg'?` for keys of the given name in any table, or an empty string."""
+    """Return `; did you mean 'tractor.mass_kg'?` with the keys named `name` in any table, or an empty string."""
     return offered(named(root, name))
 
 
 def named(root: type[Spec], name: str, table: str = "") -> list[str]:
-    """Return up to `MOST_OFFERED` dotted keys that end with `name`, first those in `table`; omit deep short keys."""
+    """Return up to `MOST_OFFERED` dotted keys that end with `name`, keys in `table` first.
+
+    A name without an underscore is searched for only near the root.
+    """
     found = index_of(root).names.get(name, [])
     inside = [dotted for dotted in found if table and dotted.startswith(f"{table}.")]
     others = [dotted for dotted in found if "_" in name or dotted.count(".") < NEAR_TABLES]
@@ -140,8 +143,11 @@ def named(root: type[Spec], name: str, table: str = "") -> list[str]:
 def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
     """Return the end of the message for an unknown key in a table of class `owner`: a suggestion, or an empty string.
 
-    Candidates, in this order: keys of another kind of the table; names in the table with a unit added or a similar
-    spelling or meaning, those of `owner` first; the same name in another table.
+    Suggestions, in this order:
+
+    1. the kind of the table that has this key,
+    2. a key of the table with a unit added or with a similar spelling or meaning, keys of `owner` first,
+    3. the same name in another table.
     """
     table, _, name = dotted.rpartition(".")
     there = index_of(root).tables.get(table, [])
@@ -158,7 +164,7 @@ def nearest(root: type[Spec], dotted: str, owner: type[Spec] | None) -> str:
 
 
 def offered(found: Sequence[str]) -> str:
-    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` of `found`, or "" if it is empty."""
+    """Return `; did you mean 'x' or 'y'?` with the first `MOST_OFFERED` keys, or an empty string without keys."""
     return f"; did you mean {' or '.join(map(_quoted, found[:MOST_OFFERED]))}?" if found else ""
 
 
@@ -181,7 +187,7 @@ def _like(name: str, known: Iterable[str]) -> list[str]:
 
 
 def places(root: Spec, tables: Sequence[str]) -> list[TableClass]:
-    """Return all classes that the table under the given keys of `root` may have, or an empty list if there is none."""
+    """Return all classes that the table under the keys `tables` of `root` may have. The list may be empty."""
     found = [TableClass((), type(root), root)]
     for depth, name in enumerate(tables):
         found = [inner for place in found for inner in _inside(place, name, ".".join(tables[: depth + 1]))]

@@ -24,12 +24,12 @@ METRICS: list[Metric] = [
     BrakedDrift(),
 ]
 LINKED = dict.fromkeys(("cross_track_rms", "cross_track_late_rms", "cross_track_offset"), "m")
-"""Units of the metrics of an external guidance program, for names without a unit."""
+"""Units of metrics of external guidance programs, for metric names that do not end with a unit."""
 ENDINGS = {"_ms": "ms", "_hz": "Hz", "_s": "s", "_m": "m"}  # Units of metrics by the suffix of their names
 
 
 def metrics(log: LogLike, outcome: str | None = None, view: RunView | None = None) -> dict[str, Any]:
-    """Return all metrics of a run as JSON values, starting with `outcome` if given."""
+    """Return all metrics of a run as JSON values. If `outcome` is given, it is the first entry."""
     view, found = view or RunView(log), {} if outcome is None else {"outcome": outcome}
     for metric in METRICS:
         values = metric.evaluate(view)
@@ -41,7 +41,7 @@ def metrics(log: LogLike, outcome: str | None = None, view: RunView | None = Non
 
 
 def unit_of(name: str) -> str:
-    """Return the unit of a metric, from its column or, if it has no column, from the suffix of its name."""
+    """Return the unit of a metric, from its column or, without a column, from the suffix of its name."""
     known = LINKED | {column.name: column.unit for metric in METRICS for column in metric.columns}
     return known.get(name) or next((unit for end, unit in ENDINGS.items() if name.endswith(end)), "-")
 

@@ -3,11 +3,11 @@
     true CG - path = (true CG - estimated CG) + (estimated CG - path)
 
 Each difference is measured across the path, left positive. All differences use one osculating circle of the path, at
-the point nearest to the true CG. The parts therefore add up to the cross-track error in every tick. Their mean squares
-add up only if the parts are uncorrelated; large parts of opposite sign may cancel.
+the point nearest to the true CG. The two parts therefore add up to the cross-track error in every tick. Their mean
+squares add up only if the parts are uncorrelated. Large parts of opposite sign may cancel.
 
-The actuator is inside the guidance loop. Its effect on the cross-track error [m] depends on the gains of the law. The
-metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
+The actuator is inside the guidance loop, and its effect on the cross-track error [m] depends on the gains of the law.
+The metric of the actuator is therefore the steering error: wheel angle minus the command one tick earlier.
 """
 
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -22,14 +22,14 @@ NEAR_M = 0.5  # Maximum distance between true and estimated CG for a shared oscu
 
 
 class ErrorParts(NamedTuple):
-    """Parts of the cross-track error, each of shape (ticks,), left positive [m]."""
+    """Estimator and guidance parts of the cross-track error [m], each of shape (ticks,), left positive."""
 
     estimator: Array  # Position of the true CG relative to the estimated CG, across the path [m]
     guidance: Array  # Offset of the estimated CG from the path, the input of the guidance law [m]
 
 
 def parts_of(view: RunView) -> ErrorParts:
-    """Return the parts of the cross-track error of a run."""
+    """Return the estimator and guidance parts of the cross-track error of a run."""
     beside, x, y = view.cg_on_path, view.column("x_hat"), view.column("y_hat")
     guidance = beside.offset_of(x, y)
     apart = np.hypot(x - view.column("x"), y - view.column("y")) > NEAR_M
@@ -39,7 +39,7 @@ def parts_of(view: RunView) -> ErrorParts:
 
 
 class Attribution(Metric):
-    """Parts of the cross-track error from estimator and guidance, and the steering error."""
+    """Estimator and guidance parts of the cross-track error, and the steering error."""
 
     kind: Literal["attribution"] = "attribution"
     columns: ClassVar = (
@@ -49,7 +49,7 @@ class Attribution(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the root mean squares of the estimator and guidance parts and of the steering error."""
+        """Return the root mean squares of the estimator part, the guidance part, and the steering error."""
         parts = parts_of(view)
         return {
             "xte_estimator_rms": rms(parts.estimator),
@@ -59,13 +59,14 @@ class Attribution(Metric):
 
 
 SIDEWAYS_M_S2 = 0.5
-"""Maximum lateral specific force in straight driving on level ground [m/s2]. Assumed value: sideslip below 0.5 deg."""
+"""Maximum lateral specific force of ticks that count as straight driving on level ground [m/s2]. Assumed value:
+sideslip below 0.5 deg."""
 MOVES_M_S = 0.3  # Minimum speed of the ticks used for `level_sideslip` [m/s]. Assumed value.
 LEVEL_TICKS = 200  # Minimum number of ticks for `level_sideslip`: ten seconds. Assumed value.
 
 
 class Consistency(Metric):
-    """Consistency of the estimator's errors with its covariance, and the fraction of time with saturated steering."""
+    """Consistency of the estimation error with its covariance, and the fraction of time with saturated steering."""
 
     kind: Literal["consistency"] = "consistency"
     columns: ClassVar = (
@@ -77,7 +78,7 @@ class Consistency(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return means over the run, with sideslip and mounting error if the estimator reports them."""
+        """Return the means over the run, and sideslip and mounting error if the estimator reports them."""
         return {
             "position_nees": mean(view.column("position_nees")),
             "position_nis": mean(view.column("position_nis")),

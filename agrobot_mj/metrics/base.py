@@ -1,6 +1,6 @@
-"""Base class of metrics, their input (log, path and turns of a run), and statistics of signals.
+"""Base class of metrics, their input (log, path and laps of a run), and statistics of signals.
 
-Lengths are in metres, angles in radians. Statistics ignore missing and infinite values, and are None for fewer than
+Lengths are in metres, and angles in radians. Statistics ignore missing and infinite values, and are None for fewer than
 LEAST values.
 """
 
@@ -20,11 +20,11 @@ from agrobot_mj.paths.route import SampledRoute
 LEAST = 20  # Minimum number of values for a statistic: the ticks of one second. Assumed value.
 
 RowChoice = slice | np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-"""Rows of a log: a slice, or a mask of shape (ticks,)."""
+"""Selection of log rows: a slice, or a mask of shape (ticks,)."""
 
 
 class HasPath(Protocol):
-    """Protocol with the attributes of a scenario that metrics use."""
+    """Protocol of a scenario, with the attributes that metrics use."""
 
     @property
     def path(self) -> Path:
@@ -33,12 +33,12 @@ class HasPath(Protocol):
 
     @property
     def duration_s(self) -> float | None:
-        """Planned duration of the run, None for the duration of the path [s]."""
+        """Planned duration of the run [s], or None for the duration of the path."""
         ...
 
 
 class LogLike(Protocol):
-    """Protocol with the attributes of a log that metrics and figures use."""
+    """Protocol of a log, with the attributes that metrics and figures use."""
 
     @property
     def scenario(self) -> HasPath:
@@ -46,19 +46,19 @@ class LogLike(Protocol):
         ...
 
     def column(self, name: str) -> Array:
-        """Return the signal `name`, shape (ticks,), with NaN for missing values."""
+        """Return the values of the signal `name`, shape (ticks,), with NaN for missing values."""
         ...
 
 
 class RunView:
-    """Log of a run, with quantities that several metrics use; `route` is the sampled path, if available."""
+    """Log of a run with quantities that several metrics use. Default of `route`: samples of the scenario's path."""
 
     def __init__(self, log: LogLike, route: SampledRoute | None = None) -> None:
         self.log, self.path = log, log.scenario.path
         self.route = route or SampledRoute(self.path)
 
     def column(self, name: str) -> Array:
-        """Return the signal `name`, shape (ticks,), with NaN for missing values."""
+        """Return the values of the signal `name`, shape (ticks,), with NaN for missing values."""
         return self.log.column(name)
 
     @cached_property
@@ -67,12 +67,12 @@ class RunView:
         return self.beside_path("x", "y")
 
     def beside_path(self, x: str, y: str) -> BesidePath:
-        """Return the position, relative to the path, of the point with coordinates in the columns `x` and `y`."""
+        """Return the position of a point relative to the path. `x` and `y` are the log columns of its coordinates."""
         return track(self.path, self.column("t"), self.column(x), self.column(y), self.route)
 
     @cached_property
     def turns(self) -> list[slice]:
-        """Log rows of each turn of the path that the run reached."""
+        """Log rows of each lap of the path that was reached during the run."""
         t, spans = self.column("t"), self.path.turns_s
         starts, ends = [start for start, _ in spans], [end for _, end in spans]
         firsts = [*rows_until(t, starts[:1], "left"), *rows_until(t, starts[1:])]
@@ -84,7 +84,7 @@ class Metric(Spec):
 
     kind: str
     columns: ClassVar[tuple[Column, ...]] = ()
-    """Name, unit and description of each value; a value in a table is named `table.value`."""
+    """Name, unit and description of each value. A value inside a table is named `table.value`."""
 
     @property
     def names(self) -> set[str]:
@@ -97,13 +97,16 @@ class Metric(Spec):
 
 
 def rows_until(t: Array, times: Sequence[float], side: Literal["left", "right"] = "right") -> list[int]:
-    """Return, for each of `times`, the number of values in the increasing `t` that are <= this time (`left`: <)."""
+    """Return, for each time in `times`, the number of rows of the increasing times `t` up to this time.
+
+    With `side` = "left", rows at exactly this time are excluded.
+    """
     counts: list[int] = np.searchsorted(t, times, side).tolist()
     return counts
 
 
 def mean(values: Array, power: int = 1) -> float | None:
-    """Return the mean of the finite values raised to `power`, or None for fewer than LEAST values or on overflow."""
+    """Return the mean of the finite values to the given `power`, or None for fewer than LEAST values or on overflow."""
     return _average(_finite(values), power)
 
 

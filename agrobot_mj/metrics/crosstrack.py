@@ -1,8 +1,9 @@
 """Position of a point relative to a path: signed offset, and time at which the reference passes the nearest point.
 
 The search covers WINDOW_M before and after the nearest point of the previous row, so that the tractor may be far behind
-the reference. For the first row, and after the nearest point was lost, the search starts at the reference. Only the leg
-(between two cusps) of the current time is searched, see `paths.route`. Left is relative to the heading of the path.
+the reference. In the first row, and after the nearest point was lost, the search is centred at the reference. Only the
+leg of the path (between two cusps) at the current time is searched, see `paths.route`. Left is relative to the heading
+of the path.
 """
 
 from math import inf
@@ -17,14 +18,14 @@ from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
 WINDOW_M = 10.0
-"""Search distance before and after the previous nearest point, and offset above which the point is lost [m]."""
+"""Search distance before and after the previous nearest point, and maximum offset of a valid nearest point [m]."""
 FORGOTTEN_S = 5.0
-"""Duration of missing positions [s] after which the previous nearest point is discarded. Assumed value."""
+"""Duration without valid positions after which the previous nearest point is discarded [s]. Assumed value."""
 FARTHEST_M = 1e7  # Maximum plausible distance of a position from the origin [m]: a quarter of the equator
 
 
 class BesidePath(NamedTuple):
-    """Positions relative to a path: arrays of n rows, NaN for points that are not finite."""
+    """Positions of n points relative to a path, NaN for points that are not finite."""
 
     offset: Array  # Signed distance from the path [m], left positive, shape (n,)
     time: Array  # Time at which the reference passes the nearest point [s], shape (n,)
@@ -32,7 +33,7 @@ class BesidePath(NamedTuple):
     """Osculating circle of the path near each point, shape (n, 4): x, y [m], heading [rad], curvature [1/m]."""
 
     def offset_of(self, x: Array, y: Array) -> Array:
-        """Return the signed offset [m] of the points (x, y) from the circles, left positive, shape (n,)."""
+        """Return the signed offset [m] of the points (x, y) from `circles`, left positive, shape (n,)."""
         x0, y0, yaw, curvature = self.circles.T
         east, north = x - x0, y - y0
         ahead, left = np.cos(yaw) * east + np.sin(yaw) * north, np.cos(yaw) * north - np.sin(yaw) * east
@@ -42,8 +43,10 @@ class BesidePath(NamedTuple):
 
 
 def cross_track(path: Path, t: Array, x: Array, y: Array) -> Array:
-    """Return the signed offset [m] of the points (x, y) from `path` at times `t`, left positive, shape as `t`, with NaN
-    for positions that are not finite."""
+    """Return the signed offset [m] of the points (x, y) [m] from `path` at times `t` [s], left positive, shape (n,).
+
+    The offset is NaN for points that are not finite.
+    """
     return track(path, t, x, y).offset
 
 
@@ -67,7 +70,7 @@ def _track(
     """Track the nearest sample from row `row` of `places` (t, x, y) to the last row or the arc length `end` [m].
 
     `place` [m] is the arc length of the last nearest sample, found at the time `seen` [s]. Fill `found` with offset,
-    time and circle. Return the next row, `place`, `seen`, and the arc length [m] around which samples are missing.
+    time and circle. Return the next row, `place`, `seen`, and the arc length [m] at which further samples are needed.
     """
     for i in range(row, len(places)):
         now, east, north = places[i]

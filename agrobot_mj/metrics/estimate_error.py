@@ -1,9 +1,14 @@
-"""Causes of the estimation error, distinguished by their effect on the estimated CG.
+"""Causes of the estimation error, identified by their contributions to the error of the estimated CG.
 
 The error, true minus estimated CG, is a sum of contributions in the frame of the true heading. The contribution of each
-cause is computed from the log and the assumptions of the estimator. The causes are: lateral shift of the antenna above
-R (its height times the sine of the uncompensated roll), a wrong configured antenna position, a wrong heading at the
-lever arm of the CG, latency and error of the fixes, and all errors during times without a fix or with a float solution.
+cause is computed from the log and the assumptions of the estimator. The causes are:
+
+- lateral shift of the antenna above R: its height times the sine of the uncompensated roll,
+- wrong configured antenna position,
+- wrong heading at the lever arm of the CG,
+- latency and error of the fixes,
+- all errors during times without a fix or with a float solution.
+
 The fraction of a cause is the sum over the ticks of its contribution times the error, divided by the sum of the squared
 error. The fractions of all causes and of the filter add up to 1.
 """
@@ -21,20 +26,20 @@ GNSS, LOSS, FLOAT = "GNSS error", "no GNSS fix", "GNSS without fixed ambiguities
 ON_IMPLEMENT, PLACE = "antenna on the implement", "configured antenna position"
 MAIN = 0.5  # Minimum fraction of the error for a cause to be reported, more than all other causes together [-]
 SMALLEST_M = 1e-3
-"""Root mean square error below which no cause is reported [m]. Assumed value: far below the noise of RTK."""
+"""Root mean square error below which no cause is reported [m]. Assumed value, far below the noise of RTK."""
 Vectors = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
 """Horizontal vectors as complex numbers: forward + i left, or east + i north [m]."""
 
 
 def cause_of(view: RunView, across: bool) -> str:
-    """Return the main cause of the lateral (`across`) or horizontal error, or an empty string if no cause dominates."""
+    """Return the main cause of the lateral (`across`) or horizontal error, or an empty string without a main cause."""
     error, parts = contributions(view)
     total = max(_inner(error, error, across), len(error) * SMALLEST_M**2)
     return next((name for name, part in parts.items() if _inner(error, part, across) > MAIN * total), "")
 
 
 def _inner(a: Vectors, b: Vectors, across: bool) -> float:
-    """Return the inner product [m2] of two contributions over the ticks, lateral if `across`, otherwise horizontal."""
+    """Return the inner product of two contributions over the ticks [m2], lateral if `across`, otherwise horizontal."""
     return float(a.imag @ b.imag + (0.0 if across else a.real @ b.real))
 
 
@@ -72,7 +77,7 @@ def contributions(view: RunView) -> tuple[Vectors, dict[str, Vectors]]:
 
 
 def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
-    """Return the roll and pitch that the estimator assumes, (ticks,) [rad], and whether it compensates for tilt."""
+    """Return roll and pitch as assumed by the estimator, (ticks,) [rad], and whether it compensates for tilt."""
     scenario: Any = view.log.scenario
     if getattr(scenario.estimator, "terrain_compensation", False):
         return (np.nan_to_num(view.column("imu_roll")), np.nan_to_num(view.column("imu_pitch"))), True
@@ -81,13 +86,13 @@ def _assumed_tilt(view: RunView) -> tuple[tuple[Array, Array], bool]:
 
 
 def _foot(roll: Array, pitch: Array) -> Vectors:
-    """Return the horizontal shift of a point above the rear axle due to body tilt, per metre of height [-]."""
+    """Return the horizontal shift of a point due to body tilt, divided by its height above the rear axle [-]."""
     found: Vectors = np.sin(pitch) * np.cos(roll) - 1j * np.sin(roll)
     return found
 
 
 def _latency(view: RunView) -> Array:
-    """Return the latency of the receiver at each tick [s], including faults."""
+    """Return the latency of the GNSS receiver at each tick [s], including faults."""
     scenario: Any = view.log.scenario
     t = view.column("t")
     faults = [fault for fault in scenario.fault if isinstance(fault, GnssLatency)]
@@ -96,7 +101,7 @@ def _latency(view: RunView) -> Array:
 
 
 def _delayed(values: Vectors, late_s: Array) -> Vectors:
-    """Return the values delayed by `late_s` [s], shape (ticks,). The first value is used before the start."""
+    """Return the values delayed by `late_s` [s], shape (ticks,). Before the start, the first value is used."""
     ticks = np.round(late_s / TICK_S).astype(int)
     delayed: Vectors = values[np.maximum(np.arange(len(values)) - ticks, 0)]
     return delayed

@@ -1,6 +1,6 @@
 """Lag of the tractor behind its reference at the end of a run, in distance and speed.
 
-Most laws follow the path independently of time, so that cross-track errors do not include the lag.
+Most laws follow the path independently of time. Cross-track errors therefore do not include the lag.
 """
 
 from math import hypot, isfinite
@@ -14,8 +14,8 @@ LAST_S = 10.0  # Duration of the final part of a run over which speeds are avera
 LATE_M = 1.0
 """Distance behind or ahead of the reference above which the lag is reported [m]. Assumed value: 1 s at 1 m/s."""
 SLOW, LOSING_M = 0.95, 0.5
-"""Fraction of the reference speed below which a slow tractor is reported [-], if its distance behind the reference is
-above LOSING_M [m]. Assumed values: starting from rest causes a small lag in every run."""
+"""Speed below which a slow tractor is reported, divided by the reference speed [-], and minimum distance behind the
+reference for this report [m]. Assumed values: starting from rest causes a small lag in every run."""
 
 
 class Lag(NamedTuple):
@@ -27,7 +27,7 @@ class Lag(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text about the lag for messages, or an empty string for a lag within the limits LATE_M, LOSING_M and SLOW."""
+        """Text about the lag for messages, or an empty string for a lag within LATE_M, LOSING_M and SLOW."""
         found = []
         if abs(self.behind_m) > LATE_M:
             found.append(f"{abs(self.behind_m):.1f} m {'behind' if self.behind_m > 0 else 'ahead of'} its reference")
@@ -37,7 +37,7 @@ class Lag(NamedTuple):
 
 
 def lag_of(log: LogLike) -> Lag | None:
-    """Return the lag at the end of a run, or None for a short run or a last row that is not finite."""
+    """Return the lag at the end of a run, or None if the run has fewer than two rows or its last row is not finite."""
     t = log.column("t")
     last = slice(int(np.searchsorted(t, t[-1] - LAST_S)) if len(t) else 0, None)
     if len(t[last]) < 2:

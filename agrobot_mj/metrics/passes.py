@@ -1,11 +1,14 @@
 """Accuracy on parallel passes, similar to ISO 12188-2 [ISO2012].
 
-The standard tests guidance on straight, level passes. It interpolates the cross-track error along each pass; the result
-is the 95th percentile of the unsigned difference between successive passes. Here the true CG is evaluated on the passes
-of the path without their run-in (`passes_s`), at stations STATION_M apart. Errors are positive to the left of the
-direction of the first pass, also on passes in the opposite direction. The difference between neighbouring passes is
-therefore the excess width of the swath between them, negative for an overlap. The result is not a test according to the
-standard: the scenario defines vehicle, courses, number of passes and time between them.
+The standard tests guidance on straight, level passes. It interpolates the cross-track error along each pass. The result
+is the 95th percentile of the unsigned difference between successive passes.
+
+Here the true CG is evaluated on the passes of the path without their run-in (`passes_s`), at stations STATION_M apart.
+Errors are positive to the left of the first pass, also on passes in the opposite direction. The difference between
+neighbouring passes is therefore the excess width of the swath between them, negative for an overlap.
+
+The result is not a test according to the standard: the scenario defines vehicle, courses, number of passes and time
+between passes.
 """
 
 from itertools import pairwise
@@ -24,17 +27,17 @@ COMPLETE = 0.99  # Minimum driven fraction of a complete pass [-]
 
 
 class Passed(NamedTuple):
-    """Driven part of a pass. Stations lie along the first pass; errors and `line` are positive to its left."""
+    """Driven part of a pass; `errors` and `line` are positive to the left of the first pass."""
 
     line: float  # Lateral position of the planned pass [m]
     direction: int  # Direction of travel: 1 in the direction of the first pass, -1 in the opposite direction
     span: float  # Length of the pass without the run-in [m]
     stations: Array  # Stations passed, as integer multiples of STATION_M, shape (n,) [-]
     errors: Array
-    """Offset of the CG from the line at these stations [m], positive to the left of the first pass, shape (n,)."""
+    """Lateral offset of the CG from `line` at `stations` [m], positive to the left of the first pass, shape (n,)."""
 
     def numbers(self, number: int) -> dict[str, Any]:
-        """Return the errors of the pass, positive to the left of its direction, or None for under LEAST stations."""
+        """Return the errors of the pass, left positive in its direction, or None for fewer than LEAST stations."""
         error = self.errors * self.direction
         return {
             "pass": number,
@@ -46,7 +49,7 @@ class Passed(NamedTuple):
 
 
 class PassAccuracy(Metric):
-    """Pass-to-pass accuracy, similar to ISO 12188-2, on paths with passes."""
+    """Pass-to-pass accuracy on parallel passes, similar to ISO 12188-2."""
 
     kind: Literal["passes"] = "passes"
     columns: ClassVar = (
@@ -71,8 +74,8 @@ class PassAccuracy(Metric):
 def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, Any]:
     """Return the pass-to-pass accuracy of a run as JSON values, lengths in metres.
 
-    `time` is the time at which the reference is closest to the CG (`crosstrack.BesidePath.time`), x and y [m] the
-    position of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
+    `time` [s] is the time at which the reference is closest to the CG (`crosstrack.BesidePath.time`), and `x`, `y` [m]
+    the position of the CG, each of shape (ticks,). Without two neighbouring passes the pass-to-pass error is None.
     """
     passed = driven(path, time, x, y)
     by_line = sorted(passed, key=lambda one: one.line)
@@ -89,7 +92,7 @@ def pass_to_pass(path: Parallel, time: Array, x: Array, y: Array) -> dict[str, A
 
 
 def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
-    """Return the driven part of each pass in driving order, with the arguments of `pass_to_pass`."""
+    """Return the driven part of each pass in driving order; arguments as in `pass_to_pass`."""
     origin = path.at(0.0)
     c, s = cos(origin.yaw), sin(origin.yaw)
     found = []
@@ -108,7 +111,7 @@ def driven(path: Parallel, time: Array, x: Array, y: Array) -> list[Passed]:
 
 
 def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple[Array, Array]:
-    """Return the stations between `low` and `high` [m] that were passed, and the errors interpolated there [m]."""
+    """Return the stations passed between `low` and `high` [m], and the interpolated errors at these stations [m]."""
     if along.size < 2:
         return np.empty(0), np.empty(0)
     order = np.argsort(along)
@@ -119,6 +122,6 @@ def _interpolated(along: Array, errors: Array, low: float, high: float) -> tuple
 
 
 def _difference(right: Passed, left: Passed) -> Array:
-    """Return the excess swath width [m] between neighbouring passes at the stations of both passes."""
+    """Return the excess swath width between neighbouring passes at their common stations [m]."""
     _, a, b = np.intersect1d(right.stations, left.stations, assume_unique=True, return_indices=True)
     return left.errors[b] - right.errors[a]

@@ -1,7 +1,7 @@
-"""Driven length of the path, and whether it is sufficient.
+"""Driven length of the path, and whether this length is sufficient.
 
-The path is evaluated up to the planned end of the run, or to its own end if earlier. A segment is driven if the tractor
-moves along it within CORRIDOR_M. The nearest point is tracked between successive positions of the tractor, see
+The path is evaluated up to the planned end of the run or, if earlier, its own end. A segment is driven if the tractor
+moves along the segment within CORRIDOR_M. The nearest point is tracked between successive positions of the tractor, see
 `paths.route`, so that it stays on the same branch of a crossing, lap and swath. If the tractor is more than ASTRAY_M
 away from the tracked point, the search also covers the neighbourhood of the reference. Segments skipped by the nearest
 point are not driven. A tractor at standstill makes no progress, even if the reference passes it.
@@ -22,18 +22,18 @@ from agrobot_mj.metrics.crosstrack import FARTHEST_M
 from agrobot_mj.paths.route import SampledRoute
 
 CORRIDOR_M = 5.0
-"""Distance to the path within which a segment is driven [m]. Assumed value: two swaths; error metrics are stricter."""
+"""Maximum distance from the path on a driven segment [m]. Assumed value: two swaths; error metrics are stricter."""
 ENOUGH = 0.9  # Minimum fraction of the path that must be driven [-]. Assumed value.
 LATE_S = 2.0  # Delay behind the reference that is allowed at the end [s]. Assumed value: the tractor starts from rest.
 STEP_M = 0.25
-"""Spacing of the evaluated positions of the tractor, and minimum length of a path with a driven fraction [m]."""
+"""Spacing of the evaluated tractor positions, and minimum length of a path for the driven fraction [m]."""
 ASTRAY_M = 1.0  # Distance from the path above which the nearest point is also searched near the reference [m]
 LEAP_M = 1.5
-"""Maximum path length driven between two positions [m]: longer than STEP_M, for a tractor on the inside of a bend."""
+"""Maximum path length driven between two positions [m], above STEP_M for a tractor on the inside of a bend."""
 
 
 class PathProgress(NamedTuple):
-    """Driven part of a path."""
+    """Driven length of a path."""
 
     driven: float  # Driven length of the path [m]
     length: float  # Length of the path [m]
@@ -41,7 +41,7 @@ class PathProgress(NamedTuple):
 
     @property
     def share(self) -> float | None:
-        """Driven fraction of the path length [-], or None for a path shorter than STEP_M."""
+        """Driven length divided by the path length [-], or None for a path shorter than STEP_M."""
         return self.driven / self.length if self.length >= STEP_M else None
 
     @property
@@ -51,18 +51,18 @@ class PathProgress(NamedTuple):
 
 
 class DrivenShare(Metric):
-    """Driven fraction of the path."""
+    """Driven fraction of the path length."""
 
     kind: Literal["progress"] = "progress"
     columns: ClassVar = (Column("progress", "-", "driven fraction of the path length; null for a path without length"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the driven fraction of the path."""
+        """Return the driven fraction of the path length."""
         return {"progress": progress_of(view).share}
 
 
 def progress_of(view: RunView) -> PathProgress:
-    """Return the driven part of the path up to the last row of a run."""
+    """Return the driven length of the path up to the end of a run."""
     own, duration = view.path.duration_s, view.log.scenario.duration_s
     planned = own if duration is None else duration
     walk = _Walk(view.route, min(planned, own))
@@ -81,17 +81,17 @@ def commanded_progress(view: RunView) -> PathProgress:
 
 
 class _Walk:
-    """Tracking of the path point nearest to the tractor, with marks for driven segments, up to the time `end` [s]."""
+    """Tracker of the path point nearest to the tractor, which marks driven segments up to the time `end` [s]."""
 
     def __init__(self, route: SampledRoute, end: float) -> None:
         self.route, self.place, self.within, self.last = route, 0, False, route.number_at(end)
         self.pieces = bytearray(self.last)
-        """Mark of each segment between samples of the route: 1 if driven."""
+        """Marks of the segments between samples of the route: 1 for a driven segment, otherwise 0."""
         self.t = self.driven_t = 0.0
-        """Time of the last position, and of the last position on a driven segment [s]."""
+        """Time of the last position, and time at which the last driven segment began [s]."""
 
     def go(self, t: float, x: float, y: float) -> None:
-        """Process the next position of the tractor, (x, y) [m] at the time `t` [s]."""
+        """Process the next position (x, y) [m] of the tractor at the time `t` [s]."""
         before = self.route.distances[self.place]
         k, apart = self._nearest(t, x, y, before)
         if apart > ASTRAY_M:
@@ -104,7 +104,10 @@ class _Walk:
         self.t, self.place, self.within = t, k, within
 
     def _nearest(self, t: float, x: float, y: float, near: float) -> tuple[int, float]:
-        """Return the sample nearest to (x, y) [m] around arc length `near` [m] or at the end, and its distance [m]."""
+        """Return index and distance [m] of the sample nearest to (x, y) [m], close to the arc length `near` [m].
+
+        Near the end of the path, the last sample is returned.
+        """
         k, _ = self.route.search(x, y, near, t)
         if self.route.distances[k] > self.route.distances[self.last] - STEP_M:
             k = self.last
@@ -112,18 +115,18 @@ class _Walk:
         return k, hypot(x - sample.x, y - sample.y)
 
     def passed(self, t: float) -> float:
-        """Return the path length that the reference has covered at the time `t` [s], at most the whole length [m]."""
+        """Return the path length covered by the reference at the time `t` [s], at most the total length [m]."""
         k = min(self.route.number_at(t), self.last)
         return float(self.route.distances[k])
 
     def stood(self, end: float) -> bool:
-        """Return whether the tractor was at standstill at the end while the reference moved until `end` [s]."""
+        """Return whether the tractor made no final progress while the reference moved until the time `end` [s]."""
         waited = self.t - self.driven_t
         return waited > LATE_S and self.passed(end) - self.passed(self.driven_t) > 2 * STEP_M
 
     @property
     def driven(self) -> float:
-        """Length of the driven segments [m]."""
+        """Total length of the driven segments [m]."""
         return float(np.diff(self.route.distances[: self.last + 1]) @ np.frombuffer(self.pieces, dtype=np.uint8))
 
 

@@ -13,11 +13,11 @@ from agrobot_mj.metrics.base import Metric, RunView
 OFF_M = 1.0  # Distance from the path above which the tractor has left the path [m]
 SLOWEST_M_S = 0.5  # Minimum speed command used as the divisor of `safety.overspeed` [m/s]
 MEMORY = 40
-"""Number of recent ticks whose maximum command is compared with the speed [-]: two seconds, the stopping time."""
+"""Number of recent ticks whose maximum speed command is compared with the speed [-]: two seconds, the stopping time."""
 
 
 class Safety(Metric):
-    """Consequences of a fault, in a run with faults and a supervisor."""
+    """Consequences of a fault in a run with a supervisor."""
 
     kind: Literal["safety"] = "safety"
     columns: ClassVar = (
@@ -35,7 +35,7 @@ class Safety(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics after the first fault, or an empty dict if there is no fault or supervisor."""
+        """Return the metrics after the first fault, or an empty dict without a fault or a supervisor."""
         faulty = np.flatnonzero(view.column("faults_active") > 0)
         try:
             state = view.column("supervisor_state")
@@ -61,18 +61,18 @@ class Safety(Metric):
 
 
 def _recent(commanded: Array) -> Array:
-    """Return the maximum command of the last `MEMORY` ticks [m/s], at least `SLOWEST_M_S`, shape (ticks,)."""
+    """Return the maximum speed command of the last `MEMORY` ticks [m/s], at least `SLOWEST_M_S`, shape (ticks,)."""
     before = np.full(MEMORY - 1, SLOWEST_M_S)
     found: Array = sliding_window_view(np.concatenate((before, commanded)), MEMORY).max(axis=1)
     return np.maximum(found, SLOWEST_M_S)
 
 
 LEAST_M = 0.001
-"""Distance above which the drift of a parked tractor is reported [m]. Assumed value: three times the normal drift."""
+"""Drift of a parked tractor above which the drift is reported [m]. Assumed value: three times the normal drift."""
 
 
 class BrakedDrift(Metric):
-    """Motion of the tractor while its brake was applied."""
+    """Drift of the tractor while its brake was applied."""
 
     kind: Literal["braked_drift"] = "braked_drift"
     columns: ClassVar = (
@@ -80,7 +80,7 @@ class BrakedDrift(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the maximum drift over all intervals with the brake applied, or None if there is no interval."""
+        """Return the maximum drift over all intervals with the brake applied, or None without braking."""
         braked, place = view.column("brake") > 0.0, np.column_stack([view.column("x"), view.column("y")])
         changes = np.flatnonzero(np.diff(braked, prepend=False, append=False))
         spells = [place[begin + round(STOPPED_S / TICK_S) : end] for begin, end in changes.reshape(-1, 2)]
@@ -89,6 +89,6 @@ class BrakedDrift(Metric):
 
 
 def drift_text(metrics: dict[str, Any]) -> str:
-    """Return a text about the drift of a parked tractor, or an empty string for a drift of at most LEAST_M."""
+    """Return a message about the drift of a parked tractor, or an empty string for a drift of at most LEAST_M."""
     drift = metrics.get("braked_drift_m") or 0.0
     return f"moved {1e3 * drift:.1f} mm while its brake was applied" if drift > LEAST_M else ""

@@ -1,10 +1,10 @@
 """Definition of a successful run, used by averages, rankings and searches.
 
-A run is a *success* if it ended as its scenario expects. Only a success that completed its path has tracking errors: a
-run that stops after a second has small errors, which are not comparable.
+A run is a *success* if it ended as its scenario expects. Only successful runs that completed their path have tracking
+errors: a run that stops after a second has small errors, which are not comparable.
 
-A row is a mapping with `outcome`, the metrics of a run, and `expected`, whether the run is a success. Studies in which
-all scenarios expect `completed` may omit `expected`.
+A row is a mapping with `outcome`, the metrics of a run, and `expected`, which states whether the run is a success.
+Studies in which all scenarios expect `completed` may omit `expected`.
 """
 
 import re
@@ -28,23 +28,23 @@ def succeeded(row: Row) -> bool:
 
 
 def has_errors(row: Row) -> bool:
-    """Return whether the tracking errors of a run are valid: the run completed its path, as expected."""
+    """Return whether the tracking errors of a run are valid: the run completed its path, as its scenario expects."""
     return succeeded(row) and row["outcome"] == COMPLETED
 
 
 def error_of(row: Row, name: str) -> float | None:
-    """Return the tracking error `name` of a run, or None if invalid or not finite."""
+    """Return the tracking error `name` of a run, or None if the error is invalid or not finite."""
     value = row.get(name) if has_errors(row) else None
     return float(value) if value is not None and isfinite(value) else None
 
 
 def is_error(name: str) -> bool:
-    """Return whether a metric is a tracking error."""
+    """Return whether the metric `name` is a tracking error."""
     return name.startswith(ERRORS)
 
 
 def without_errors(row: Row) -> dict[str, Any]:
-    """Return a copy of a row in which invalid tracking errors are None."""
+    """Return a copy of a row with None for invalid tracking errors."""
     counts = has_errors(row)
     return {name: value if counts or not is_error(name) else None for name, value in row.items()}
 
@@ -56,7 +56,7 @@ def failures(rows: Sequence[Row]) -> str:
 
 
 def reasons(rows: Iterable[Row]) -> str:
-    """Return a text with the number, outcome and reason of runs, most frequent first."""
+    """Return a text with the counts of outcomes and reasons in `rows`, most frequent first."""
     ends: dict[str, list[Row]] = {}
     for row in rows:
         # Outcomes whose reasons differ only in their numbers are counted together.

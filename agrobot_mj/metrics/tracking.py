@@ -1,9 +1,10 @@
-"""Tracking errors of a run and of each turn of its path.
+"""Tracking errors of a run and of each lap (`turn`) of its path.
 
 `lateral_*` and `longitudinal_*` are the time-based errors of the paper. `xte_*` is the cross-track error, the distance
-of the CG from the path independent of time (`crosstrack`). A turn contains the rows with start < t <= end; the first
-turn also contains its start. Turns that the run did not reach are omitted. The turn in which the run ended is evaluated
-up to the end, and is not `complete`.
+of the CG from the path independent of time (`crosstrack`).
+
+A lap contains the rows with start < t <= end; the first lap also contains its start. Laps that the run did not reach
+are omitted. The lap in which the run ended is evaluated up to the end of the run and is not `complete`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,7 +31,7 @@ COMPLETE = 0.99  # Minimum fraction of a turn that a run must cover for the turn
 
 
 class Tracking(Metric):
-    """Tracking errors of the complete run and of each turn."""
+    """Tracking errors of the complete run and of each lap."""
 
     kind: Literal["tracking"] = "tracking"
     columns: ClassVar = (
@@ -48,7 +49,7 @@ class Tracking(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the tracking errors over the complete run and over each turn."""
+        """Return the tracking errors over the complete run and over each lap."""
         t, ends, found = view.column("t")[-1:], view.path.turns_s, _errors(view, [slice(None), *view.turns])
         turns = [{"turn": k + 1, "complete": _covers(t, *ends[k]), **of_turn} for k, of_turn in enumerate(found[1:])]
         return {**found[0], "per_turn": turns}
@@ -70,7 +71,7 @@ def _errors(view: RunView, choices: Sequence[slice]) -> list[dict[str, float | N
 
 
 def _columns(view: RunView) -> Iterator[tuple[dict[str, Callable[[Array], float | None]], Array]]:
-    """Yield the values of each error, and its statistics by metric name."""
+    """Yield each error signal, and the statistics of this signal by metric name."""
     lateral: dict[str, Callable[[Array], float | None]] = {
         "lateral_mse": partial(mean, power=2),
         "lateral_rms": rms,
@@ -87,13 +88,13 @@ def _covers(t: Array, start: float, end: float) -> bool:
 
 
 class NetworkShare(Metric):
-    """Fraction of the steering command that comes from the network, or from the integral that replaces it."""
+    """Fraction of the steering command from the network, or from the integral term that replaces the network."""
 
     kind: Literal["nn_share"] = "nn_share"
     columns: ClassVar = (Column("nn_share", "-", "list: mean|tau_n| / (mean|tau_c| + mean|tau_n|) of each turn"),)
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the fraction for each turn: 0 without a network, None for a turn with fewer than LEAST ticks."""
+        """Return the fraction for each lap: 0 without a network, None for a lap with fewer than LEAST ticks."""
         kept, learnt = view.column("tau_c"), view.column("tau_n")
         return {"nn_share": [_share(kept[rows], learnt[rows]) for rows in view.turns]}
 
@@ -106,7 +107,7 @@ def _share(kept: Array, learnt: Array) -> float | None:
 
 
 class ImplementErrors(Metric):
-    """Errors of the working point of an implement, and its draught force at the hitch."""
+    """Errors of the working point of an implement, and the draught force at the hitch."""
 
     kind: Literal["implement"] = "implement"
     columns: ClassVar = (
@@ -118,7 +119,7 @@ class ImplementErrors(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the metrics of the implement, or an empty dict for a tractor without implement."""
+        """Return the metrics of the implement, or an empty dict for a tractor without an implement."""
         try:
             offset = view.beside_path("implement_x", "implement_y").offset
         except (KeyError, ValueError):  # missing column
@@ -138,7 +139,7 @@ END_S = 2.0  # Duration of the final part of the run [s], in which the maximum r
 
 
 class Acquisition(Metric):
-    """Acquisition of the path after a start with an offset (`path.start_offset_m`)."""
+    """Acquisition of the path after a start with a lateral offset (`path.start_offset_m`)."""
 
     kind: Literal["acquisition"] = "acquisition"
     columns: ClassVar = (
@@ -152,7 +153,7 @@ class Acquisition(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the acquisition metrics, or an empty mapping for a path without start offset."""
+        """Return the acquisition metrics, or an empty dict for a path without a start offset."""
         if not view.path.start_offset_m:
             return {}
         t, e = view.column("t"), view.cg_on_path.offset

@@ -1,4 +1,4 @@
-"""Checks of a scenario that read files: the path, the ground, and tables learned in earlier runs."""
+"""Checks of the files used by a scenario: the path, the ground, and tables learned in earlier runs."""
 
 import re
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ from agrobot_mj.scenario.tables import LONGEST_S, Tables
 MOST_ASIDE_M_S2 = 8.0
 """Maximum plausible lateral acceleration [m/s2]. Assumed value: friction coefficient 0.8, higher than for tyres."""
 FAR_M = 2000.0
-"""Distance from the ground [m] above which a path is probably in map coordinates. Assumed value: a large field."""
+"""Distance from the ground above which a path is probably in map coordinates [m]. Assumed value: a large field."""
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
-    """Build path and ground from their files, and check that both suit the tractor and each other.
+    """Build the path and the ground from their files, and check that the tractor can follow the path on this ground.
 
     Without `ground` only the path is checked. Raises `ScenarioError` with all errors; `source` names the scenario.
     """
@@ -33,12 +33,12 @@ def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
 
 
 def prefixed(table: str, text: str) -> str:
-    """Prefix an error message with the key of a table. A key at the start of the message is joined with a dot."""
+    """Prefix an error message with the key `table`. A key at the start of the message is joined with a dot."""
     return f"{table}.{text}" if re.match(r"[a-z0-9_.\[\]]+: ", text) else f"{table}: {text}"
 
 
 def path_errors(s: Tables) -> list[str]:
-    """Return error messages about a path that the tractor cannot follow."""
+    """Return error messages about the path, for example a curvature that the tractor cannot follow."""
     duration, curvature = s.path.duration_s, s.path.max_curvature
     for name, value in (("duration_s", duration), ("max_curvature", curvature)):
         if not (isinstance(value, float | int) and 0.0 <= value < inf):
@@ -77,7 +77,7 @@ def _are_spans(turns: Any) -> bool:
 
 
 def equipment_errors(s: Tables) -> Iterator[str]:
-    """Yield error messages about missing equipment and missing files of learned tables."""
+    """Yield error messages about missing implements and missing files of learned values."""
     for table, part in (("guidance", s.guidance), ("steering.loop", s.steering.loop)):
         try:
             part.check()
@@ -88,7 +88,7 @@ def equipment_errors(s: Tables) -> Iterator[str]:
 
 
 def ground_errors(s: Tables) -> list[str]:
-    """Return error messages about invalid ground, or about a start of the path outside the ground."""
+    """Return error messages about invalid ground, or about a path that starts outside the ground."""
     start = start_of(s.path)
     try:
         if s.terrain.ground().covers(start.x, start.y):

@@ -1,9 +1,12 @@
-"""Hints about keys of a valid scenario that have no effect, or probably another effect than intended.
+"""Hints about keys of a valid scenario that have no effect or probably not the intended effect.
 
-Hints do not end a run. Hints about the path: bends too tight, curvature changes too fast, and a path that leaves the
-ground. At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor travels v T.
-The offset after the step has its minimum, dk (v T)^2 / 24, if the law starts to steer half of this distance before the
-step. For a gradual change, T is the time that the wheels need in addition to the duration of the change.
+Hints do not end a run. Hints about the path concern tight bends, fast changes of curvature, and a path that leaves the
+ground.
+
+At a step dk of the curvature, the wheels need the time T = d(delta) / rate, in which the tractor travels v T. The
+lateral offset after the step is at least dk (v T)^2 / 24. The law reaches this minimum if it starts to steer at half of
+the distance v T before the step. For a gradual change, T is the time that the wheels need in addition to the duration
+of the change.
 """
 
 from collections.abc import Iterator
@@ -28,7 +31,7 @@ OTHER_LAP = 0.02
 
 
 def hints(scenario: Scenario) -> list[str]:
-    """Return one line for each key that has no effect, or does not suit the machine size or the path."""
+    """Return one line for each key that has no effect, or is unsuitable for the machine size or the path."""
     own = (_faults, _late, _overruled, _machine, _learned, path_hints)
     return [line for part in own for line in part(scenario)]
 
@@ -99,16 +102,16 @@ class Change(NamedTuple):
     place: tuple[float, float]  # Position of the change (east, north) [m]
 
     def late(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the delay [s] with which the wheels, at the steering rate `rate` [rad/s], complete the change."""
+        """Return the delay [s] with which the wheels complete the change at the steering rate `rate` [rad/s]."""
         turned = abs(tractor.steering_for(self.end) - tractor.steering_for(self.begin))
         return max(turned / rate - self.takes, 0.0)
 
     def leaves(self, tractor: TractorParameters, rate: float) -> float:
-        """Return the minimum lateral offset [m] after the change, at the steering rate `rate` [rad/s]."""
+        """Return the minimum lateral offset [m] after the change at the steering rate `rate` [rad/s]."""
         return abs(self.end - self.begin) * (self.speed * self.late(tractor, rate)) ** 2 / 24
 
     def wider(self, factor: float) -> "Change":
-        """Return the change of curvature on a path whose radii are multiplied by `factor` [-]."""
+        """Return the change of curvature if all radii of the path are multiplied by `factor` [-]."""
         return self._replace(begin=self.begin / factor, end=self.end / factor)
 
 
@@ -145,7 +148,7 @@ def _turns(s: Scenario, outline: PathOutline) -> Iterator[str]:
 
 
 def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
-    """Return the change of curvature with the maximum lateral offset, in turns to the left and to the right."""
+    """Return the change of curvature, to the left or to the right, that causes the maximum lateral offset."""
     changes = []
     curvatures, where = np.unique(outline.curvature, return_inverse=True)
     needed = np.array([s.tractor.steering_for(curvature) / rate for curvature in curvatures.tolist()])[where]
@@ -161,7 +164,7 @@ def _worst(s: Scenario, outline: PathOutline, rate: float) -> Change:
 
 
 def _wide_enough(s: Scenario, worst: Change, rate: float) -> float:
-    """Return the minimum radius [m] for which the steering limit and rate suffice, rounded up to 0.1 m."""
+    """Return the minimum radius [m] that the steering limit and the steering rate permit, rounded up to 0.1 m."""
 
     def excess(radius: float) -> float:
         lock = s.tractor.steering_for(1 / radius) / (MOST_LOCK * s.tractor.steer_limit)

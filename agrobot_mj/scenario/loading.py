@@ -37,10 +37,10 @@ def load_scenario(source: str | FilePath, overrides: Mapping[str, Any] | None = 
 
 
 def find_file(source: str | FilePath, noun: str, shipped: Mapping[str, FilePath], folder: str, known: str) -> FilePath:
-    """Find a file by path or name, also without `.toml`. Files of the user take precedence over files of the package.
+    """Find a file by path or name, with or without `.toml`. User files take precedence over the `shipped` files.
 
-    `shipped` are the files of the package. `noun` names the type of file in error messages. A message ends with
-    `folder` if the source is a folder, with `known` for an unknown name. Raises `ScenarioError` if there is no file.
+    `noun` names the type of file in error messages. A message ends with `folder` if the source is a folder, and with
+    `known` if the name is unknown. Raises `ScenarioError` if there is no file.
     """
     path = FilePath(source)
     if path.is_dir():

@@ -1,9 +1,10 @@
 """Machine files: TOML files with the scenario tables of one machine, given by name (`scenarios/machines/`) or path.
 
-The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine,
-which take precedence over the defaults. Keys and error messages are the same as in scenario files. The `[guidance]` of
-a machine applies if the scenario sets neither a guidance law nor a yaw controller. An MJCF body file (`tractor.mjcf`)
-defines keys of `[tractor]`; values given for these keys must agree with the body file.
+The key `machine` of a scenario selects the machine. Keys of the scenario take precedence over keys of the machine, and
+both over the defaults. Keys and error messages are the same as in scenario files. The table `[guidance]` of a machine
+applies if the scenario sets neither a guidance law nor a yaw controller.
+
+An MJCF body file (`tractor.mjcf`) defines keys of `[tractor]`. Values given for these keys must agree with the file.
 """
 
 from math import isclose
@@ -21,7 +22,7 @@ TABLES = ("tractor", "implement", "steering", "driveline", "sensors", "estimator
 
 
 def machine_file(name: str) -> tuple[Path, int, int, int] | None:
-    """Return path, modification times and size of a machine file, or None for the default; reject missing files."""
+    """Return path, modification times and size of a machine file, or None for the default. Reject missing files."""
     if name == COMPACT:
         return None
     shipped = machine_files()
@@ -35,7 +36,7 @@ def machine_file(name: str) -> tuple[Path, int, int, int] | None:
 
 
 def machine_tables(path: Path) -> dict[str, Any]:
-    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError` if invalid."""
+    """Return the tables of a machine file with absolute paths. Raises `ScenarioError` for an invalid file."""
     data = machine_data(path)
     data.pop("title", None)
     if other := sorted(set(data) - set(TABLES)):
@@ -45,12 +46,12 @@ def machine_tables(path: Path) -> dict[str, Any]:
 
 TYRE_KEYS = ("pressure_bar", "stiffness_n_m", "damping_n_s_m")
 SPRINGS = tuple(f"{end}_tyre_{what}" for end in ("front", "rear") for what in TYRE_KEYS)
-"""Keys that affect the height of the tractor body on its tyres."""
+"""Keys of tyres that affect the height of the tractor body."""
 EXACT = 1e-6  # Maximum relative difference between a given value and the value from the body file [-]
 
 
 def embody(data: dict[str, Any], source: str) -> set[str]:
-    """Add the keys of `[tractor]` that the body file defines to `data` (plain data), and return their names."""
+    """Add the keys of `[tractor]` that the MJCF body file defines to the plain data `data`, and return their names."""
     tractor = data.get("tractor")
     if not isinstance(tractor, dict) or not isinstance(name := tractor.get("mjcf"), str) or not name:
         return set()

@@ -1,4 +1,4 @@
-"""Scenario data before validation: overrides by dotted key, defaults, file paths."""
+"""Processing of scenario data before validation: overrides by dotted key, default values, and file paths."""
 
 import json
 import tomllib
@@ -21,7 +21,7 @@ from agrobot_mj.plants.mujoco.own_files import own_files
 
 S = TypeVar("S", bound=Spec)
 FILE_KEYS = ("file", "machine", "mjcf")
-"""Names of keys whose values are file paths, relative to the folder of the scenario or of the library."""
+"""Names of keys whose values are file paths, relative to the folder of the scenario or of the shipped scenarios."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def json_text(data: Mapping[str, Any], source: str) -> bytes:
-    """Convert plain data to JSON. Strict validation of JSON accepts lists for tuples. Raises `ScenarioError`."""
+    """Convert plain data to JSON, which is validated strictly but accepts lists for tuples. Raises `ScenarioError`."""
     try:
         return json.dumps(data, default=_as_plain, ensure_ascii=False).encode()
     except ValueError:  # includes UnicodeEncodeError
@@ -49,7 +49,7 @@ def _as_plain(value: Any) -> Any:
 
 
 def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
-    """Validate data as a spec of class `kind`; `source` names the data. Raises `ScenarioError` with all errors."""
+    """Validate data as a `Spec` of class `kind`; `source` names the data. Raises `ScenarioError` with all errors."""
     try:
         return kind.model_validate_json(json_text(data, source))
     except ValidationError as error:
@@ -57,9 +57,10 @@ def read_spec(kind: type[S], data: Mapping[str, Any], source: str) -> S:
 
 
 def override(data: dict[str, Any], dotted: str, value: Any, default: Spec) -> None:
-    """Set the value of a dotted key in plain data. List items are numbered from 0. Raises `ScenarioError` if invalid.
+    """Set the value of a dotted key in plain data. List items are numbered from 0.
 
-    A table with a new `kind` keeps the keys that both kinds have. A table without `kind` has the kind of `default`.
+    A table whose `kind` changes retains the keys that both kinds have. A table without `kind` has the kind of
+    `default`. Raises `ScenarioError` for an invalid key.
     """
     *tables, last = dotted.split(".")
     if not all([*tables, last]):
@@ -101,7 +102,7 @@ def _item(items: list[Any], name: str, dotted: str, key: str) -> Any:
 
 
 def _kind(data: Any, tables: list[str], default: Spec) -> Any:
-    """Return the kind of the table at the key `tables`, by default from `default`, or None if there are no kinds."""
+    """Return the kind of the table at the key path `tables`, by default from `default`, or None for no kinds."""
     data = deepcopy(data)
     complete(data, default)
     for name in tables:
@@ -110,7 +111,7 @@ def _kind(data: Any, tables: list[str], default: Spec) -> Any:
 
 
 def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    """Return the values of nested tables by dotted key; a list is one value."""
+    """Return the values of nested tables as pairs of dotted key and value. A list is one value."""
     found = []
     for key, value in table.items():
         found += flat(value, f"{prefix}{key}.") if isinstance(value, dict) else [(prefix + key, value)]
@@ -118,7 +119,7 @@ def flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
 
 
 def complete(table: dict[str, Any], default: Spec) -> None:
-    """Complete a partial table with its kind and with the values in which `default` differs from its class defaults."""
+    """Complete a partial table with the kind and the explicitly set values of `default`."""
     for name, field in type(default).model_fields.items():
         value, given = getattr(default, name), table.get(name)
         if isinstance(given, dict) and isinstance(value, Spec):
@@ -134,14 +135,14 @@ def complete(table: dict[str, Any], default: Spec) -> None:
 
 
 def explicit_values(spec: Spec) -> dict[str, Any]:
-    """Return the explicitly set values of a spec as plain data. Defaults are excluded, the keys `kind` are included."""
+    """Return the explicitly set values of a configuration as plain data. The keys `kind` are always included."""
     explicit = spec.model_fields_set | {"kind"}
     fields = {name: getattr(spec, name) for name in type(spec).model_fields if name in explicit}
     return {key: _plain(value) for key, value in fields.items() if value is not None}
 
 
 def forget(spec: Spec, own: Mapping[str, Any]) -> None:
-    """Mark only the keys in `own` as explicitly set, in a spec and its nested specs."""
+    """Mark only the keys in `own` as explicitly set, in a configuration and its nested tables."""
     for name in list(spec.model_fields_set):
         if name not in own:
             spec.model_fields_set.discard(name)
@@ -156,7 +157,7 @@ def _plain(value: Any) -> Any:
 
 
 def absolute_paths(data: Any, *folders: Path) -> None:
-    """Make file paths absolute, in the first of the folders that contains the file, otherwise in the last folder."""
+    """Make file paths absolute: in the first of `folders` that contains the file, otherwise in the last folder."""
     others = [folder for folder in folders if folder != SCENARIOS.resolve()]
     for table, key in naming_files(data) if others else ():
         file = table[key]
@@ -167,12 +168,12 @@ def absolute_paths(data: Any, *folders: Path) -> None:
 
 
 def absolute_values(overrides: Mapping[str, Any], *folders: Path) -> dict[str, Any]:
-    """Return a copy of overrides by dotted key, with file paths made absolute as in `absolute_paths`."""
+    """Return a copy of overrides by dotted key, with file paths made absolute by `absolute_paths`."""
     return {key: absolute_value(key, value, *folders) for key, value in overrides.items()}
 
 
 def absolute_value(key: str, value: Any, *folders: Path) -> Any:
-    """Return a copy of the value of a dotted key, with file paths made absolute as in `absolute_paths`."""
+    """Return a copy of the value of a dotted key, with file paths made absolute by `absolute_paths`."""
     table = {key.rpartition(".")[2]: deepcopy(value)}
     absolute_paths(table, *folders)
     return table.popitem()[1]
@@ -187,13 +188,13 @@ def beside_copies(data: Any, folder: Path) -> None:
 
 
 def files(data: Any) -> list[Path]:
-    """Return the files named in plain data, and recursively the files named in these files, without repetition."""
+    """Return the files named in plain data, and recursively the files named in these files, without duplicates."""
     found = [(key, library_file(table[key])) for table, key in naming_files(data)]
     return list(dict.fromkeys(file for key, path in found for file in (path, *beside(key, path))))
 
 
 def relocate_files(data: Any) -> dict[str, Path]:
-    """Replace file paths in plain data by unique names in one folder, and return the original path for each name."""
+    """Replace absolute file paths in plain data by unique file names. Return the original path of each file name."""
     named = [(table, key) for table, key in naming_files(data) if Path(table[key]).is_absolute()]
     found: dict[str, Path] = {}
     for other in (other for table, key in named for other in beside(key, Path(table[key]))):
@@ -208,7 +209,7 @@ def relocate_files(data: Any) -> dict[str, Path]:
 
 
 def beside(key: str, path: Path) -> tuple[Path, ...]:
-    """Return the files that the file at the given key names, if the file is a machine file or a body file."""
+    """Return the files named in a machine file or body file, recursively, or an empty tuple for other files."""
     try:
         if key == "mjcf":
             return own_files(str(path)).others
@@ -220,7 +221,7 @@ def beside(key: str, path: Path) -> tuple[Path, ...]:
 
 
 def machine_data(path: Path) -> dict[str, Any]:
-    """Return the tables of a machine file as plain data with absolute paths. Raises `ScenarioError` if unreadable."""
+    """Return the tables of a machine file with absolute paths. Raises `ScenarioError` for an unreadable file."""
     data = read_toml(path)
     absolute_paths(data, path.parent.resolve())
     beside_copies(data, path.parent.resolve())
@@ -238,5 +239,5 @@ def naming_files(data: Any) -> Iterator[tuple[dict[str, Any], str]]:
 
 
 def names_file(key: str, value: str) -> bool:
-    """Return whether the value of a key in `FILE_KEYS` is a path. A machine can also be given by name."""
+    """Return whether the value of a key in `FILE_KEYS` is a path, since a machine can also be given by name."""
     return key != "machine" or value.endswith(".toml") or len(Path(value).parts) > 1

@@ -1,6 +1,6 @@
 """Registration of user-defined kinds: a law, tyre, path or fault becomes a member of the family of its base class.
 
-`register` adds a class to the unions of the schema. Its kind is then validated, overridden, listed and written to
+`register` adds a class to the unions of the schema. The kind is then validated, overridden, listed and written to
 `scenario.toml` like any other kind. Plugin code is loaded only by an explicit call, from `--plugin FILE.py` or from an
 entry point of the group `agrobot_mj.plugins`. A scenario file cannot load code.
 """
@@ -40,13 +40,13 @@ _files: dict[Path, ModuleType] = {}
 RUN_WITH, NOTED_WITHIN = "# run with ", 5
 """Start of the comment that lists the plugin files, and number of lines at the top of a file that may contain it."""
 WITHOUT = ": the scenario was run with plugins; add "
-"""Text that precedes the `--plugin` options in the message about missing plugins."""
+"""Text before the `--plugin` options in the message about missing plugins."""
 
 
 def register(member: Member, name: str | None = None) -> Member:
     """Add a class to the family of its base class; also usable as a decorator. Unsuitable classes are rejected.
 
-    A sensor becomes the table `[sensors.NAME]`. By default the name is the class name in lower case with underscores. A
+    A sensor becomes the table `[sensors.NAME]`. The default name is the class name in lower case with underscores. A
     metric is evaluated in every run.
     """
     _rebuild(Scenario, _added(member, name), {})
@@ -54,7 +54,7 @@ def register(member: Member, name: str | None = None) -> Member:
 
 
 def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
-    """Add a class to its family and return the classes whose validators must be rebuilt. Raises like `register`."""
+    """Add a class to its family, with the errors of `register`. Return the classes whose validators must be rebuilt."""
     check_argument("member", member, isinstance(member, type), "a class")
     check_argument("name", name, name is None or isinstance(name, str), "a string")
     if not issubclass(member, Spec):
@@ -88,7 +88,7 @@ def _added(member: type[Spec], name: str | None = None) -> set[type[Spec]]:
 
 
 def _left_open(member: type[Spec]) -> list[str]:
-    """Return the abstract methods and properties that a class leaves undefined; empty for a subclass of a kind."""
+    """Return the names of abstract methods and properties without implementation; empty for a subclass of a kind."""
     bases = [base for base in member.__mro__[1:] if issubclass(base, Spec) and "kind" in base.model_fields]
     if any(isinstance(base.model_fields["kind"].default, str) for base in bases):
         return []
@@ -123,7 +123,7 @@ def _add_metric(metric: Metric) -> None:
 
 
 def _add_listed(default: Any, registry: list[Any]) -> None:
-    """Insert a member at the front of the list of its family, before the members of the package."""
+    """Insert a member at the front of the registry list of its family."""
     others = [other for other in registry if not _same(type(other), type(default))]
     for other in others:
         if other.kind == default.kind:
@@ -150,7 +150,7 @@ def _add_kind(member: type[Spec]) -> set[type[Spec]]:
 
 
 def _same(there: Any, member: type[Spec]) -> bool:
-    """Return whether two classes have the same module and name, for example after a notebook cell was run again."""
+    """Return whether two classes have the same module and name, for example after a notebook cell ran again."""
     return (there.__module__, there.__qualname__) == (member.__module__, member.__qualname__)
 
 
@@ -161,7 +161,7 @@ def _taken(what: str, there: Any, choose: str = "another") -> ScenarioError:
 
 
 def _family(member: type[Spec]) -> list[Key]:
-    """Return the keys whose kinds belong to the family of a class, shortest key first."""
+    """Return the schema keys whose kinds belong to the family of a class, shortest key first."""
     bases: dict[type, dict[Key, None]] = {}
     for key in keys(Scenario):
         for known in key.kinds.values():
@@ -178,7 +178,7 @@ def _family(member: type[Spec]) -> list[Key]:
 
 
 def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None) -> Any:
-    """Return the annotation with `member` in its union. `member` replaces its older version `instead`."""
+    """Return the annotation with `member` added to its union, in place of its older version `instead`."""
     if get_origin(annotation) is Annotated:
         union, *metadata = get_args(annotation)
         return Annotated[(_with_member(union, member, instead), *metadata)]
@@ -189,7 +189,10 @@ def _with_member(annotation: Any, member: type[Spec], instead: type[Spec] | None
 
 
 def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec], bool]) -> bool:
-    """Rebuild the validators of all classes that contain a changed class. Return whether `owner` contains one."""
+    """Rebuild the validators of `owner` and of its nested classes that contain a class in `changed`.
+
+    Return whether `owner` was rebuilt.
+    """
     if owner not in seen:
         seen[owner] = False
         inner = [part for field in owner.model_fields.values() for part in members(field.annotation).values()]
@@ -201,7 +204,7 @@ def _rebuild(owner: type[Spec], changed: set[type[Spec]], seen: dict[type[Spec],
 
 
 def load_plugins(paths: Iterable[Path]) -> None:
-    """Register the members defined in plugin files; load each file once. Raises `ScenarioError` for an invalid file."""
+    """Load plugin files, each once, and register their classes. Raises `ScenarioError` for an invalid file."""
     for path in paths:
         if (file := path.resolve()) not in _files:
             with _naming(f"--plugin {path}"):
@@ -209,12 +212,12 @@ def load_plugins(paths: Iterable[Path]) -> None:
 
 
 def loaded_files() -> tuple[Path, ...]:
-    """Return the plugin files loaded in this process, which worker processes must also load."""
+    """Return the plugin files loaded in this process. Worker processes must load the same files."""
     return tuple(_files)
 
 
 def place_in_plugin(error: Exception) -> str:
-    """Return the innermost line of a plugin file in a traceback as ` (own.py, line 12)`, or an empty string."""
+    """Return the innermost plugin line in the traceback of an error, as ` (own.py, line 12)`, or an empty string."""
     files = set(map(str, _files))
     lines = [(frame.f_code.co_filename, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     found = [f" ({Path(file).name}, line {line})" for file, line in lines if file in files]
@@ -227,19 +230,19 @@ def plugin_options(files: Iterable[Path] | None = None) -> str:
 
 
 def plugin_note() -> str:
-    """Return the comment that lists the plugin files in the results of a run, or an empty string without plugins."""
+    """Return the comment that lists the plugin files in results of a run, or an empty string without plugins."""
     return f"{RUN_WITH}{options}\n" if (options := plugin_options()) else ""
 
 
 def with_plugin_options(error: ScenarioError, file: Path) -> ScenarioError:
-    """Return the error with the `--plugin` options that a results file lists and this process has not loaded."""
+    """Return an error extended by `--plugin` options for plugins listed in `file` that this process has not loaded."""
     if WITHOUT in str(error) or not (absent := _absent(file)):
         return error
     return ScenarioError(f"{error}\n{file}{WITHOUT}{plugin_options(absent)}")
 
 
 def _absent(file: Path) -> list[Path]:
-    """Return the plugin files in the `plugin_note` of a file that this process has not loaded."""
+    """Return the plugin files that the `plugin_note` in a file lists and this process has not loaded."""
     if not is_file(file):  # reading a pipe would block
         return []
     try:
@@ -253,7 +256,10 @@ def _absent(file: Path) -> list[Path]:
 
 @cache
 def load_installed() -> None:
-    """Register kinds, sensors and metrics of extensions and installed plugins. Raises `ScenarioError` if invalid."""
+    """Register all kinds, sensors and metrics of extensions and installed plugins.
+
+    Raises `ScenarioError` for an invalid plugin.
+    """
     changed = set[type[Spec]]()
     for entry in installed("plugins"):
         with _naming(f"plugin {entry.name}{f' of {entry.dist.name}' if entry.dist else ''}"):
@@ -300,7 +306,7 @@ def _run(path: Path) -> ModuleType:
 
 
 def _public_members(parts: Iterable[Any]) -> list[type[Spec]]:
-    """Return the public sensors and kinds in the namespace of a module that are not defined in the package."""
+    """Return the public sensors and kinds among the objects `parts` that are defined outside the package."""
     specs = [part for part in parts if inspect.isclass(part) and issubclass(part, Spec)]
     own = [part for part in specs if not part.__name__.startswith("_")]
     own = [part for part in own if not part.__module__.startswith("agrobot_mj.")]

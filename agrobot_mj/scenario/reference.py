@@ -1,4 +1,4 @@
-"""Reference of the keys of scenario files: list of kinds, explanation of a key, JSON schema for editors."""
+"""Reference of the keys of scenario files: list of kinds, explanation of a key, and JSON schema for editors."""
 
 import inspect
 import json
@@ -16,7 +16,7 @@ from agrobot_mj.sensors import Sensors
 
 CITATION = re.compile(r"[A-Z]\w*\d{4}")  # Pattern of a citation key in brackets. Other brackets contain a unit.
 SOURCE = re.compile(r"(?:^|(?<=[.;]\s))((?:Assumed|assumed|Paper)\b.*)$", re.DOTALL)
-"""Pattern of the sentence that gives the source of a value in a description."""
+"""Pattern of the sentence in a description that gives the source of a value."""
 SHORTEST_WORD = 3  # Minimum number of letters of a search word
 BOUNDS = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
 TYPES = {
@@ -39,7 +39,7 @@ class Doc(NamedTuple):
 
 
 def families() -> dict[str, dict[str, type[Spec]]]:
-    """Return the kinds of each family as a mapping: dotted key of the table, to name of the kind, to class."""
+    """Return the class of each kind, by dotted key of the table and name of the kind."""
     return _families(Scenario.__pydantic_validator__)
 
 
@@ -53,13 +53,14 @@ def _families(built: object) -> dict[str, dict[str, type[Spec]]]:
 
 
 def first_line(part: type[Spec], kind: str = "") -> str:
-    """Return the first line of a class docstring without control characters. For a fault, the line names the signal."""
+    """Return the first line of a class docstring, without control characters. In the line of a fault, the word "signal"
+    is replaced by the name of the faulty signal."""
     signal = getattr(part, "signals", {}).get(kind.rpartition("_")[0], "signal")
     return UNPRINTABLE.sub("", (part.__doc__ or "").strip().partition("\n")[0]).replace("signal", signal, 1)
 
 
 class KnownKind(NamedTuple):
-    """Description of one possible value of a key `kind`, or of a sensor or metric."""
+    """Description of a kind of a table, of a sensor, or of a metric."""
 
     table: str  # Dotted key of the table that contains `kind`; `sensors` for a sensor, `metric` for a metric
     kind: str  # Value of the key `kind`, or name of the sensor or metric
@@ -67,7 +68,7 @@ class KnownKind(NamedTuple):
 
 
 def known_kinds() -> list[KnownKind]:
-    """Return all kinds of all parts, all sensors and all metrics."""
+    """Return all kinds of all tables, all sensors and all metrics."""
     known = families()
     outer = {key: [other for other in known if key.startswith(f"{other}.")] for key in known}
     found = [
@@ -89,7 +90,7 @@ def kinds_text() -> str:
 
 
 def document(place: TableClass, name: str) -> Doc:
-    """Return the documentation of the key `name` of a table."""
+    """Return the documentation of the key `name` in the table class `place`."""
     owner, text = place.owner, place.owner.describe(name)
     kind = _in_words(_properties(owner, owner.__pydantic_validator__)[name])
     source = SOURCE.search(text)
@@ -133,7 +134,10 @@ def _as_toml(value: Any) -> str:
 
 
 def explain_key(key: str) -> str:
-    """Return the documentation of a key, of all keys if empty, or of a word's matches; reject unknown words."""
+    """Return the documentation of a key as text. An empty key lists all keys, and another word lists its matches.
+
+    Raises `ScenarioError` for a word without matches.
+    """
     key = shortened(key)
     named = [step for step in re.sub(r"\[\d+\]", "", key).split(".") if not step.isdecimal()]
     if not key:
@@ -176,7 +180,7 @@ def _split_kinds(named: list[str]) -> tuple[list[str], Chosen]:
 
 
 def _places(steps: list[str], chosen: Chosen) -> list[TableClass]:
-    """Return all classes that the table at the key `steps` can have, if other tables have the selected kinds."""
+    """Return all classes that the table at the key path `steps` can have, given the kinds chosen for other tables."""
     tables = dict(chosen)
     return [
         place
@@ -201,7 +205,7 @@ def _metric_text(metric: Metric) -> str:
 
 
 def _holding(words: list[str]) -> list[str]:
-    """Return one line per key or kind whose name matches the words; without such names, match the descriptions."""
+    """Return one line per key or kind whose name matches the words. Without matching names, search the descriptions."""
     known = dict.fromkeys((key.dotted, key.owner, key.name) for key in keys(Scenario))
     if len("".join(words)) < SHORTEST_WORD:
         return []
@@ -248,7 +252,7 @@ def _kinds_of(table: str) -> list[str]:
 
 
 def usual_kind(table: str) -> str | None:
-    """Return the default kind of a table, or None for lists, whose items must each set `kind`."""
+    """Return the default kind of a table, or None for a list, whose items must each set `kind`."""
     *above, last = table.split(".")
     owners = (place for place in places(Scenario(), above) if last in place.owner.model_fields)
     found = (getattr(place.default, last, None) for place in owners)
@@ -293,7 +297,7 @@ def _nearest(key: str) -> str:
 
 
 def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scenario file. A table without `kind` has the default kind, as in loading."""
+    """Return the JSON schema of a scenario file. As in loading, a table without `kind` has the default kind."""
     schema = Scenario.model_json_schema()
     _drop_titles(schema)
     implied = {type(key.owner.model_fields[key.name].get_default()) for key in keys(Scenario)}

@@ -1,6 +1,6 @@
 """Scenario: description of one experiment, and its construction from plain data.
 
-`resolve` applies machine, overrides and kinds, validates by the schema (`tables`), and checks the files (`checks`).
+`resolve` applies machine, overrides and kinds, validates the data (`tables`), and checks the files (`checks`).
 """
 
 import json
@@ -30,7 +30,7 @@ from agrobot_mj.scenario.overrides import (
 from agrobot_mj.scenario.tables import Tables
 
 SAID = {"version", "name", "title", "expected_outcome", "expected_reason", "gains", "machine"}
-"""Keys without effect on a run, and keys whose effect is contained in the values of other keys."""
+"""Keys excluded from the identity: they have no effect on a run, or the values of other keys contain their effect."""
 
 
 class Scenario(Tables):
@@ -38,12 +38,12 @@ class Scenario(Tables):
 
     @property
     def hash8(self) -> str:
-        """Hash of the scenario and of its files, as eight hexadecimal digits."""
+        """Hash of the scenario and of its files, eight hexadecimal digits."""
         return joined(self.identity[:2])
 
     @property
     def identity(self) -> Identity:
-        """Hashes of the scenario, its files and the code of this process. The expected outcome is excluded."""
+        """Digests of the scenario, its files and the code of this process. The expected outcome has no influence."""
         content = self.model_dump(mode="json", exclude=SAID)
         read = files(content)
         relocate_files(content)  # the locations of files are not part of the experiment
@@ -51,19 +51,19 @@ class Scenario(Tables):
         return Identity(said, joined(file_digest(file) for file in read), *code())
 
     def to_toml(self) -> str:
-        """Return the scenario with all values as TOML. The same version of the package reproduces the same signals."""
+        """Return the scenario with all values as TOML. The same package version reproduces the same signals."""
         return tomli_w.dumps(self.model_dump(mode="json", exclude_none=True) | {"version": __version__})
 
     def portable(self) -> tuple[str, dict[str, FilePath]]:
-        """Return the scenario as TOML with names of data files instead of paths, and the path of each named file."""
+        """Return the scenario as TOML with file names instead of paths, and the path of each file name."""
         data = self.model_dump(mode="json", exclude_none=True) | {"version": __version__}
         moved = relocate_files(data)
         return tomli_w.dumps(data), moved
 
     def changed(self, overrides: Mapping[str, Any], files: bool = True) -> "Scenario":
-        """Return a validated copy with overrides by dotted key. Raises `ScenarioError` if invalid.
+        """Return a validated copy with overrides by dotted key. Raises `ScenarioError` for invalid overrides.
 
-        Without `files`, path and ground are not checked; `check_files` must then be called before a run.
+        Without `files`, path and ground are not checked, and `check_files` must be called before a run.
         """
         check_overrides(overrides)
         return resolve(explicit_values(self), self.name or "scenario", overrides, files)
@@ -94,7 +94,7 @@ def _validated(data: dict[str, Any], source: str) -> Scenario:
 
 
 def on_machine(data: Mapping[str, Any], overrides: Mapping[str, Any] = MappingProxyType({})) -> Scenario:
-    """Return the default scenario with the machine that plain data or overrides name.
+    """Return the default scenario of the machine selected by plain data or overrides.
 
     The guidance law of the machine is omitted if data or overrides set only a yaw controller. Raises `ScenarioError`
     for an unknown machine.

@@ -1,4 +1,4 @@
-"""Tables of a scenario: the schema of the TOML files. Every key has a default; unknown keys are errors."""
+"""Tables of a scenario: the schema of the TOML files. Every key has a default, and unknown keys are errors."""
 
 from operator import attrgetter
 from typing import Annotated, Literal, Self
@@ -31,7 +31,7 @@ SHORTEST_S = 0.001  # Minimum duration: one tick [s]
 LONGEST_S = 24 * 3600.0  # Maximum duration of a run [s]
 REASONED = ("stopped", "unfinished", "diverged")  # Outcomes for which a run also reports a reason
 DIVISORS = (5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 125, 200, 250, 400, 500)
-"""Numbers of physics steps per tick for which the step is a short decimal number."""
+"""Numbers of physics steps per tick for which the step is a short decimal number [-]."""
 
 
 def long_enough(seconds: float) -> float:
@@ -49,24 +49,24 @@ class Steering(Spec):
     cylinder: Cylinder = Cylinder()
     """Steering cylinder."""
     linkage: Linkage = Linkage()
-    """Kingpins and linkage between cylinder and wheels."""
+    """Kingpins, and linkage between cylinder and wheels."""
     loop: Loop = SteeringLoop()
-    """Low-level angle controller."""
+    """Controller of the steering angle."""
 
 
 class Tables(Spec):
-    """Tables of one experiment. Their validation opens no files."""
+    """Tables of one experiment. Their validation does not open files."""
 
     name: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
     """Short name of the scenario. Default: the file name."""
     title: Annotated[str, Field(max_length=1000), AfterValidator(printable)] = ""
     """Title of the scenario in lists and reports, one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file, without effect on runs."""
+    """Version of agrobot_mj that wrote the file. The version has no effect on runs."""
     expected_outcome: Outcome = "completed"
-    """Expected outcome of the run; any other outcome gives exit status 1."""
+    """Expected outcome of the run. Any other outcome gives exit status 1."""
     expected_reason: Annotated[str, Field(max_length=200), AfterValidator(printable)] = ""
-    """Text in the expected stop reason, such as "no GNSS fix". Default: any reason."""
+    """Text that the stop reason must contain, such as "no GNSS fix". Default: any reason."""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 1
     """Seed of all random generators."""
     duration_s: Annotated[float, Field(gt=0, le=LONGEST_S), AfterValidator(long_enough)] | None = None
@@ -87,13 +87,13 @@ class Tables(Spec):
     fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
     """Faults and disturbances of the run, a list of `[[fault]]` tables."""
     guidance: Guidance = Kinematic()
-    """Guidance law: computes steering angle and speed from estimate and path."""
+    """Guidance law, which computes steering angle and speed from estimate and path."""
     gains: Gains = "tuned"
-    """Default gains for a law with a yaw controller: `tuned`, or `paper` for the gains of the figures in the paper."""
+    """Default gains of a law with a yaw controller: `tuned`, or `paper` for the gains of the figures in the paper."""
     supervisor: Supervisor = Supervisor()
-    """Supervisor: limits of autonomous operation, and controlled stop."""
+    """Supervisor, which monitors the limits of autonomous operation and performs a controlled stop."""
     speed: SpeedLoop = SpeedLoop()
-    """Speed controller: cascade from speed to pedal voltage."""
+    """Speed controller, a cascade from speed to pedal voltage."""
     steering: Steering = Steering()
     driveline: Driveline = Driveline()
     sensors: Sensors = Sensors()
@@ -101,22 +101,22 @@ class Tables(Spec):
 
     @property
     def ticks(self) -> int:
-        """Number of ticks of 50 ms."""
+        """Maximum number of ticks of 50 ms in a run."""
         duration = self.path.duration_s if self.duration_s is None else self.duration_s
         return max(1, round(duration / TICK_S))
 
     def expects(self, outcome: str, reason: str = "") -> bool:
-        """Return whether outcome and reason of a run are as expected."""
+        """Return whether the outcome and the reason of a run are as expected."""
         return outcome == self.expected_outcome and self.expected_reason in reason
 
     @property
     def expectation(self) -> str:
-        """Return the expected outcome in words."""
+        """Expected outcome of the run as text."""
         return self.expected_outcome + (f" ({self.expected_reason})" if self.expected_reason else "")
 
     @property
     def step_s(self) -> float:
-        """Physics step [s]."""
+        """Duration of a physics step [s]."""
         if self.physics_dt_s is not None:
             return self.physics_dt_s
         if self.physics == "standard":
@@ -130,7 +130,7 @@ class Tables(Spec):
 
     @property
     def vehicle(self) -> Machine:
-        """Parameters of the machine that the plant simulates."""
+        """Parameters of the machine simulated by the plant."""
         steering = self.steering
         return Machine(
             self.tractor, steering.valve, steering.cylinder, self.driveline, self.implement, steering.linkage
@@ -138,7 +138,7 @@ class Tables(Spec):
 
     @property
     def law(self) -> str:
-        """Kind of the guidance law, with the kind of its yaw controller if the law has one."""
+        """Kind of the guidance law and, if the law has a yaw controller, the kind of the controller."""
         takes = self.guidance.using(self.controller) is not self.guidance
         return f"{self.guidance.kind} with {self.controller.kind}" if takes else self.guidance.kind
 

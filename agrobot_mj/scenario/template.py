@@ -1,6 +1,6 @@
-"""Template of a scenario file: title, seed, and all tables that have kinds, with default values.
+"""Template of a scenario file with default values: title, seed, and all tables that have kinds.
 
-The template is generated from the schema, with the texts of `agrobot-mj explain`. It runs unchanged.
+The template is generated from the schema, with the texts of `agrobot-mj explain`, and is a valid scenario.
 """
 
 import json
@@ -26,7 +26,7 @@ HEAD = """\
 
 
 def write_template(name: str) -> Path:
-    """Write the template to the new file `name`.toml. Raises `ScenarioError` if the file exists."""
+    """Write the template to a new file `name`.toml. Raises `ScenarioError` if the file exists."""
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.stem in ("", ".toml") or not path.stem.strip("."):
         raise ScenarioError(f"init {name!r}: this is not a valid name; write a name such as my_field")
@@ -39,7 +39,7 @@ def write_template(name: str) -> Path:
 
 
 def template(name: str) -> str:
-    """Return the template as text."""
+    """Return the template of a scenario `name` as text."""
     shown = "".join(letter if letter.isprintable() else " " for letter in name).strip()
     whole = TableClass((), Scenario, Scenario())
     lines = [HEAD.format(name=shown), f"title = {json.dumps(shown, ensure_ascii=False)}", f"seed = {Scenario().seed}"]

@@ -1,1 +1,1 @@
-"""Simulation of a scenario: tick (one control period), loop over ticks, log, and files of a run."""
+"""Simulation of a scenario: one tick (control period), the loop over ticks, the log, and the files of a run."""

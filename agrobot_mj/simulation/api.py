@@ -1,4 +1,4 @@
-"""Function `run` of the Python API, which calls `simulation.run.run` and warns of probable mistakes in the scenario."""
+"""Function `run` of the Python API, which simulates a scenario and warns of probable mistakes in its keys."""
 
 import warnings
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from agrobot_mj.simulation.log import Log
 
 
 class ScenarioWarning(UserWarning):
-    """Warning about a scenario key that has no effect, or probably not the intended effect."""
+    """Warning about a scenario key that has no effect or probably not the intended effect."""
 
 
 def run(
@@ -24,9 +24,10 @@ def run(
     """Simulate a scenario, given by name, path or object, to its end. Return the log and write no files.
 
     Hints about the scenario are issued as `ScenarioWarning`. The same scenario gives bit-identical signals on the same
-    machine. `should_stop` is called every tick; the run ends as `aborted` if this function returns True. Raises
-    `ScenarioError` for an impossible tractor and for a guidance law that is an external program, TypeError for an
-    argument of a wrong type.
+    machine. `should_stop` is called every tick; the run ends as `aborted` if this function returns True.
+
+    Raises `ScenarioError` for an infeasible tractor and for a guidance law that is an external program. Raises
+    TypeError for an argument of a wrong type.
     """
     watched = isinstance(watchers, tuple) and all(hasattr(each, "advance") for each in watchers)
     check_argument("watchers", watchers, watched, "a tuple of watchers (start, advance, finish, fail)")

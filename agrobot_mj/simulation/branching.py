@@ -1,7 +1,7 @@
-"""Runs that share their past: after a branch, the noise comes from other random streams.
+"""Branching runs: runs with the same past, whose noise differs after a branch.
 
-Scenario and branches identify a run and make it reproducible. Each process stores the states of its runs once per
-simulated second, so that a run can start from the last state shared with an earlier run.
+A run is identified and reproducible by its scenario and its branches. Each process stores the states of its runs once
+per simulated second. A new run starts from the last stored state that it shares with an earlier run.
 """
 
 import pickle
@@ -18,21 +18,21 @@ MOST_BYTES = 200_000_000  # Maximum total size of the stored states [bytes]: hun
 
 
 class Branch(NamedTuple):
-    """Branch of a run: a tick, and the random streams used after this tick."""
+    """Branch of a run: the tick of the branch, and the number of the random streams used from then on."""
 
     tick: int  # Number of ticks before the branch
     number: int  # Number of the random streams, see `Simulation.branch`
 
 
 class _States:
-    """Store of the states of runs, by scenario, preceding branches, and tick."""
+    """Storage of run states by scenario, preceding branches, and tick."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[tuple[str, tuple[Branch, ...], int], tuple[Snapshot, int]] = OrderedDict()
         self._bytes = 0
 
     def keep(self, name: str, branches: tuple[Branch, ...], sim: Simulation) -> None:
-        """Store the present state of a run; delete the least recently used states above MOST_BYTES."""
+        """Store the present state of a run. Delete the least recently used states above a total of MOST_BYTES."""
         rows, state, key = sim.rows, sim.save(), (name, _before(branches, sim.rows.filled), sim.rows.filled)
         size = len(pickle.dumps(state.loop)) + EVERY * (rows.values[0].nbytes + rows.poses[0].nbytes)
         self._bytes += size - self._known.pop(key, (state, 0))[1]
@@ -41,7 +41,7 @@ class _States:
             self._bytes -= self._known.popitem(last=False)[1][1]
 
     def latest(self, name: str, branches: tuple[Branch, ...]) -> Snapshot | None:
-        """Return the last stored state of a run before its last branch, or None if there is no stored state."""
+        """Return the latest stored state of a run before its last branch, or None if no state is stored."""
         for tick in range(branches[-1].tick // EVERY * EVERY if branches else 0, 0, -EVERY):
             key = name, _before(branches, tick), tick
             if key in self._known:
@@ -58,7 +58,7 @@ _STATES = _States()
 
 
 def steps(sim: Simulation, branches: Sequence[Branch]) -> Iterator[None]:
-    """Simulate a run with its branches, given in the order of their ticks; yield after each tick."""
+    """Simulate a run with `branches`, sorted by tick, and yield after each tick."""
     past, name = tuple(branches), _name(sim.scenario)
     if state := _STATES.latest(name, past):
         sim.restore(state)

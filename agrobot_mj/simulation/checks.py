@@ -1,4 +1,4 @@
-"""Checks of the messages between stages: a number that is not finite is an error of the stage that returned it.
+"""Checks of the messages between stages. A number that is not finite is an error of the stage that returned it.
 
 A `Stage` wraps the method of a stage and checks its results. If the sum of all numbers of a message is finite, all
 numbers are finite; otherwise they are checked individually. Measurements that a real computer would reject, such as a
@@ -34,11 +34,11 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors import SensorState, Suite
 
 ABSURD_STEER = radians(90.0)
-"""Steering angle above which a command is implausible [rad]: wheels perpendicular to the tractor."""
+"""Steering angle above which a command is implausible [rad]: wheels perpendicular to the direction of travel."""
 ARITHMETIC = (ArithmeticError, ValueError, np.linalg.LinAlgError)
-"""Exception types that arithmetic with numbers that are not finite may raise."""
+"""Types of the exceptions that arithmetic with NaN or infinity may raise."""
 _ARITHMETIC = ("math domain error", "infs or NaNs", "cannot convert float")
-"""Parts of the messages of ValueError that indicate an operand of NaN or infinity."""
+"""Texts in the messages of ValueError that indicate an operand of NaN or infinity."""
 
 FARTHEST_M, FASTEST_M_S = 1e7, 1e3
 """Maximum plausible distance from the origin [m] and speed [m/s] of a fix: a quarter of the equator, and Mach 3."""
@@ -48,10 +48,10 @@ Message = TypeVar("Message", bound=tuple[Any, ...])
 
 
 class Numbers:
-    """Numbers of a message that must be finite, except fields with the default NaN, which means "not given"."""
+    """Finiteness check of the numbers of a message, except fields with the default NaN (not given)."""
 
     def __init__(self, message: Any, but: Collection[str] = (), name: str = "") -> None:
-        """Collect the numeric fields of the class `message` except the fields `but`; optional fields may be None."""
+        """Collect the numeric fields of the class `message`, without the fields `but`. Optional fields may be None."""
         hints, defaults, self.name = message.__annotations__, message._field_defaults, name or message.__name__.lower()
         shapes = {n: _shape(hints[n], defaults.get(n, 0.0)) for n in message._fields if n not in but}
         at = {s: [message._fields.index(n) for n in shapes if shapes[n] == s] for s in ("one", "none", "few", "many")}
@@ -61,7 +61,7 @@ class Numbers:
         self._parts = [(message._fields.index(n), Numbers(hints[n], name=f"{self.name}.{n}")) for n in parts]
 
     def check(self, message: Any, maker: str) -> None:
-        """Raise `NotFiniteError` for numbers that are not finite, `ScenarioError` for other types; name `maker`."""
+        """Raise `NotFiniteError` for non-finite numbers, `ScenarioError` for other types; both errors name `maker`."""
         for k, part in self._parts:
             part.check(message[k], maker)
         try:
@@ -86,7 +86,7 @@ class Numbers:
 
 
 def _shape(hint: Any, default: Any) -> str:
-    """Return the shape of a field: one (number), none (or number), few, many, message (nested), or an empty string."""
+    """Return the shape of a field: one (number), none (number or None), few (tuple), many (array), message, or ""."""
     few = get_origin(hint) is tuple and set(get_args(hint)) == {float}
     if few or hint in (int, float):
         return "" if np.isnan(default).any() else "few" if few else "one"
@@ -96,15 +96,15 @@ def _shape(hint: Any, default: Any) -> str:
 
 
 STATE, SAMPLED_STATE = Numbers(Truth, but=("steer_samples", "pedal_samples", "knuckle_samples")), Numbers(Truth)
-"""Checks of the true state without and with its samples. Samples are checked if a measurement is not finite."""
+"""Checks of the true state without and with its samples. The samples are checked only if a measurement is invalid."""
 CONDITIONS = Numbers(Conditions)
 
 
 class Stage(Generic[Message]):
-    """Stage of a tick, such as the estimator, with checks of its results.
+    """Wrapper that calls a stage of a tick, such as the estimator, and checks its results.
 
-    `update` and `ask` raise `NotFiniteError` for failed arithmetic or numbers that are not finite, and `ScenarioError`
-    for a message of a wrong type.
+    `update` and `ask` raise `NotFiniteError` if the arithmetic fails or a number is not finite. They raise
+    `ScenarioError` for a message of a wrong type.
     """
 
     def __init__(
@@ -116,12 +116,12 @@ class Stage(Generic[Message]):
         passed: Callable[[Message], Message] = lambda message: message,
         method: str = "update",
     ) -> None:
-        """Wrap `part.method`; error messages contain `name` and `kind`. `passed` checks and converts the result."""
+        """Wrap `part.method`. Error messages contain `name` and `kind`. `passed` checks and converts the message."""
         self.names, self.part, self.message, self.passed, self.method = (name, kind), part, message, passed, method
         self.maker, self.numbers = f"{name} ({kind})", Numbers(message)
 
     def update(self, *arguments: Any) -> tuple[Any, Message]:
-        """Return the new state and the message of a stage with state."""
+        """Return the new state and the message of a stage that has a state."""
         found = self._found(arguments)
         if self.method == "updated":  # by a compiled estimator
             if _is_finite(found[1]):
@@ -132,7 +132,7 @@ class Stage(Generic[Message]):
         return state, self.passed(message)
 
     def ask(self, *arguments: Any) -> Message:
-        """Return the message of a stage without state."""
+        """Return the message of a stage that has no state."""
         message = check_type(self._found(arguments), self.message, *self.names, self.method)
         self.numbers.check(message, self.maker)
         return self.passed(message)
@@ -150,7 +150,7 @@ class Stage(Generic[Message]):
 
 @stage
 def _is_finite(estimate: Held[Estimate]) -> bool:
-    """Return whether the numbers of an estimate that must be finite are finite."""
+    """Return whether all numbers of an estimate are finite, except fields with the default NaN."""
     e = fetched(estimate)
     total = e.x + e.y + e.yaw + e.speed + e.yaw_rate + e.rear_x + e.rear_y + e.sideslip
     for variance in e.covariance.flat:
@@ -159,7 +159,7 @@ def _is_finite(estimate: Held[Estimate]) -> bool:
 
 
 class Reception(NamedTuple):
-    """State of the sensors between ticks, last valid angles, and numbers of rejected measurements."""
+    """State of the sensors, last valid steering angle and pedal position, and counts of rejected values."""
 
     sensors: SensorState
     steer: float = 0.0  # Last finite steering angle [rad]
@@ -169,9 +169,9 @@ class Reception(NamedTuple):
     def after(
         self, s: Scenario, suite: Suite, truth: Held[Truth], conditions: Conditions
     ) -> "tuple[Reception, Measurement]":
-        """Return the new state and the measurement after a check of its numbers.
+        """Return the new state and the checked measurement of a tick.
 
-        An invalid fix becomes missing; the last valid value replaces an invalid steering angle or pedal position.
+        An invalid fix becomes missing. The last valid value replaces an invalid steering angle or pedal position.
         Raises `NotFiniteError` if the invalid number comes from the plant or from a fault.
         """
         plant = f"the plant ({s.plant.kind})"
@@ -197,13 +197,13 @@ class Reception(NamedTuple):
 
 
 def _possible(fix: Fix) -> bool:
-    """Return whether the position and the speed of a fix are plausible; False for NaN."""
+    """Return whether the position and the speed of a fix are plausible; False if they are NaN."""
     sound = inf not in (abs(fix.z), abs(fix.heading))  # NaN means "not reported"
     return sound and abs(fix.x) + abs(fix.y) < FARTHEST_M and abs(fix.vx) + abs(fix.vy) < FASTEST_M_S
 
 
 def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
-    """Raise `ScenarioError` unless a stage reports one number for each of its columns."""
+    """Raise `ScenarioError` unless the `report` of a stage contains one number for each of its columns."""
     try:
         numbers = [float(value) for value in report]
     except (TypeError, ValueError):
@@ -214,7 +214,7 @@ def check_report(maker: str, columns: Sequence[Column], report: Any) -> None:
 
 
 def read_only(estimate: Estimate) -> Estimate:
-    """Return the estimate with a read-only, C-contiguous covariance, because the filter may own the array.
+    """Return the estimate with a read-only, C-contiguous covariance, because the estimator may own the array.
 
     Raises `ScenarioError` for a covariance of a wrong shape, which compiled stages do not check.
     """
@@ -230,7 +230,7 @@ def read_only(estimate: Estimate) -> Estimate:
 
 
 def steerable(s: Scenario, command: Command) -> Command:
-    """Return the `limited` command of the guidance law. Raises `NotFiniteError` for an implausible steering angle."""
+    """Return the command with a limited steering angle. Raises `NotFiniteError` for an implausible steering angle."""
     if abs(command.steer) > ABSURD_STEER:
         angle = f"{degrees(command.steer):.4g} deg, more than 90 deg"
         raise NotFiniteError(f"command.steer is {angle}, returned by the guidance law ({s.guidance.kind}); use radians")

@@ -1,9 +1,10 @@
 """Table of the signals of a log: name, unit, description, and source of each value.
 
-The rows of the log, the Parquet file with its metadata, the units of plots and the page docs/reference/columns.md use
-this table. Units are SI, angles in radians. A missing value is NaN, or null in the file. Signals without a source are
-reported by stages: guidance laws, estimators and sensors declare `columns` and return their values from
-`report(state)`. Reported signals that are not in this table are appended.
+The table defines the rows of the log, the Parquet file with its metadata, the units of plots, and the page
+docs/reference/columns.md. Units are SI, angles in radians. A missing value is NaN, or null in the file.
+
+Stages report the signals without a source: guidance laws, estimators and sensors declare `columns` and return their
+values from `report(state)`. Reported signals that are missing in this table are appended.
 """
 
 from collections.abc import Iterable
@@ -33,7 +34,7 @@ from agrobot_mj.core.signals import (
 
 
 class Tick(NamedTuple):
-    """Messages of one tick, from which the row of the log is computed."""
+    """Messages of one tick, from which the log row is computed."""
 
     truth: Held[Truth]
     measured: Measurement
@@ -51,7 +52,7 @@ class Tick(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """Column of the log with the source of its value."""
+    """Column of the log with the source of its values."""
 
     column: Column
     value: str | None  # Python expression of the variables of `_written`, or None for a value reported by a stage
@@ -131,7 +132,7 @@ SIGNALS = (
     *(Signal(column, None) for column in YAW_COLUMNS),
     *_ACTUATION,
 )
-"""Signals of every log, in the order of the file."""
+"""Signals contained in every log, in the order of the file."""
 COLUMNS = tuple(signal.column.name for signal in SIGNALS)  # Names of the columns of every log
 WHEEL_SIGNALS = tuple(
     Column(f"{quantity}_{wheel}", unit, f"{text}, wheel {wheel}")
@@ -149,11 +150,11 @@ WHEEL_SIGNALS = tuple(
     )
     for wheel in WHEELS
 )
-"""Additional columns of a plant with wheels, in the order of `RunningPlant.wheels`."""
+"""Additional signals of a plant with wheels, in the order of `RunningPlant.wheels`."""
 
 
 class Here(NamedTuple):
-    """Part of the true state that decides whether a run ends; see `Truth`."""
+    """Time, position and pedal position from `Truth`, which determine whether a run ends."""
 
     t: float
     x: float
@@ -183,7 +184,7 @@ _write = stage(_write)
 
 
 def row(k: Tick) -> tuple[Vector, Here]:
-    """Return the values of `COLUMNS` in a tick, NaN for columns that a stage reports, and the true state `Here`."""
+    """Return the log row of a tick, in the order of `COLUMNS`, and its `Here`. Columns reported by stages are NaN."""
     values, m = np.empty(len(COLUMNS)), k.measured
     others = m.quality, m.steer, m.pedal, k.z_ref, k.command.speed, k.steer_ref, k.pedal_ref, k.saturated, k.faults
     here = _write(values, k.truth, m.fix or NO_FIX, held(k.estimate), k.reference, k.drive, k.actuation, others)
@@ -191,7 +192,7 @@ def row(k: Tick) -> tuple[Vector, Here]:
 
 
 def table(wheels: bool, reported: Iterable[Column] = ()) -> tuple[Column, ...]:
-    """Return the columns of a log: common columns, columns of `wheels` if present, and columns reported by stages."""
+    """Return the columns of a log: common signals, wheel signals if `wheels`, and signals `reported` by stages."""
     common = (*(signal.column for signal in SIGNALS), *(WHEEL_SIGNALS if wheels else ()))
     known = {column.name for column in common}
     return (*common, *(column for column in reported if column.name not in known))

@@ -1,4 +1,4 @@
-"""Continuation of a run with a changed scenario, as if the changed scenario had been simulated from the start."""
+"""Continuation of a run with another scenario, as if this scenario had been simulated from the start."""
 
 from agrobot_mj.core.errors import CommandError
 from agrobot_mj.core.kernels import fetched
@@ -10,14 +10,14 @@ from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation, resumed
 
 FREE = {"name", "title", "duration_s", "expected_outcome", "expected_reason", "fault", "guidance"}
-"""Keys in which both scenarios may differ."""
+"""Keys that may differ between the two scenarios."""
 
 
 def continued(state: Snapshot, scenario: Scenario) -> Simulation:
-    """Return a simulation of `scenario` in a state saved during a run of a similar scenario.
+    """Return a simulation of `scenario` that continues from a state saved during a run of a similar scenario.
 
-    Faults that start or end after the present tick may be added or changed, and the duration may differ. The guidance
-    law must be of the same kind, since it keeps its state. Raises `CommandError` if the past would have been different.
+    The duration may differ, and faults may be added or changed if they do not change the past. The guidance law must be
+    of the same kind, because it keeps its state. Raises `CommandError` if the past would have been different.
     """
     before, t = state.scenario, fetched(state.loop.seen).t
     changed = [
@@ -34,7 +34,7 @@ def continued(state: Snapshot, scenario: Scenario) -> Simulation:
 
 
 def _fault_states(state: Snapshot, scenario: Scenario, now: float) -> tuple[object, ...]:
-    """Return the states of the new scenario's faults: saved states of unchanged faults, initial states of others."""
+    """Return the fault states of the new scenario: saved states for unchanged faults, otherwise initial states."""
     kept, old, new = state.loop.stages["faults"], state.scenario.fault, scenario.fault
     states = list(Script(new, scenario.seed).init())
     for k in range(max(len(old), len(new))):

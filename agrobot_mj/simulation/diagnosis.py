@@ -1,9 +1,11 @@
 """Diagnosis of the state estimate of a run: main cause of its error with a remedy, and consistency with its covariance.
 
-The numbers are metrics; this module describes the metrics in words. An estimate contradicts its covariance if its NEES
-or NIS is above a quantile of the chi-square distribution. Position errors are correlated over minutes, so that a run
-may contain only one independent error; NEES_MOST is therefore the bound of a single sample. Innovations of a consistent
-filter are white, so that every statistic has at least LEAST independent samples; NIS_MOST is the bound of their mean.
+This module converts metrics to text. An estimate contradicts its covariance if its NEES or NIS is above a quantile of
+the chi-square distribution.
+
+Position errors are correlated over minutes, so that a run may contain only one independent error. NEES_MOST is
+therefore the limit of a single sample. Innovations of a consistent filter are white, so that every statistic has at
+least LEAST independent samples. NIS_MOST is the limit of their mean.
 """
 
 from collections.abc import Iterator, Mapping
@@ -27,11 +29,11 @@ SIDESLIP_MOST = 2.0
 """Maximum plausible steady sideslip on level ground [deg]. Assumed value: twice the mounting error of two antennas
 before calibration; the sideslip of tyres is below 0.5 deg."""
 WORTH_M = 0.03
-"""Error of the estimated CG per axis above which a message states a remedy [m]. Assumed value, above the RTK error."""
+"""Error of the estimated CG per axis above which a message states a remedy [m]. Assumed value above the RTK error."""
 FULL = {"estimator.kind": "ekf_full", "sensors.gyro.enabled": True, "sensors.wheel_speed.enabled": True}
 COMPENSATED = {"sensors.imu.enabled": True, "estimator.terrain_compensation": True}
 REMEDIES: dict[str, dict[str, Any]] = {LEAN: COMPENSATED, HEADING: FULL, LATENCY: FULL, LOSS: FULL, FLOAT: FULL}
-"""Keys and values that reduce the estimation error, by cause of the error."""
+"""Scenario keys and values that reduce the estimation error, by cause of the error."""
 MOUNTING = "antenna mounting"
 CALIBRATE = "calibrate sensors.gnss.dual_antenna.mounting_deg"
 MEASURE = "measure the antenna position and set sensors.gnss.configured_ahead_m and configured_left_m"
@@ -55,9 +57,10 @@ def diagnosis(log: Log, view: RunView, metrics: Mapping[str, Any]) -> dict[str, 
 
 
 def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: bool, given: str) -> Iterator[str]:
-    """Yield warnings about the estimate; the remedy `given` in another text is not repeated.
+    """Yield warnings about the estimate, without the remedy `given`, which another text contains.
 
-    If there is an antenna mounting error, sideslip on level ground is attributed to it: only the sum is observable.
+    `askew` states that the sideslip on level ground is implausible. With two antennas the sideslip is then attributed
+    to the antenna mounting, because only the sum of both angles is observable.
     """
     nees, nis = (metrics[name] or 0.0 for name in ("position_nees", "position_nis"))
     if nees > NEES_MOST or nis > NIS_MOST:
@@ -77,7 +80,7 @@ def _warnings(s: Scenario, view: RunView, metrics: Mapping[str, Any], askew: boo
 
 
 def _named(s: Scenario, cause: str, askew: bool) -> tuple[str, str]:
-    """Return a cause and its remedy as text; the remedy is empty if its keys are already set or do not apply."""
+    """Return a cause and its remedy as text. The remedy is empty if its keys are already set or do not apply."""
     if cause == HEADING and askew and s.sensors.gnss.dual_antenna.enabled:
         return MOUNTING, CALIBRATE
     if cause == PLACE:
@@ -105,7 +108,7 @@ def _listed(names: list[str]) -> str:
 
 
 def attribution(row: Mapping[str, Any]) -> str:
-    """Return a sentence that splits a run's cross-track error into its contributions, or "" without this error."""
+    """Return a sentence on the parts of the cross-track error of a run, or an empty string without the error."""
     names = ("xte_rms", "xte_estimator_rms", "xte_guidance_rms")
     total, estimator, guidance = (row.get(name) for name in names)
     if total is None or estimator is None or guidance is None:

@@ -1,4 +1,4 @@
-"""Checks that tractors of scenarios can be built and are stable. Studies check all tractors before the first run."""
+"""Checks that tractors can be built and are stable. Studies check all tractors before the first run."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,7 +16,7 @@ LEVEL = plane(0.0, 0.0, 10.0, 10.0)  # Level ground for the check of a tractor
 
 
 def tractor_key(scenario: Scenario) -> object:
-    """Return all data that affects the checks of a tractor; scenarios with equal data share one check."""
+    """Return the data on which the check of a tractor depends. Scenarios with equal data share one check."""
     s, plant = scenario, scenario.plant
     if not isinstance(plant, Mujoco):
         return s.tractor
@@ -25,7 +25,7 @@ def tractor_key(scenario: Scenario) -> object:
 
 
 def check_tractor(scenario: Scenario) -> None:
-    """Raise `ScenarioError` for a tractor with an impossible chassis or unstable tyres."""
+    """Raise `ScenarioError` if the chassis of the tractor is impossible or its tyres are unstable."""
     s = scenario
     with naming(s.name if s.machine == COMPACT else f"{s.name}, machine {s.machine}"):
         if isinstance(s.plant, Mujoco):
@@ -36,7 +36,7 @@ def check_tractor(scenario: Scenario) -> None:
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Convert a ValueError within the block to a `ScenarioError` that starts with `name`."""
+    """Convert a ValueError within the block to a `ScenarioError` whose message starts with `name`."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,7 @@
-"""Exclusive and atomic calls of a simulation: one caller at a time; signals are delayed to the end of the call."""
+"""Exclusive and atomic calls of a simulation.
+
+Only one caller at a time can use the simulation, and signals are delayed to the end of the call.
+"""
 
 from threading import Lock
 
@@ -12,7 +15,7 @@ IN_USE = (
 
 
 class Guard:
-    """Context manager for an atomic call of one simulation; raises `CommandError` if another call is in progress."""
+    """Context manager for an atomic call of a simulation. Raises `CommandError` if another call is in progress."""
 
     def __init__(self) -> None:
         self._lock = Lock()

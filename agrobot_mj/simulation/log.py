@@ -1,7 +1,7 @@
-"""Log of a run: one row per tick.
+"""Log of a run, with one row per tick.
 
-`Rows` is filled during the run; `Log` is the return value of `run`. Units are SI and radians, as in `core.signals`. A
-missing value (no fix, no network) is NaN in arrays and null in tables. Rows of long runs are stored in a temporary file
+`Rows` is filled during the run, and `run` returns a `Log`. Units are SI and radians, as in `core.signals`. A missing
+value (no fix, no network) is NaN in arrays and null in tables. Rows of long runs are stored in a temporary file
 (`long_array`), and tables are built in blocks.
 """
 
@@ -30,7 +30,7 @@ BLOCK = 32  # Number of rows in a block of a saved log
 
 
 class SavedRows(NamedTuple):
-    """Saved log: full blocks, shared between the snapshots of a run, and the remaining rows."""
+    """Saved log: full blocks, which the snapshots of a run share, and the remaining rows."""
 
     filled: int
     blocks: tuple[tuple[Array, Array], ...]
@@ -39,10 +39,10 @@ class SavedRows(NamedTuple):
 
 
 class Rows:
-    """Arrays for all ticks of a run, filled row by row."""
+    """Log arrays of a run, filled row by row."""
 
     def __init__(self, ticks: int, wheels: int, bodies: int, reported: Sequence[Column] = ()) -> None:
-        """Create empty arrays for up to `ticks` rows, a wheel report of size `wheels`, and columns of the stages."""
+        """Create empty arrays for up to `ticks` rows, with `wheels` wheel signals and the `reported` columns."""
         self.table = table(wheels > 0, reported)
         self.columns = tuple(column.name for column in self.table)
         self.ticks = ticks
@@ -57,7 +57,7 @@ class Rows:
         self._reported = slice(first, first + len(places)) if in_a_row else np.array(places, dtype=np.intp)
 
     def append(self, row: Sequence[float] | Vector, wheels: Array, poses: Array, report: Sequence[float] = ()) -> None:
-        """Append a tick: common columns, wheel report, poses of the bodies, and values reported by the stages."""
+        """Append a tick: common signals, wheel signals, poses of the bodies, and signals reported by the stages."""
         self._make_room(self.filled + 1)
         values = self._values.numbers[self.filled]
         values[:COMMON] = row
@@ -69,12 +69,12 @@ class Rows:
 
     @property
     def values(self) -> Array:
-        """Values of all columns, shape (ticks, columns). Rows after the first `filled` rows are undefined."""
+        """Values of all columns, shape (ticks, columns), in SI units. Rows from index `filled` on are undefined."""
         return self._values.numbers
 
     @property
     def poses(self) -> Array:
-        """Poses of the bodies, shape (ticks, bodies, 7). Rows after the first `filled` rows are undefined."""
+        """Poses of the bodies, shape (ticks, bodies, 7). Rows from index `filled` on are undefined."""
         return self._poses.numbers
 
     def _make_room(self, end: int) -> None:
@@ -87,7 +87,7 @@ class Rows:
         self._poses.release()
 
     def save(self) -> SavedRows:
-        """Return the rows so far; full blocks are copied once and shared with earlier snapshots of the run."""
+        """Return a copy of the filled rows. Snapshots of a run share full blocks, which are copied only once."""
         whole = self.filled // BLOCK
         for k in range(len(self._blocks), whole):
             self._blocks.append(self._copy(k * BLOCK, (k + 1) * BLOCK))
@@ -97,7 +97,7 @@ class Rows:
         return self.values[first:end].copy(), self.poses[first:end].copy()
 
     def restore(self, saved: SavedRows) -> None:
-        """Restore the rows of a run of the same scenario; only rows that differ are written."""
+        """Restore saved rows of a run of the same scenario. Only blocks that differ are written."""
         here = self._blocks
         shared = next((k for k, (a, b) in enumerate(zip(here, saved.blocks, strict=False)) if a is not b), None)
         shared = min(len(here), len(saved.blocks)) if shared is None else shared
@@ -112,12 +112,12 @@ class Rows:
         self.filled = end
 
     def column(self, name: str, first: int = 0) -> Array:
-        """Return column `name` of the filled rows from row `first`, shape (n,); read-only."""
+        """Return the filled rows of the column `name` from row `first` on, shape (n,); read-only."""
         return self.values[first : self.filled, self.columns.index(name)]
 
 
 class MissingColumnError(ValueError):
-    """Error for an unknown column. Metrics of optional columns catch the error, and its text takes 1 ms to compose."""
+    """Error for an unknown column. The text is composed on demand, because metrics often catch the error."""
 
     def __str__(self) -> str:
         name, known = self.args
@@ -136,30 +136,30 @@ class Log:
     metrics: dict[str, Any] = field(default_factory=dict)  # Metrics of the run, see `metrics.metrics`
     ruts: RutMap | None = None  # Ruts at the end of the run, or None on rigid ground
     learned: Learned = field(default_factory=dict)
-    """Learned values of guidance law and steering loop, or an empty mapping if there is no learning."""
+    """Learned values of guidance law and steering loop, or an empty mapping if both do not learn."""
     view: RunView | None = field(default=None, repr=False, compare=False)
-    """View of the log from which `metrics` was computed, with positions relative to the path, if available."""
+    """View of the log from which `metrics` was computed, with positions relative to the path; None if not available."""
 
     @cached_property
     def signals(self) -> pa.Table:
-        """Table with one row per tick, float64, null for missing values; field metadata: units and descriptions."""
+        """Table of all signals, one row per tick: float64, null for missing values, units and texts as metadata."""
         return self._piece(0, self.rows.filled)
 
     @property
     def as_expected(self) -> bool:
-        """Whether the run ended as expected by its scenario."""
+        """Whether the outcome of the run is the expected outcome of its scenario."""
         return self.scenario.expects(self.outcome, self.metrics.get("stop_reason", ""))
 
     @property
     def schema(self) -> pa.Schema:
-        """Schema of `signals`."""
+        """Arrow schema of `signals`."""
         return pa.schema(
             pa.field(column.name, pa.float64(), metadata={"unit": column.unit, "description": column.description})
             for column in self.rows.table
         )
 
     def pieces(self) -> Iterator[pa.Table]:
-        """Yield `signals` in blocks of PIECE rows."""
+        """Yield the table `signals` in blocks of PIECE rows."""
         for first in range(0, max(self.rows.filled, 1), PIECE):
             yield self._piece(first, min(first + PIECE, self.rows.filled))
             self.rows.release()
@@ -170,7 +170,7 @@ class Log:
 
     @property
     def rut_table(self) -> pa.Table | None:
-        """Table of the ruts with one row per cell with sinkage, or None; the metadata contain the cell size [m]."""
+        """Table of the cells with sinkage, or None on rigid ground. The metadata contain the cell size [m]."""
         if self.ruts is None:
             return None
         columns = {
@@ -187,7 +187,7 @@ class Log:
 
     @property
     def poses(self) -> Array:
-        """Poses of the bodies of the scene, shape (ticks, bodies, 7): x, y, z, quaternion w, x, y, z."""
+        """Poses of the bodies of the scene, shape (ticks, bodies, 7): x, y, z [m] and quaternion w, x, y, z."""
         return self.rows.poses[: self.rows.filled]
 
     def column(self, name: str) -> Array:
@@ -201,7 +201,7 @@ class Log:
 def _arrow(values: np.ndarray[tuple[int, ...], np.dtype[np.floating]]) -> pa.Array:
     """Return the contiguous `values` (n,) as an Arrow array with null for NaN, without copying.
 
-    `pa.array` imports pandas if installed, which takes 46 MB and almost 1 s.
+    `pa.array` would import pandas if installed, which takes 46 MB and almost 1 s.
     """
     absent = np.isnan(values)
     count = int(absent.sum())

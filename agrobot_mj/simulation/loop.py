@@ -1,4 +1,4 @@
-"""One tick of the simulation, and the stages that the tick calls.
+"""One tick of the simulation, and the stages of the tick.
 
 One tick (20 Hz): plant truth -> sensors -> estimator -> guidance (kinematic law and yaw controller, or another law) ->
 supervisor -> steering and speed loops -> valve voltages. The plant then performs its physics steps. Scripted faults
@@ -58,11 +58,11 @@ class Wiring(NamedTuple):
 
     @classmethod
     def after(cls, drive: Drive) -> "Wiring":
-        """Return the state of fault-free lines that have transmitted the voltages `drive`."""
+        """Return the state of fault-free lines that have transmitted the voltages in `drive`."""
         return cls(SignalLine(drive.steer_voltage - NEUTRAL_V), SignalLine(drive.pedal_voltage - NEUTRAL_V))
 
     def carried(self, drive: Drive, conditions: Conditions, dt: float) -> "tuple[Wiring | Drive, Drive]":
-        """Return the state of the lines after a tick of length `dt` [s], and the received voltages."""
+        """Return the state of the lines after a tick of `dt` [s], and the voltages received by the valves."""
         if conditions.valve == conditions.pedal_valve == SOUND:
             return drive, drive
         steer, steer_voltage = _carried(self.steer, drive.steer_voltage, conditions.valve, dt)
@@ -71,13 +71,13 @@ class Wiring(NamedTuple):
 
 
 def _carried(line: SignalLine, voltage: float, distortion: Distortion, dt: float) -> tuple[SignalLine, float]:
-    """Return the new state of a line and the received voltage [V], within the valve range, or NaN (no power)."""
+    """Return the new state of a line and the received voltage [V], limited to the valve range, or NaN without power."""
     line, arrived = line.carried(voltage - NEUTRAL_V, distortion, dt)
     return line, arrived if isnan(arrived) else NEUTRAL_V + min(max(arrived, -NEUTRAL_V), NEUTRAL_V)
 
 
 SATURATION_MARGIN = radians(0.01)
-"""Difference to the steering limit [rad] below which a steering command counts as saturated."""
+"""Margin to the steering limit [rad] below which a steering command counts as saturated."""
 
 
 @dataclass
@@ -98,10 +98,10 @@ class Stages:
 
 
 class Loop:
-    """Stages of a scenario with their states. A `tick` consists of `sense`, `decide` and `act`; then call `advance`."""
+    """Stages of a scenario with their states. A `tick` consists of `sense`, `decide` and `act`; `advance` follows."""
 
     def __init__(self, scenario: Scenario, seen: Held[Truth] | None = None) -> None:
-        """Create the stages in their initial state. `seen` is the true state of a saved run that will be restored."""
+        """Create the stages in their initial state. `seen` is the true state of a saved run that is restored next."""
         s = self.scenario = scenario
         self.plant, ground = build_plant(scenario), scenario.terrain.ground()
         self.ground, self.height = ground, bound(height_and_gradient, ground, 0.0, 0.0)
@@ -112,7 +112,7 @@ class Loop:
         method = "updated" if type(s.estimator).update is CompiledEstimator.update else "update"
         self.estimator = Stage("the estimator", s.estimator.kind, s.estimator, Estimate, read_only, method)
         self.fetches = type(self.guidance).update is not Following.update
-        """Whether the guidance law needs the estimate as a named tuple, not as a reference."""
+        """Whether the guidance law needs the estimate as a named tuple instead of a reference."""
         self.path = Stage("the path", s.path.kind, s.path, Reference, method="at")
         self.law = Stage("the guidance law", s.guidance.kind, self.guidance, Command, partial(steerable, s))
         faults, conditions = self.script.update(self.script.init(), 0.0, TICK_S)
@@ -135,7 +135,7 @@ class Loop:
         parts: dict[str, Any] = {"guidance": self.guidance, "supervisor": self.supervisor, "estimator": s.estimator}
         parts |= {"sensors.sensors": self.suite, "steering": s.steering.loop}
         self.reporting = [(p, attrgetter(at)) for at, p in parts.items() if type(p).report is not Reporting.report]
-        """Parts that report columns, each with a function that returns its state from `stages`."""
+        """Parts that report columns, each with a function that returns the state of the part from `stages`."""
         self.loops = Stage("the low-level loops", "steering.loop, speed", LowLevelLoops(s), Drive, method="drive")
 
     def _arm(self) -> tuple[float, float]:
@@ -146,26 +146,26 @@ class Loop:
         return s.sensors.gnss.configured(s.tractor.antenna_ahead_m, s.tractor.antenna_left_m)
 
     def tick(self, command: Command | None = None) -> Tick:
-        """Compute a tick up to the valve voltages, with the command of the guidance law or an external `command`.
+        """Compute a tick up to the valve voltages, with an external `command` or, by default, the guidance law.
 
-        Call `advance` afterwards. Raises `NotFiniteError` naming the stage.
+        Call `advance` afterwards. Raises `NotFiniteError` with the name of the stage.
         """
         measured, situation = self.now()
         return self.act(measured, situation, self.decide(measured, situation) if command is None else command)
 
     def now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and situation of the present tick; the sensors are read once per tick."""
+        """Return measurement and guidance inputs of the present tick. The sensors are read once per tick."""
         if self.sensed is None or not self.has_sensed:
             self.sensed, self.has_sensed = self.sense(), True
         return self.sensed
 
     @property
     def truth(self) -> Truth:
-        """True state at the present time."""
+        """True state of the plant at the present time."""
         return fetched(self.seen)
 
     def sense(self) -> tuple[Measurement, Situation]:
-        """Read the sensors; return the measurement and the inputs of the guidance law."""
+        """Read the sensors and update the estimate. Return the measurement and the guidance inputs."""
         s, state = self.scenario, self.stages
         state.sensors, measured = state.sensors.after(s, self.suite, self.seen, state.conditions)
         fixed = state.receiver.reduced(measured)
@@ -177,9 +177,9 @@ class Loop:
         return measured, Situation(measured.t, estimate, reference, self.route, s.tractor, *seen, self.towed)
 
     def decide(self, measured: Measurement, situation: Situation) -> Command:
-        """Return the command of the guidance law or of the supervisor.
+        """Return the command of the guidance law, or of the supervisor if it intervenes.
 
-        The steering valve remains closed while the brake holds a tractor that follows a path.
+        The steering valve stays in neutral while the brake holds a tractor that follows a path.
         """
         state = self.stages
         seen = situation.fetched() if self.fetches else situation
@@ -197,7 +197,7 @@ class Loop:
         return self.stages.brake.after(command, reference, TICK_S).stands
 
     def act(self, measured: Measurement, situation: Situation, command: Command) -> Tick:
-        """Run the low-level loops, which convert the command to valve voltages; return all messages of the tick."""
+        """Run the low-level loops, which convert the command to valve voltages. Return all messages of the tick."""
         state, reference = self.stages, situation.reference
         drive = self.loops.ask(state, measured, situation, command)
         return Tick(
@@ -216,7 +216,7 @@ class Loop:
         )
 
     def advance(self, drive: Drive) -> None:
-        """Advance the plant by one tick, and apply the faults of the next tick."""
+        """Advance the plant by one tick with the commands `drive`, and apply the faults of the next tick."""
         state, self.has_sensed = self.stages, False
         if not self.script.faults:
             state.wiring, self.seen = drive, self.plant.advanced(drive, state.conditions)
@@ -228,7 +228,7 @@ class Loop:
 
     @property
     def follows_path(self) -> bool:
-        """Whether the tractor follows its reference: its law follows a path, and no supervisor stop is active."""
+        """Whether the tractor follows its reference: the law follows a path, and no supervisor stop is active."""
         return self.guidance.follows_path and self.stages.supervisor.mode is not Mode.STOPPING
 
     @property
@@ -239,11 +239,11 @@ class Loop:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns reported by stages and plant, in addition to the columns of every log."""
+        """Columns reported by stages and plant, in addition to the signals of every log."""
         return (*(column for part, _ in self.reporting for column in part.columns), *self.plant.columns)
 
     def report(self) -> Sequence[float]:
-        """Return the values of `columns` in this tick."""
+        """Return the values of `columns` in the present tick."""
         values: list[float] = []
         for part, state_in in self.reporting:
             values.extend(part.report(state_in(self.stages)))
@@ -251,12 +251,12 @@ class Loop:
         return values
 
     def learned(self) -> Learned:
-        """Return the learned values of guidance law and steering loop."""
+        """Return the values learned by guidance law and steering loop."""
         state = self.stages
         return {**self.guidance.learned(state.guidance), **self.scenario.steering.loop.learned(state.steering)}
 
     def check_reports(self) -> None:
-        """Raise `ScenarioError` unless every stage reports one number for each of its columns."""
+        """Raise `ScenarioError` unless each stage reports one number for each of its columns."""
         state = self.stages
         for stage, remembered in ((self.law, state.guidance), (self.estimator, state.estimator)):
             check_report(stage.maker, stage.part.columns, stage.part.report(remembered))
@@ -266,7 +266,7 @@ class Loop:
 
 
 def build_plant(scenario: Scenario, steps: int | None = None) -> RunningPlant:
-    """Return the running plant of a scenario with `steps` physics steps per tick. Default: the steps of the scenario.
+    """Build and return the plant of a scenario with `steps` physics steps per tick. Default: the steps of the scenario.
 
     Raises `ScenarioError` for infeasible tractor parameters.
     """

@@ -15,7 +15,7 @@ class LowLevelLoops:
     """Low-level loops of a scenario. Steering loops other than `SteeringLoop` run outside the compiled call."""
 
     def __init__(self, s: Scenario) -> None:
-        """Prepare the loops of a scenario."""
+        """Prepare the low-level loops of the scenario `s`."""
         loop = s.steering.loop
         self.other = None if type(loop) is SteeringLoop else loop
         inner = loop if type(loop) is SteeringLoop else SteeringLoop()
@@ -23,7 +23,7 @@ class LowLevelLoops:
         self.law = held(LoopsLaw(s.speed.parameters(), inner.parameters()))
 
     def drive(self, states: Any, measured: Measurement, situation: Situation, command: Command) -> Drive:
-        """Return the valve voltages and the brake, and update `states`; the command may bypass one or both loops."""
+        """Update `states` and return the valve voltages and the brake. The command may bypass one or both loops."""
         reference, other = situation.reference, self.other
         loop_command = loop_command_of(command, reference.vx == reference.vy == 0.0)
         steering: SteeringState = self.idle if other else states.steering

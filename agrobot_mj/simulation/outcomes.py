@@ -1,4 +1,4 @@
-"""Conditions that end a run early, detected from the plant, the reference, and earlier ticks."""
+"""Conditions that end a run early, evaluated from the plant, the reference, and earlier ticks."""
 
 from math import hypot, inf
 from typing import NamedTuple
@@ -13,11 +13,11 @@ STUCK_S = 10.0  # Time without motion after which a tractor with a command to dr
 STUCK_M = 0.3  # Maximum displacement of a stuck tractor [m]. Assumed value, equivalent to 0.03 m/s.
 STUCK_PEDAL = 0.05  # Minimum pedal position of a command to drive [-]. Assumed value, equivalent to 0.25 m/s.
 LEFT_M = 1.0
-"""Increase of the distance to the reference [m] above which a tractor at rest is stuck. Assumed value for 1 s."""
+"""Increase in the distance from the reference above which a tractor at rest is stuck [m]. Assumed value for 1 s."""
 
 
 class Standstill(NamedTuple):
-    """Position and duration of a standstill."""
+    """Position and durations of a standstill."""
 
     x: float = inf  # Position of the standstill [m], east, or infinity before the first tick
     y: float = inf  # Position of the standstill [m], north, or infinity before the first tick
@@ -35,8 +35,8 @@ class Watch:
     def trouble(self, truth: Here, distance: float, asked: float = 0.0, led: bool = True) -> str | None:
         """Return the outcome that ends the run after this tick, or None.
 
-        `distance` [m] is the distance from the reference, `asked` [-] the pedal position commanded by the speed loop.
-        `led` states whether the tractor should follow the reference in this tick.
+        `distance` [m] is the distance from the reference, and `asked` [-] the pedal position commanded by the speed
+        loop. `led` states whether the tractor should follow the reference in this tick.
         """
         found = self.plant.trouble()
         if found is not None:
@@ -46,7 +46,7 @@ class Watch:
         return "stuck" if self._stuck(truth, distance, asked, led) else None
 
     def _stuck(self, truth: Here, distance: float, asked: float, led: bool) -> bool:
-        """Return whether a tractor with a command to drive, or behind its reference, has been at rest for STUCK_S."""
+        """Return whether the tractor has been at rest for STUCK_S despite a pedal command or a moving reference."""
         at = self.standstill
         if hypot(truth.x - at.x, truth.y - at.y) > STUCK_M:
             at = Standstill(truth.x, truth.y)
@@ -62,7 +62,7 @@ class Watch:
 
 
 def past_end(path: ReferencePath, truth: Here) -> bool:
-    """Return whether first the reference and then the tractor have passed the end of an open path."""
+    """Return whether the reference and the tractor have both passed the end of an open path."""
     if not path.ends or truth.t < path.duration_s:
         return False
     end = path.at(path.duration_s)

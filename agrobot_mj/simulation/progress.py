@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal, otherwise lines for a series of runs and no output for a single run."""
+"""Progress output on stderr: a bar on a terminal, otherwise lines for a series of runs."""
 
 import sys
 import time
@@ -21,7 +21,7 @@ LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
 
 
 def bar() -> "Bar | None":
-    """Return a progress bar on stderr, or None if there is no terminal."""
+    """Return a progress bar on stderr, or None if stderr is not a terminal."""
     if not sys.stderr.isatty():
         return None
     # imported here because runs in a pipe do not need it
@@ -41,7 +41,7 @@ def bar() -> "Bar | None":
 
 
 class Count:
-    """Counter of finished tasks on stderr: a bar on a terminal, otherwise lines with the remaining time."""
+    """Progress output for a number of tasks: a bar on a terminal, otherwise lines with the remaining time."""
 
     def __init__(self, description: str, total: int, done: int, progress: "Bar | None", quiet: bool) -> None:
         self.description, self.total, self.done, self.bar, self.quiet = description, total, done, progress, quiet
@@ -51,7 +51,7 @@ class Count:
             self.number = progress.add_task(description, total=total, completed=done)
 
     def advance(self, count: int = 1, expected: bool = True, there: bool = False) -> None:
-        """Count finished tasks: whether they ended as `expected`, and whether their results were already `there`."""
+        """Count finished tasks. `expected` states that they ended as expected, `there` that results already existed."""
         self.done += count
         self.new += 0 if there else count
         self.failed += not expected
@@ -63,7 +63,7 @@ class Count:
 
     @contextmanager
     def breaking_silence(self) -> Iterator[None]:
-        """Print the elapsed time after each `SILENCE_S` without a line, within the block."""
+        """Print the elapsed time within the block whenever no line was printed for `SILENCE_S`."""
         ended = Event()
 
         def print_time() -> None:
@@ -90,7 +90,7 @@ class Count:
         return True
 
     def _time(self) -> str:
-        """Return the estimated remaining time as text, or after the last task the total time."""
+        """Return the estimated remaining time or, after the last task, the total time as text."""
         spent = self.told - self.began
         if self.done >= self.total:
             return f", {span(spent)} in all"
@@ -99,7 +99,7 @@ class Count:
 
 @contextmanager
 def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> Iterator[Callable[..., None]]:
-    """Show the number of finished tasks out of `total`, starting from `done`; yield `Count.advance`."""
+    """Display the number of finished tasks out of `total`, starting from `done`. Yield the function `Count.advance`."""
     progress = None if quiet else bar()
     count = Count(description, total, done, progress, quiet)
     with progress or (nullcontext() if quiet else count.breaking_silence()):
@@ -107,12 +107,12 @@ def tally(description: str, total: int, done: int = 0, quiet: bool = False) -> I
 
 
 def elapsed(description: str, quiet: bool) -> AbstractContextManager[None]:
-    """Return a context that prints the elapsed time on stderr every `SILENCE_S`."""
+    """Return a context manager that prints the elapsed time on stderr every `SILENCE_S`."""
     return nullcontext() if quiet else Count(description, 0, 0, None, quiet).breaking_silence()
 
 
 def span(seconds: float) -> str:
-    """Return a duration as text: `48 s`, `12 min`, `3.5 h`."""
+    """Return a duration as text, for example `48 s`, `12 min` or `3.5 h`."""
     if seconds < LONGEST_IN_S:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < LONGEST_IN_MIN * 60 else f"{seconds / 3600:.1f} h"
@@ -125,11 +125,11 @@ class Progress:
         self.bar, self.rows, self.began, self.name = bar(), Rows(0, 0, 0), began, ""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Note the run; the bar follows with the first rows."""
+        """Store the rows and the name of the run. The bar appears with the first call of `advance`."""
         self.rows, self.name = rows, scenario.name or "run"
 
     def advance(self, first: int) -> None:
-        """Show or update the bar."""
+        """Display or update the bar."""
         if first == 0:
             self.began()
         if not self.bar:
@@ -140,11 +140,11 @@ class Progress:
         self.bar.update(self.number, completed=self.rows.filled)
 
     def finish(self, log: Log) -> None:
-        """Remove the bar."""
+        """Remove the bar after the run."""
         if self.bar:
             self.bar.stop()
 
     def fail(self, error: BaseException) -> None:
-        """Remove the bar."""
+        """Remove the bar after an error."""
         if self.bar:
             self.bar.stop()

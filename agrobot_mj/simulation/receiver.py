@@ -1,12 +1,14 @@
-"""GNSS antenna off the rear axle: the fix is moved to the rear axle of the tractor, as in a guidance terminal.
+"""Transfer of fixes from a GNSS antenna off the rear axle to the rear axle, as in a guidance terminal.
 
 The terminal is configured with the distances of the antenna ahead and to the left of the rear axle. For an antenna on
-an implement, the distance is that in straight driving, without hitch angle. The terminal moves the fix along the
-heading of the tractor, and with an inertial unit also corrects the arm for roll and pitch. Estimators compensate for
-the height of the antenna. With the estimated heading, errors of the estimate would move the fix, and the filter would
-interpret this as motion: for position and heading gains k_R and k_psi and an antenna d ahead of the axle, the loop
+an implement, the distance is valid for straight driving, without hitch angle. The terminal moves the fix along the
+heading of the tractor. With an inertial unit it also corrects the lever arm for roll and pitch. Estimators compensate
+for the height of the antenna.
+
+If the terminal used the estimated heading, errors of the estimate would move the fix, and the filter would interpret
+this displacement as motion. With position and heading gains k_R and k_psi and an antenna d ahead of the axle, the loop
 diverges if k_psi d > k_R. The heading is therefore the integral of a separate yaw rate, from the gyro or from steering
-angle and speed, and follows the estimate slowly.
+angle and speed. This heading follows the estimate slowly.
 """
 
 from math import isfinite, tan
@@ -22,7 +24,7 @@ SLOWLY_S = 3.0
 
 
 class MountedReceiver(NamedTuple):
-    """Configured antenna position, and the heading used to move the fixes to the rear axle."""
+    """Configured antenna position, and the heading that is used to move fixes to the rear axle."""
 
     arm: tuple[float, float]  # Distances of the antenna ahead and to the left of the rear axle [m]
     wheelbase: float  # Wheelbase of the tractor [m]
@@ -31,11 +33,11 @@ class MountedReceiver(NamedTuple):
     t: float = 0.0  # Time at which the heading is valid [s]
 
     def yaw_rate(self, measured: Measurement) -> float:
-        """Return the yaw rate [rad/s] of the gyro or, without gyro, from steering angle and speed."""
+        """Return the yaw rate [rad/s] from the gyro or, without a gyro, from steering angle and speed."""
         return measured.gyro if isfinite(measured.gyro) else self.speed * tan(measured.steer) / self.wheelbase
 
     def reduced(self, measured: Measurement) -> Measurement:
-        """Return the measurement with the fix moved to the rear axle, for the heading at the time of the fix."""
+        """Return the measurement with the fix moved to the rear axle, by the heading at the time of the fix."""
         fix = measured.fix
         if self.arm == (0.0, 0.0) or fix is None:
             return measured
@@ -48,7 +50,7 @@ class MountedReceiver(NamedTuple):
         return measured._replace(fix=fix)
 
     def after(self, measured: Measurement, estimate: Held[Estimate], dt: float) -> "MountedReceiver":
-        """Return the receiver after `dt` [s], with the heading integrated."""
+        """Return the receiver after a tick of `dt` [s], with the integrated heading."""
         if self.arm == (0.0, 0.0):
             return self
         estimate = fetched(estimate)

@@ -1,8 +1,8 @@
-"""Results folders: exclusive access, atomic writes, and protection of files of the user.
+"""Results folders: exclusive access, atomic writes, and protection of the user's files.
 
-A results folder contains a mark, a file with the names of the files written by this package. Other files are neither
-overwritten nor deleted, and no file is written to a folder that contains files but no mark. An empty mark, created by
-the user, permits overwriting all files in the folder.
+A results folder contains a mark, a file that lists the files written by this package. All other files are neither
+overwritten nor deleted. Nothing is written to a folder that contains files but no mark. An empty mark, created by the
+user, permits overwriting all files in the folder.
 
 Commands open a folder with `results`; within the block `atomic` and `write_json` write files.
 """
@@ -25,7 +25,7 @@ MARK = ".agrobot-mj"  # File name of the mark: a comment line, then one name per
 HEAD = "# agrobot_mj wrote the files listed here and may replace them; all other files in this folder are kept."
 PATIENCE_S = 60.0  # Maximum time to wait for another process that prepares a shared folder [s]
 _STALE = re.compile(r"\.(?P<name>.+)\.[0-9a-z_]{8}(?P<part>\.part)?")
-"""Pattern of the names of temporary files of this and earlier versions."""
+"""Pattern of the names of temporary files, including the names used by earlier versions."""
 
 
 @contextmanager
@@ -33,8 +33,8 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
     """Open `folder` exclusively: create and mark a missing folder, and delete partial files of a killed process.
 
     `names` are the files to be written; names of folders end with a slash. A new folder is removed if it is empty at
-    the end. Processes that open a folder as `shared` wait for each other, and partial files remain. Raises the
-    `ScenarioError` of `check_folder`, and `ScenarioError` if another process writes to the folder.
+    the end. Processes that open a folder as `shared` wait for each other and keep partial files. Raises `ScenarioError`
+    for a folder rejected by `check_folder`, and if another process writes to the folder.
     """
     check_folder(folder, names := tuple(names))
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -64,7 +64,7 @@ def results(folder: Path, names: Iterable[str] = (), shared: bool = False) -> It
 
 
 def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
-    """Raise `ScenarioError` unless files or folders of these names may be written to `folder`."""
+    """Raise `ScenarioError` unless the files or folders `names` may be written to `folder`."""
     if folder.is_dir() and owned(folder) is None and any(not _is_torn_mark(path) for path in folder.iterdir()):
         raise ScenarioError(
             f"{folder}: the folder contains files that agrobot-mj did not write; specify another folder, or allow "
@@ -76,7 +76,7 @@ def check_folder(folder: Path, names: Iterable[str] = ()) -> None:
 def claim(folder: Path, names: Iterable[str]) -> None:
     """Add names of files or folders to the mark of `folder`; create the mark if missing.
 
-    Raises `ScenarioError` for an existing file that this package did not write.
+    Raises `ScenarioError` if one of the files exists and this package did not write it.
     """
     names = sorted(names)
     check_names(folder, names)
@@ -95,7 +95,7 @@ def claim(folder: Path, names: Iterable[str]) -> None:
 
 
 def owned(folder: Path) -> frozenset[str] | None:
-    """Return the names in the mark of `folder`, or of all files for an empty mark, or None if there is no mark."""
+    """Return the names listed in the mark of `folder`, all file names for an empty mark, or None without a mark."""
     mark = folder / MARK
     if mark.is_symlink() or not mark.is_file():
         return None
@@ -106,7 +106,7 @@ def owned(folder: Path) -> frozenset[str] | None:
 
 
 def remove(folder: Path, names: Iterable[str]) -> None:
-    """Delete the named files that the marker file of `folder` lists."""
+    """Delete the files `names` that the mark of `folder` lists."""
     ours = owned(folder) or frozenset()
     for name in names:
         if name in ours:
@@ -115,11 +115,10 @@ def remove(folder: Path, names: Iterable[str]) -> None:
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the folder of `path`; rename the file to `path` at the end, or delete it after an
-    error.
+    """Yield a temporary path next to `path`. Rename the file to `path` at the end, or delete it after an error.
 
-    Raises OSError naming `path`, also for a device, which must not be replaced, and `ScenarioError` for a file in a
-    results folder that this package did not write.
+    Raises OSError with the name `path`, also for a device, which must not be replaced. Raises `ScenarioError` for a
+    file in a results folder that this package did not write.
     """
     if path.is_char_device() or path.is_block_device():
         raise OSError(errno.EINVAL, "is a device; specify a file", str(path))
@@ -142,25 +141,25 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write a text file in UTF-8, atomically. Return its path."""
+    """Write a text file in UTF-8, atomically, and return its path."""
     with atomic(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return path
 
 
 def is_bare(name: object) -> bool:
-    """Return whether `name` is a plain file name, without a folder, and not the name of the mark."""
+    """Return whether `name` is a file name without a folder, other than the name of the mark."""
     return isinstance(name, str) and name not in ("", ".", "..", MARK) and not set(name) & set("/\\\n\0")
 
 
 def temporary_path(path: Path) -> Path:
-    """Return a new absolute path in the folder of `path`; pyarrow would read a path such as `a:/b` as a file system."""
+    """Return a new absolute path in the folder of `path`, because pyarrow interprets `a:/b` as a file system."""
     return path.absolute().with_name(f".{path.name}.{secrets.token_hex(4)}.part")
 
 
 @contextmanager
 def errors_naming(path: Path) -> Iterator[None]:
-    """Replace the file name in OSErrors of the block by `path`."""
+    """Replace the file name in every OSError of the block by `path`."""
     try:
         yield
     except (ConnectionError, TimeoutError):  # network errors of the block
@@ -171,8 +170,7 @@ def errors_naming(path: Path) -> Iterator[None]:
 
 
 def check_names(folder: Path, names: Iterable[str]) -> None:
-    """Raise `ScenarioError` for an invalid name, and for an existing file of the same name that was not written by
-    agrobot-mj."""
+    """Raise `ScenarioError` for an invalid file name, and for an existing file that agrobot-mj did not write."""
     ours = owned(folder) or frozenset()
     for given in names:
         name = given.removesuffix("/") if isinstance(given, str) else given
@@ -188,12 +186,12 @@ def check_names(folder: Path, names: Iterable[str]) -> None:
 
 
 def _is_torn_mark(path: Path) -> bool:
-    """Return whether a file is the incomplete mark of a new folder, left by a killed command."""
+    """Return whether a file is the partial mark of a new folder, left by a killed process."""
     return path.name.startswith(f".{MARK}.") and path.name.endswith(".part")
 
 
 def _remove_half_written(folder: Path) -> None:
-    """Delete partial files of this package from `folder` and from its marked subfolders."""
+    """Delete partial files of this package from `folder` and from the subfolders listed in its mark."""
     ours = {*(owned(folder) or ()), MARK}
     for path in folder.iterdir():
         if (match := _STALE.fullmatch(path.name)) and match["name"] in ours and path.is_file():

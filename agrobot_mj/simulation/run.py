@@ -1,4 +1,4 @@
-"""Complete runs of scenarios, with observers such as recordings."""
+"""Simulation of complete runs, with observers such as recordings."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,24 +14,24 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.stepping import Simulation
 
 CHUNK_TICKS = 1200
-"""Number of new rows between calls of the observers: 60 s of simulated time. More calls would slow down recordings."""
+"""Number of new rows between calls of the observers [-]: 60 s of simulated time. Shorter intervals slow recordings."""
 REPORT_S = 5.0  # Maximum wall time between calls of the observers [s]
 
 
 class Watcher(Protocol):
-    """Observer of a run, for example a recording or a progress bar."""
+    """Protocol of an observer of a run, for example a recording or a progress bar."""
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Start observing; called before the first tick. `rows` is filled during the run."""
+        """Start observing before the first tick. `rows` is filled during the run."""
 
     def advance(self, first: int) -> None:
-        """Process the new rows `first` to `rows.filled`."""
+        """Process the new rows from `first` up to `rows.filled`."""
 
     def finish(self, log: Log) -> None:
-        """Finish observing; called after the last tick, with all metrics in `log`."""
+        """Finish observing after the last tick; `log` contains all metrics."""
 
     def fail(self, error: BaseException) -> None:
-        """Handle the error that has ended the run; called instead of `finish`."""
+        """Handle an error that has ended the run; called instead of `finish`."""
 
 
 def run(
@@ -44,10 +44,13 @@ def run(
     """Simulate a scenario to its end and return the log, without writing files.
 
     The same scenario gives bit-identical signals on the same machine. `should_stop` is called every tick; the run ends
-    as `aborted` if this function returns True. Each of the `branches` switches the noise to other random streams, and
-    states are stored for other runs; an empty sequence only stores states. `ticks` may replace the loop over all ticks
-    by a function that begins the run or restores a state, and yields after each tick. Raises `ScenarioError` for an
-    impossible tractor and for a guidance law that is an external program.
+    as `aborted` if this function returns True.
+
+    Each of the `branches` switches the noise to other random streams, and states are stored for other runs. An empty
+    sequence only stores states. `ticks` may replace the loop over all ticks by a function that begins the run or
+    restores a state, and yields after each tick.
+
+    Raises `ScenarioError` for an infeasible tractor and for a guidance law that is an external program.
     """
     if command := scenario.guidance.outside:
         kind = scenario.guidance.kind
@@ -79,7 +82,7 @@ def run_with_watchers(
 ) -> Log:
     """Simulate with observers until `drive` returns, and return the log.
 
-    `drive` calls its second argument after each tick. `finish` may extend the log before the observers receive it.
+    `drive` must call its second argument after each tick. `finish` may extend the log before the observers receive it.
     """
     for watcher in watchers:
         watcher.start(sim.scenario, sim.loop.plant.scene, sim.rows)
@@ -100,13 +103,13 @@ def run_with_watchers(
 
 
 class _Reporting:
-    """Calls of the observers with blocks of new rows."""
+    """Dispatcher of new rows to the observers of a run."""
 
     def __init__(self, rows: Rows, watchers: tuple[Watcher, ...]) -> None:
         self.rows, self.watchers, self.reported, self.due = rows, watchers, 0, time.perf_counter() + REPORT_S
 
     def tell(self, at_the_end: bool = False) -> None:
-        """Call the observers if a call is due; `tell` is called after each tick and once at the end."""
+        """Call the observers if a call is due. The loop calls `tell` after each tick and once at the end."""
         rows = self.rows
         if at_the_end or rows.filled - self.reported >= CHUNK_TICKS or time.perf_counter() > self.due:
             for watcher in self.watchers:

@@ -1,8 +1,8 @@
 """Snapshot of a simulation: its complete state, and the log up to the present time.
 
-A snapshot is independent of its simulation. It can be restored any number of times, in any `Simulation` of the same
-scenario, and (pickled) in another process. Snapshots of a run share the blocks of the log, so that the cost of saving
-does not increase during the run.
+A snapshot is independent of its simulation and can be restored any number of times, in any `Simulation` of the same
+scenario and, after pickling, in another process. Snapshots of a run share the blocks of the log, so that the cost of
+saving does not increase during the run.
 """
 
 from typing import Any, NamedTuple
@@ -18,17 +18,17 @@ from agrobot_mj.simulation.outcomes import Standstill
 
 
 class LoopState(NamedTuple):
-    """State of a `Loop`."""
+    """Saved state of a `Loop`."""
 
     plant: Any
     stages: dict[str, Any]  # States of the stages, by name in `Stages`
     seen: Held[Truth]  # True state after the last step of the plant
     sensed: tuple[Measurement, Situation] | None
-    """Last measurement and situation, without the sampled path, or None before the first measurement."""
+    """Last measurement and guidance inputs, without the sampled path, or None before the first measurement."""
 
 
 class Snapshot(NamedTuple):
-    """State of a `Simulation`."""
+    """Saved state of a `Simulation`."""
 
     scenario: Scenario
     loop: LoopState  # State of plant and stages
@@ -38,12 +38,12 @@ class Snapshot(NamedTuple):
 
 
 def loop_state(loop: Loop) -> LoopState:
-    """Return the state of a loop between two ticks, without copying."""
+    """Return the state of a loop between two ticks. The state is not copied."""
     return LoopState(loop.plant.save(), dict(vars(loop.stages)), loop.seen, _on_route(loop.sensed, None))
 
 
 def set_loop_state(loop: Loop, state: LoopState) -> None:
-    """Set the state of a loop, which then owns the objects in `state`."""
+    """Set the state of a loop. The loop then owns the objects in `state`."""
     loop.plant.restore(state.plant)
     for name, value in state.stages.items():
         setattr(loop.stages, name, value)

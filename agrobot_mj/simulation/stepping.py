@@ -1,12 +1,12 @@
-"""Simulation that the caller steps tick by tick.
+"""Simulation that the caller advances tick by tick.
 
 >>> sim = Simulation("side_slope", {"seed": 3})
 >>> m = sim.reset()
 >>> while not sim.done:
 ...     m = sim.step(steer=0.05, speed=1.2)
 
-Without arguments, `step()` uses the guidance law of the scenario, as in `run`. A command is a steering angle, a valve
-voltage, a yaw rate or a curvature, in addition to a speed. `drive` is for external guidance programs.
+Without arguments, `step()` uses the guidance law of the scenario, as in `run`. A command consists of a speed and of a
+steering angle, a valve voltage, a yaw rate or a curvature. `drive` is for external guidance programs.
 """
 
 from collections.abc import Mapping
@@ -36,11 +36,11 @@ from agrobot_mj.simulation.outcomes import Watch, past_end
 from agrobot_mj.simulation.snapshot import Snapshot, loop_state, require_same_scenario, set_loop_state
 
 NOTHING = Measurement(0.0, None, Quality.NONE, nan, nan, nan)
-"""Measurement of a run that ended before the first measurement."""
+"""Measurement returned for a run that ended before the first measurement."""
 
 
 class Simulation:
-    """Simulation of one scenario, stepped with its guidance law or with external commands."""
+    """Simulation of one scenario, advanced tick by tick with its guidance law or with external commands."""
 
     def __init__(self, scenario: str | Path | Scenario, overrides: Mapping[str, Any] | None = None) -> None:
         """Create the simulation of a scenario given by name, path or object, with overrides by dotted key.
@@ -56,7 +56,7 @@ class Simulation:
             self._begin()
 
     def _begin(self, saved: Snapshot | None = None) -> None:
-        """Start a run in its initial state, or prepare the run for the state `saved`, which is restored next."""
+        """Start a run in its initial state, or prepare a run for the state `saved`, which is restored next."""
         with without_exit():
             loop = Loop(self.scenario, saved and saved.loop.seen)
         plant = loop.plant
@@ -68,7 +68,7 @@ class Simulation:
             self._diverge(f"the plant ({self.scenario.plant.kind}) diverged while settling at the start")
 
     def __copy__(self) -> "Simulation":
-        """Return an independent simulation in the same state."""
+        """Return an independent simulation in the same state, as `__deepcopy__` does."""
         return self.__deepcopy__({})
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Simulation":
@@ -88,7 +88,7 @@ class Simulation:
             return resumed, (type(self), self._save()), others
 
     def reset(self) -> Measurement:
-        """Place the tractor at its start; return the first measurement."""
+        """Set the simulation to its initial state. Return the first measurement."""
         with self._guard:
             if self.loop.sensed is not None or self.rows.filled:
                 self._begin()
@@ -105,14 +105,16 @@ class Simulation:
         yaw_rate: float | None = None,
         steer_voltage: float | None = None,
     ) -> Measurement:
-        """Advance one tick with a command; return the measurement at its end.
+        """Advance one tick with a command. Return the measurement at the end of the tick.
 
         At most one of `steer` [rad], `curvature` [1/m], `yaw_rate` [rad/s] and `steer_voltage` [V, 0-12, neutral at 6]
-        may be given, all positive to the left; without a steering argument the guidance law of the scenario steers.
+        may be given, all positive to the left. Without a steering argument the guidance law of the scenario steers.
         Default of `speed` [m/s]: the speed of the guidance law or, with a steering argument, of the reference. The
-        supervisor only monitors the guidance law. A step is atomic: signals are delayed to its end, and an error of a
-        law restores the previous state. Raises `CommandError` for an invalid command, after the end, and while another
-        thread uses the simulation.
+        supervisor only monitors the guidance law.
+
+        A step is atomic: signals are delayed to its end, and an error of a guidance law restores the previous state.
+        Raises `CommandError` for an invalid command, after the end of the run, and while another thread uses the
+        simulation.
         """
         given = {}
         if not steer is curvature is yaw_rate is steer_voltage is None:
@@ -122,7 +124,7 @@ class Simulation:
             return self._step(given, speed)
 
     def _step(self, given: dict[str, float], speed: float | None) -> Measurement:
-        """Perform `step`. After an error that follows the writing of the log row, the state is incomplete."""
+        """Perform `step`. If an error occurs after the log row was written, the state is incomplete."""
         self._require_whole()
         if self.done:
             raise CommandError(f"the run has ended ({self.outcome}); call reset()")
@@ -140,10 +142,10 @@ class Simulation:
         return self._last()
 
     def drive(self, request: Any) -> Measurement:
-        """Advance one tick with the output of an external program; return the measurement at its end.
+        """Advance one tick with the output of an external program. Return the measurement at the end of the tick.
 
         `request` has the type of the state of the guidance law. Raises `CommandError` if the law is not external and
-        for a step after the end, TypeError for a request of another type.
+        after the end of the run, and TypeError for a request of another type.
         """
         guidance, message = self.scenario.guidance, type(self.loop.guidance.init())
         if not guidance.outside:
@@ -154,7 +156,7 @@ class Simulation:
             return self._step({}, None)
 
     def _finish_tick(self, tick: Tick, led: bool) -> None:
-        """Write the row, advance the plant unless the run has ended, and read the sensors.
+        """Write the log row, advance the plant unless the run has ended, and read the sensors.
 
         `led` is True if the command comes from the guidance law.
         """
@@ -184,7 +186,7 @@ class Simulation:
         self._sense()
 
     def _complete(self) -> None:
-        """End the run as `completed` if enough of the path, or of the commanded distance, was driven."""
+        """End the run as `completed` if enough of the path or commanded distance was driven, else as `unfinished`."""
         view = RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0), self._measured)
         progress = progress_of(view) if self.loop.guidance.follows_path else commanded_progress(view)
         self.outcome = "completed" if progress.enough else "unfinished"
@@ -198,7 +200,7 @@ class Simulation:
             self._diverge(str(error))
 
     def _diverge(self, reason: str) -> None:
-        """End the run as `diverged`; an empty log receives a row that contains only t = 0."""
+        """End the run as `diverged`. An empty log receives one row, which contains only t = 0."""
         self.outcome, self.reason = "diverged", reason
         plant, unknown = self.loop.plant, [nan] * (len(COLUMNS) - 1)
         if not self.rows.filled:
@@ -209,18 +211,18 @@ class Simulation:
             raise CommandError("an error interrupted the last step; call reset(), or restore() a state saved before")
 
     def _last(self) -> Measurement:
-        """Return the last measurement; `NOTHING` if the run ended before the first measurement."""
+        """Return the last measurement, or `NOTHING` if the run ended before the first measurement."""
         return NOTHING if self.done and self.loop.sensed is None else self._now()[0]
 
     def _seen(self) -> tuple[Measurement, Situation]:
-        """Return `_now` for external callers; reading the sensors requires that no step is in progress."""
+        """Return `_now` for external callers. Reading the sensors requires exclusive access to the simulation."""
         if self.done or self.loop.has_sensed:
             return self._now()
         with self._guard:
             return self._now()
 
     def _now(self) -> tuple[Measurement, Situation]:
-        """Return measurement and situation of the present tick or, after the end of the run, of the last tick."""
+        """Return measurement and guidance inputs of the present tick or, after the end of the run, of the last tick."""
         if not self.done:
             return self.loop.now()
         if self.loop.sensed is None:
@@ -228,9 +230,9 @@ class Simulation:
         return self.loop.sensed
 
     def save(self, rows: SavedRows | None = None) -> Snapshot:
-        """Return the present state, from which `restore` continues bit-identically; takes less than half a tick.
+        """Return a snapshot, from which `restore` continues bit-identically. Takes less than half a tick.
 
-        `rows` replace the copy of the log in the returned snapshot.
+        `rows` replaces the copy of the log in the snapshot.
         """
         with self._guard:
             self._now()
@@ -247,10 +249,10 @@ class Simulation:
         )
 
     def restore(self, state: Snapshot) -> Measurement:
-        """Continue from a state saved by any simulation of the same scenario; return the measurement in this state.
+        """Continue from a state saved by any simulation of the same scenario. Return the measurement in this state.
 
-        A state can be restored any number of times. Raises `CommandError` for another scenario, TypeError for another
-        object.
+        A state can be restored any number of times. Raises `CommandError` for another scenario, TypeError for an object
+        of another type.
         """
         check_argument("state", state, isinstance(state, Snapshot), "a return value of save()")
         require_same_scenario(state, self.scenario)
@@ -266,9 +268,9 @@ class Simulation:
         self._broken_off = False
 
     def branch(self, number: int) -> None:
-        """Continue with different noise: the random generators of all stages switch to the streams with this `number`.
+        """Continue with different noise: the random generators of all stages switch to the streams `number`.
 
-        Past signals, values drawn once (ground, biases) and current values of random walks do not change. Raises
+        Past signals, constant random values (ground, biases) and current values of random walks do not change. Raises
         TypeError unless `number` is an integer.
         """
         check_argument("number", number, isinstance(number, int), "a whole number")
@@ -277,17 +279,17 @@ class Simulation:
                 branch(generator, number)
 
     def abort(self) -> None:
-        """End the run as `aborted`; has no effect on a run that has ended."""
+        """End the run as `aborted`. Has no effect on a run that has ended."""
         self.outcome = self.outcome or "aborted"
 
     @property
     def done(self) -> bool:
-        """Whether the run has ended; see `outcome`."""
+        """Whether the run has ended. The attribute `outcome` then contains the result."""
         return self.outcome != ""
 
     @property
     def measurement(self) -> Measurement:
-        """Last measurement of the sensors."""
+        """Last measurement of all sensors."""
         return self._last() if self.done else self._seen()[0]
 
     @property
@@ -307,16 +309,16 @@ class Simulation:
 
     @property
     def reference(self) -> Reference:
-        """Reference on the path at the present time."""
+        """Desired state on the path at the present time."""
         return self.situation.reference
 
     @property
     def path(self) -> SampledRoute:
-        """Sampled path, with queries for nearest points and curvature ahead."""
+        """Sampled path, with methods for the nearest point and the curvature ahead."""
         return self.loop.route
 
     def log(self, wall_s: float = 0.0) -> Log:
-        """Return the log of the run so far with its metrics, for a wall time `wall_s` [s]."""
+        """Return the log of the run so far, with metrics; `wall_s` is the wall time of the run [s]."""
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
             return self._log(wall_s)
@@ -343,11 +345,11 @@ class Simulation:
 
 
 OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_measured", "_guard", "_broken_off"}
-"""Attributes that are part of the state of a simulation."""
+"""Names of the attributes that belong to `Simulation`; subclasses may add others."""
 
 
 def resumed(cls: type[Simulation], state: Snapshot) -> Simulation:
-    """Return a simulation of the class `cls` in a saved state."""
+    """Return a simulation of the class `cls` in the state of a snapshot."""
     sim = cls.__new__(cls)
     sim.scenario, sim.identity, sim._guard = state.scenario, str(state.scenario.identity), Guard()
     with sim._guard:

@@ -1,6 +1,6 @@
 """Files of a run: `signals.parquet`, `metrics.json`, `scenario.toml` and data files.
 
-The files are a consistent set: all are written under temporary names first, then renamed together.
+The files are a consistent set: all are first written under temporary names and then renamed together.
 """
 
 import json
@@ -27,13 +27,13 @@ SET = (
     *("metrics.json", "identified.json", "vehicle.json", "link.parquet"),
     *(RUTS, LEARNED, "signals.parquet", "scenario.toml"),
 )
-"""Files of a run except the recording; metrics.json is renamed last and marks a complete set."""
+"""Names of the files of a run, without the recording. `metrics.json` is renamed last and marks a complete set."""
 Writer = Callable[[Path], None]  # Function that writes a file at the given path
 
 
 @cache
 def can_record() -> bool:
-    """Return whether rerun-sdk is installed. If not, the first call prints the command that installs rerun-sdk."""
+    """Return whether rerun-sdk is installed. Otherwise the first call prints the command that installs rerun-sdk."""
     if installed("rerun"):
         return True
     print('no recording: rerun-sdk is not installed; pip install "agrobot-mj[recording]"', file=sys.stderr)
@@ -41,11 +41,11 @@ def can_record() -> bool:
 
 
 def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, recorded: bool = True) -> None:
-    """Write the data files of a run, and the files of `more`, into `folder`, which is created if missing.
+    """Write the data files of a run, and the additional files `more`, into `folder`, which is created if missing.
 
     The new files replace all files of an earlier run in one step. The recording of the earlier run is removed unless
-    the new run is `recorded`. Raises OSError naming a file that cannot be written, and `ScenarioError` if an existing
-    file was not written by agrobot-mj.
+    the new run is `recorded`. Raises OSError with the name of a file that cannot be written, and `ScenarioError` if an
+    existing file was not written by agrobot-mj.
     """
     text, data_files = log.scenario.portable()
     text = f"# identity {log.metrics.get('identity', '')}\n{plugin_note()}{text}"
@@ -77,12 +77,12 @@ def write_log(log: Log, folder: Path, more: Mapping[str, Writer] | None = None, 
 
 
 def files_of_run(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of all files that a run of `scenario` may write into its folder."""
+    """Return the names of all files that a run of `scenario` may write to its folder."""
     return *SET, RECORDING, *scenario.portable()[1]
 
 
 def clear(folder: Path, keep: tuple[str, ...] = ()) -> None:
-    """Remove the files of an earlier run except the recording and the files in `keep`."""
+    """Remove the files of an earlier run, except the recording and the files `keep`."""
     for name in SET:
         if name not in keep:
             with errors_naming(folder / name):
@@ -98,9 +98,9 @@ def _table(table: Any) -> Writer:
 
 
 def _signals(log: Log, path: Path) -> None:
-    """Write the signals in row groups, so that the memory usage does not increase with the length of the run.
+    """Write the signals in row groups, so that memory usage is independent of the length of the run.
 
-    Without dictionary encoding, which is useful only for repeated values, files are a sixth smaller.
+    Without dictionary encoding, which is useful only for repeated values, the files are a sixth smaller.
     """
     with pq.ParquetWriter(path, log.schema, compression="zstd", use_dictionary=False) as writer:
         for piece in log.pieces():

@@ -1,4 +1,5 @@
-"""Wire format of the AgOpenGPS family: `wire` frames, `messages`, `position` sentences, and `traffic` records.
+"""Wire format of the AgOpenGPS family of guidance programs.
 
-The package converts bytes to messages and back, without sockets, for links and for readers of recordings.
+The modules convert `messages`, `wire` frames and `position` sentences to bytes and back, and store `traffic` records.
+They open no sockets, so that links and readers of recordings can both use them.
 """

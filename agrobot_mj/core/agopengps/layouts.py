@@ -33,7 +33,7 @@ LINE_VALID = 0x10  # Status bit of AgOpenWeb for a valid cross-track error
 
 
 class Codec(NamedTuple):
-    """Sender, minimum length, encoder and decoder of a message."""
+    """Codec of a message: sender, minimum length, encoder and decoder."""
 
     source: int
     least: int  # Minimum number of data bytes; further bytes are ignored
@@ -42,25 +42,25 @@ class Codec(NamedTuple):
 
 
 def to_wire_angle(angle: float) -> int:
-    """Return a steering angle [rad], left positive, as an int16 [0.01 deg], right positive."""
+    """Convert a steering angle [rad], left positive, to an int16 [0.01 deg], right positive."""
     return int16(-degrees(angle) * 100)
 
 
 def from_wire_angle(value: int) -> float:
-    """Return the steering angle [rad], left positive, of an int16 [0.01 deg], right positive."""
+    """Convert an int16 steering angle [0.01 deg], right positive, to [rad], left positive."""
     return -radians(value / 100)
 
 
 def from_compass(heading: float) -> float:
-    """Return the yaw [rad] of a compass heading [deg]."""
+    """Convert a compass heading [deg] to a yaw [rad]."""
     return wrap(pi / 2 - radians(heading))
 
 
 def cross_track_of(message: SteerData, dialect: str) -> float:
     """Return the cross-track error [m] in a message, left positive, or NaN if the host has no guidance line.
 
-    Byte 10 of the frame contains the error, right positive. AgOpenGPS sends the error in steps of 2 cm as an offset
-    from 127 (up to 2.5 m), AgOpenWeb in signed centimetres (up to 1.3 m).
+    Byte 10 of the frame contains the error, right positive. AgOpenGPS encodes the error in steps of 2 cm relative to
+    127 (up to 2.5 m). AgOpenWeb encodes the error in signed centimetres (up to 1.3 m).
     """
     if dialect == "agopenweb":
         value = message.cross_track - 256 if message.cross_track > 127 else message.cross_track
@@ -69,19 +69,19 @@ def cross_track_of(message: SteerData, dialect: str) -> float:
 
 
 def cross_track_byte(distance: float, dialect: str) -> int:
-    """Return the cross-track byte of a `SteerData` message for an error `distance` [m], left positive."""
+    """Return the byte of a `SteerData` message that encodes the cross-track error `distance` [m], left positive."""
     if dialect == "agopenweb":
         return limited(-distance * 100, -127, 127) & 0xFF
     return limited(127 - distance * 50, 0, 254)
 
 
 def limited(value: float, low: int, high: int) -> int:
-    """Return the integer nearest to `value` within [low, high]."""
+    """Return `value` limited to [low, high] and rounded to an integer."""
     return round(min(max(value, low), high))
 
 
 def int16(value: float) -> int:
-    """Return the integer nearest to `value` within the range of a signed two-byte field."""
+    """Return `value` rounded to an integer and limited to the range of a signed 16-bit field."""
     return limited(value, -32768, 32767)
 
 
@@ -147,4 +147,4 @@ CODECS = {
     203: Codec(STEER, 7, lambda m: bytes((*m.address, *m.subnet)), _scan_reply),
 }
 NUMBERS = {SteerData: 254, SteerSettings: 252, SteerConfig: 251, Hello: 200, Scan: 202, SteerState: 253, ScanReply: 203}
-"""Number of each message; the number of a `HelloReply` is the number of its module."""
+"""Number of each message type. A `HelloReply` has the number of its module."""

@@ -39,16 +39,16 @@ class SteerConfig(NamedTuple):
     """Message 251: hardware configuration of a board."""
 
     set0: int
-    """Flag bits: 0 inverted angle sensor, 1 relay active high, 2 inverted motor, 5 steer switch, 6 steer button."""
+    """Bit flags: bit 0 inverted angle sensor, 1 relay active high, 2 inverted motor, 5 steer switch, 6 steer button."""
     pulse_count_max: int = 0  # Encoder counts of the steering wheel that indicate a manual override [counts]
     min_speed: int = 0  # Minimum speed for steering [0.1 km/h]
     set1: int = 0
-    """Flag bits: 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 y axis of the inertial unit for roll."""
+    """Bit flags: bit 0 Danfoss valve, 1 pressure sensor, 2 current sensor, 3 y axis of the inertial unit for roll."""
     angular_velocity: int = 0  # Field ignored by boards
 
 
 class Hello(NamedTuple):
-    """Message 200: query for modules every 2 s, which a bridge continues to send after its guidance program stops."""
+    """Message 200: query for modules every 2 s. A bridge continues to send queries after its guidance program stops."""
 
 
 class Scan(NamedTuple):
@@ -56,7 +56,7 @@ class Scan(NamedTuple):
 
 
 class SteerState(NamedTuple):
-    """Message 253: state reported by a steer module."""
+    """Message 253: measured steering state, sent by the steer module."""
 
     steer: float  # Measured steering angle [rad], left positive
     yaw: float = nan  # Yaw [rad], or NaN if there is no inertial unit
@@ -75,7 +75,7 @@ class HelloReply(NamedTuple):
 
 
 class ScanReply(NamedTuple):
-    """Message 203: address of a module."""
+    """Message 203: reply of a module to a scan, with its network address."""
 
     module: int
     address: tuple[int, ...]
@@ -83,4 +83,4 @@ class ScanReply(NamedTuple):
 
 
 Message = SteerData | SteerSettings | SteerConfig | Hello | Scan | SteerState | HelloReply | ScanReply
-"""Messages between a host and the boards of a tractor."""
+"""Any message between a host and the boards of a tractor."""

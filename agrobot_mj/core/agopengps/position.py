@@ -1,10 +1,12 @@
 """Position sentences of the AgOpenGPS family: `$PANDA` (one antenna and an inertial unit) and `$PAOGI` (two antennas).
 
-Both sentences end with speed [kn], heading, roll, pitch and yaw rate. The heading is clockwise from north; roll is
-positive with the right side down, pitch with the nose up. PAOGI contains the attitude in degrees, PANDA as integers of
-0.1 deg. Without an inertial unit the PANDA heading is a reserved number, because hosts read an empty or fractional
-field as 0 (north). Roll, pitch and yaw rate are then 0, as hosts assume for boards that leave these fields empty; any
-other roll would shift the antenna position in the host.
+Both sentences end with speed [kn], heading, roll, pitch and yaw rate. Heading is clockwise from north. Roll is positive
+with the right side down, and pitch with the nose up. PAOGI contains heading, roll and pitch in degrees, and PANDA as
+integers of 0.1 deg.
+
+Without an inertial unit, the PANDA heading is a reserved number, because hosts interpret an empty or fractional field
+as 0 (north). Roll, pitch and yaw rate are then 0, which hosts assume for empty fields. Another roll would shift the
+antenna position in the host.
 """
 
 from math import degrees, isfinite, isnan, nan, radians
@@ -18,7 +20,7 @@ FIELDS = 16
 
 
 class BoardAttitude(NamedTuple):
-    """Attitude from the inertial unit or the second antenna, or NaN if the tractor has neither."""
+    """Attitude measured by the inertial unit or by two antennas. Values without a sensor are NaN."""
 
     yaw: float = nan  # Yaw [rad]
     roll: float = nan  # Roll [rad], left side up positive
@@ -27,7 +29,7 @@ class BoardAttitude(NamedTuple):
 
 
 def panda(s: Solution, a: BoardAttitude) -> bytes:
-    """Return the PANDA sentence for one antenna with an optional inertial unit."""
+    """Return the PANDA sentence of a receiver with one antenna and an optional inertial unit."""
     heading = NO_HEADING if isnan(a.yaw) else round(to_compass(a.yaw) * 10) % 3600
     roll = 0 if isnan(a.roll) else int16(degrees(a.roll) * 10)
     pitch = 0 if isnan(a.pitch) else int16(-degrees(a.pitch) * 10)
@@ -36,13 +38,13 @@ def panda(s: Solution, a: BoardAttitude) -> bytes:
 
 
 def paogi(s: Solution, a: BoardAttitude) -> bytes:
-    """Return the PAOGI sentence for two antennas; `a.yaw` must not be NaN."""
+    """Return the PAOGI sentence of a receiver with two antennas; `a.yaw` must not be NaN."""
     heading = f"{round(to_compass(a.yaw), 2) % 360:.2f}"
     return sentence("PAOGI", *_common(s), heading, _fixed(a.roll, 2), _fixed(-a.pitch, 1), _fixed(-a.yaw_rate, 1))
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """Return an angle [rad] as text in degrees, with 0 for NaN and negative zero."""
+    """Format an angle [rad] in degrees with a fixed number of decimals; NaN and negative zero become 0."""
     return f"{0.0 if isnan(value) else round(degrees(value), decimals) + 0.0:.{decimals}f}"
 
 
@@ -52,7 +54,7 @@ def _common(s: Solution) -> tuple[object, ...]:
 
 
 class Position(NamedTuple):
-    """Position sentence as decoded by a host."""
+    """Decoded position sentence."""
 
     dual: bool  # Whether the heading comes from two antennas
     solution: Solution
@@ -60,7 +62,7 @@ class Position(NamedTuple):
 
 
 def read(datagram: bytes) -> Position | None:
-    """Return the decoded position sentence, or None for other or invalid sentences."""
+    """Decode a PANDA or PAOGI sentence. Return None for other or invalid sentences."""
     fields = fields_of(datagram)
     if fields is None or len(fields) != FIELDS or fields[0] not in ("PANDA", "PAOGI"):
         return None

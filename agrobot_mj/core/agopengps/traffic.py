@@ -1,8 +1,14 @@
 """Record of all datagrams of a link in both directions: `link.parquet`, the input of `--replay`.
 
-Columns: `t` [s], the run time at which a datagram could first take effect, negative while the tractor waits for the
-host; `wall_s` [s], wall time since the link opened; `direction`, `in` (from the host) or `out`; `address`; `bytes`. The
-file metadata contains the resolved scenario as TOML under `scenario`.
+Columns:
+
+- `t` [s]: run time at which the datagram could first take effect; negative while the tractor waits for the host.
+- `wall_s` [s]: wall time since the link opened.
+- `direction`: `in` (from the host) or `out` (to the host).
+- `address`: network address of the sender or receiver.
+- `bytes`: content of the datagram.
+
+The metadata key `scenario` contains the resolved scenario as TOML.
 """
 
 import tomllib
@@ -36,21 +42,21 @@ class Datagram(NamedTuple):
 
 
 class Traffic:
-    """Datagrams recorded during a session of a link."""
+    """Recorder of the datagrams of a link."""
 
     def __init__(self) -> None:
         self.kept: list[Datagram] = []
         self.dropped = 0
 
     def add(self, datagram: Datagram) -> None:
-        """Record a datagram unless the record is full."""
+        """Record a datagram, or only count it if the record is full."""
         if len(self.kept) < MOST:
             self.kept.append(datagram)
         else:
             self.dropped += 1
 
     def table(self, start: int, scenario: str = "") -> pa.Table:
-        """Return the datagrams as a table with t = 0 in cycle `start`; `scenario` is TOML for the metadata."""
+        """Return the datagrams as a table with t = 0 in cycle `start`; `scenario` is TOML text for the metadata."""
         rows = [((d.turn - start) * TICK_S, *d[1:]) for d in self.kept]
         columns = zip(*rows, strict=True) if rows else ((),) * len(SCHEMA)
         schema = SCHEMA.with_metadata({SCENARIO: scenario.encode()} if scenario else None)
@@ -58,7 +64,7 @@ class Traffic:
 
 
 def read_traffic(path: Path) -> list[Datagram]:
-    """Return the datagrams of a `link.parquet`; `turn` counts from the first one. Raises `ScenarioError` if invalid."""
+    """Read the datagrams of a `link.parquet`, with `turn` from 0. Raises `ScenarioError` for an invalid file."""
     if not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}; specify the link.parquet of an earlier run with --replay")
     try:
@@ -74,7 +80,7 @@ def read_traffic(path: Path) -> list[Datagram]:
 
 
 def recorded_scenario(path: Path) -> dict[str, Any]:
-    """Return the scenario in a `link.parquet` or `scenario.toml` next to it, or an empty mapping without either."""
+    """Return the scenario in a `link.parquet` or in the `scenario.toml` next to it, or an empty mapping."""
     text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
     beside = path.absolute().with_name("scenario.toml")
     if text is None and beside.is_file():

@@ -1,8 +1,8 @@
 """Frames of the AgOpenGPS family: conversion of bytes to messages and back.
 
-A frame is `80 81 | source | number | length | data | check`; check is the low byte of the sum from the source to the
-last data byte. 16-bit values are little-endian, and each datagram contains one frame. `decode` never raises an error:
-invalid datagrams become `Rejected`, messages for other modules `Unknown`.
+A frame is `80 81 | source | number | length | data | check`. The check byte is the low byte of the sum from the source
+to the last data byte. 16-bit values are little-endian, and each datagram contains one frame. `decode` raises no errors:
+it returns `Rejected` for an invalid datagram and `Unknown` for an unsupported message.
 
 The check byte of hello and scan frames is ignored, because some senders use a constant value.
 """
@@ -15,7 +15,7 @@ from agrobot_mj.core.agopengps.messages import HelloReply, Message
 PREAMBLE = b"\x80\x81"
 OVERHEAD = 6  # Length of a frame without its data [bytes]
 UNCHECKED = frozenset({200, 201, 202})
-"""Numbers of the messages whose checksum is ignored: hello, subnet change and scan."""
+"""Numbers of the messages whose check byte is ignored: hello, subnet change and scan."""
 
 
 class Rejected(NamedTuple):
@@ -25,7 +25,7 @@ class Rejected(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """Valid frame with a message that the package does not decode."""
+    """Valid frame with a message number that the package does not support."""
 
     source: int
     number: int
@@ -37,7 +37,7 @@ def check(body: bytes) -> int:
 
 
 def frame(source: int, number: int, data: bytes) -> bytes:
-    """Return the complete frame with `data` of at most 255 bytes."""
+    """Return the frame of a message with `data` of at most 255 bytes."""
     body = bytes((source, number, len(data))) + data
     return PREAMBLE + body + bytes((check(body),))
 
@@ -50,7 +50,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(datagram: bytes) -> Message | Unknown | Rejected:
-    """Return the message in a datagram, or `Unknown` or `Rejected`."""
+    """Return the message in a datagram, `Unknown` for an unsupported message, or `Rejected` for an invalid frame."""
     if datagram[:2] != PREAMBLE:
         return Rejected("preamble")
     if len(datagram) < OVERHEAD or len(datagram) != OVERHEAD + datagram[4]:
