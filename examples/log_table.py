@@ -1,13 +1,13 @@
 """Table of public logs: `python examples/log_table.py LOGS.toml` adds one row per log and release to LOGS.md.
 
-The twin of each log is fitted to its first part and predicts the rest, which it has not seen. A row is never changed: a
-second run with the same release skips the log. LOGS.toml names the downloaded files, relative to its folder:
+The twin of each log is fitted to the first part of the log and predicts the second part. Existing rows are never
+changed: a second run with the same release skips the log. LOGS.toml lists the downloaded files, relative to its folder:
 
 [[log]]
 name = "tractor, 4 May"
 files = ["field.csv"]
 map = "map.toml"                                          # not for formats with known columns
-set = ["machine=utility", "tractor.wheelbase_m=2.55"]     # what is known of the machine
+set = ["machine=utility", "tractor.wheelbase_m=2.55"]     # known parameters of the machine
 share = 0.6                                               # fraction of the time for the fit
 """
 
@@ -34,7 +34,7 @@ HEAD = (
 
 
 def cells(log: dict[str, Any], folder: Path) -> tuple[str, ...]:
-    """Return the cells of a log after release and name; for a log that cannot be used, the reason."""
+    """Return the table cells of a log, without release and name. An unusable log has the reason in its last cell."""
     try:
         scenario = load_scenario("straight_line", overrides(log.get("set")))
         opened = [open_log(folder / file) for file in log["files"]]
@@ -64,12 +64,12 @@ def _scaled(value: float | None, factor: float, digits: int = 1) -> str:
 
 
 def rows_of(text: str) -> list[tuple[str, ...]]:
-    """Return the rows of a table that the script wrote."""
+    """Return the rows of a table written by this script."""
     return [tuple(map(str.strip, line.strip("|").split(" | "))) for line in text.splitlines()[2:] if line]
 
 
 def main(arguments: list[str]) -> int:
-    """Add the missing rows of a file; return the exit status."""
+    """Add the missing rows to the table of a TOML file; return the exit status."""
     if len(arguments) != 1 or not Path(arguments[0]).is_file():
         print("usage: python examples/log_table.py LOGS.toml", file=sys.stderr)
         return 2

@@ -4,10 +4,10 @@
 ground, and receiver failures.
 
 The guidance reproduces the owner's program from logs and code [Jones2026]: pure pursuit of the first waypoint beyond
-the look-ahead distance, with raw position and heading. The board drives the steering motor by a proportional law with
-dead band and minimum command, in counts of the steering potentiometer. Without RTK fix or valid heading the tractor
-stops, with the wheels at the centre value of the firmware. Positions are rounded to 1e-5 minutes, as in the receiver.
-Some constants are results of `agrobot-mj twin --only calibrate` on two logs.
+the look-ahead distance, with unfiltered position and heading. The steering board drives the motor by a proportional law
+with dead band and minimum command, in counts of the steering potentiometer. Without RTK fix or valid heading the
+tractor stops, and the wheels are set to the centre value of the firmware. Positions are rounded to 1e-5 minutes, as in
+the receiver. Some constants are results of `agrobot-mj twin --only calibrate` on two logs.
 """
 
 from collections.abc import Sequence
@@ -26,15 +26,16 @@ from agrobot_mj.scenario import Scenario
 from agrobot_mj.terrain.rough import ROUGHNESS, Rough
 
 WHEELBASE_M, LOOKAHEAD_M, LARGEST = 1.27, 2.0, 0.623
-"""Wheelbase [m], look-ahead distance of the straight missions [m], and maximum steering angle of the guidance [rad]."""
+"""Wheelbase [m], look-ahead distance of the straight missions [m], and maximum commanded steering angle [rad]."""
 RIGHT, CENTRE, LEFT = 197.0, 447.0, 815.0
-"""Potentiometer values in the firmware for full right, straight ahead and full left [counts]."""
+"""Potentiometer values in the firmware for maximum right, zero and maximum left steering angle [counts]."""
 KP, DEAD_BAND, LEAST, MOST = 1.0, 10.0, 150.0, 255.0
-"""Gain [counts of drive per count], dead band [counts], minimum and maximum drive [counts of 255]."""
+"""Parameters of the steering board: gain [drive counts per potentiometer count], dead band [potentiometer counts],
+minimum and maximum drive [counts of 255]."""
 WAYPOINTS_M = 0.49
 """Distance between waypoints of the straight missions [m]."""
 GOAL_M = 0.5
-"""Distance to the last waypoint, along the heading, at which a mission ends [m]."""
+"""Distance to the last waypoint, along the heading, below which a mission ends [m]."""
 
 
 class Board(NamedTuple):
@@ -46,41 +47,41 @@ class Board(NamedTuple):
     dead_band: float = DEAD_BAND
 
     def wanted(self, angle: float) -> float:
-        """Return the potentiometer value that corresponds to a steering angle [rad], left positive [counts]."""
+        """Return the potentiometer setpoint for a steering angle [rad], left positive [counts]."""
         angle = min(max(angle, -LARGEST), LARGEST)
         return self.centre + angle * (self.left if angle > 0 else self.right)
 
     def bias(self, straight: float) -> float:
-        """Return the commanded angle to the right that steers straight if the true centre is `straight` [rad]."""
+        """Return the commanded angle to the right [rad] that steers straight, for a true centre `straight` [counts]."""
         return (self.centre - straight) / (self.right if straight < self.centre else self.left)
 
     def drive(self, error: float) -> float:
-        """Return the motor drive for a steering error [counts], left positive [counts of 255]."""
+        """Return the motor drive for a steering error [counts], left positive, in counts of 255."""
         if abs(error) <= self.dead_band:
             return 0.0
         size = min(max(KP * abs(error), LEAST), MOST)
         return size if error > 0 else -size
 
     def voltage(self, error: float) -> float:
-        """Return the drive as a valve voltage of the simulation, in which 12 V is full left [V]."""
+        """Return the valve voltage that represents the motor drive [V]; 12 V is maximum drive to the left."""
         return NEUTRAL_V * (1.0 + self.drive(error) / MOST)
 
 
 def calibrated(centre: float, degrees_per_count: float) -> Board:
-    """Return a board that knows the true centre and scale of its potentiometer."""
+    """Return a board with the true centre [counts] and scale of its potentiometer."""
     scale = degrees(1.0) / degrees_per_count
     return Board(centre, scale, scale)
 
 
 class Pursuit(NamedTuple):
-    """State of pure pursuit between two ticks."""
+    """State of the pure pursuit law between two ticks."""
 
     waypoints: Array  # east, north and look-ahead distance, shape (n, 3) [m]
     index: int = 0  # index of the target waypoint
     done: bool = False
 
     def after(self, x: float, y: float, yaw: float) -> "tuple[Pursuit, float]":
-        """Return the new state, and the steering angle, left positive [rad], for a position [m] and a heading [rad]."""
+        """Return the new state and the steering angle, left positive [rad], at a position [m] and heading [rad]."""
         places, reach = self.waypoints[self.index :, :2], self.waypoints[self.index :, 2]
         beyond = np.flatnonzero(np.hypot(*(places - (x, y)).T) > reach)
         last = len(self.waypoints) - 1
@@ -92,29 +93,29 @@ class Pursuit(NamedTuple):
 
 
 def steady_offset(bias: float, heading: float, lookahead: float = LOOKAHEAD_M) -> float:
-    """Return the steady offset of pure pursuit to the left of the line [m].
+    """Return the steady-state lateral offset of pure pursuit from the line, left positive [m].
 
-    `bias` is the commanded angle to the right that keeps the wheels straight, `heading` the heading error to the left
-    [rad]. The lateral distance of the waypoint is  y_t = L_d^2 tan(bias) / (2 L)  to the right, including L_d
-    sin(heading) from the heading error.
+    `bias` is the commanded angle to the right at which the wheels are straight, and `heading` the heading error to the
+    left [rad]. In steady state the lateral distance of the waypoint to the right is  y_t = L_d^2 tan(bias) / (2 L),
+    which includes L_d sin(heading) from the heading error.
     """
     return lookahead**2 * tan(bias) / (2.0 * WHEELBASE_M) - lookahead * sin(heading)
 
 
 MIDDLE = (0.4, 0.8)
-"""Part of a pass that is evaluated, as fractions of its waypoints; same as in the owner's evaluation."""
+"""Evaluated part of a pass, as fractions of its waypoints [-]; same as in the owner's evaluation."""
 CELL = (1e-5 / 60 * 111.32e3 * cos(radians(40.4856)), 1e-5 / 60 * 111.04e3)
-"""Resolution of the logged position, east and north [m]: 1e-5 minutes at the latitude of the field."""
+"""Resolution of logged positions, east and north [m]: 1e-5 minutes at the latitude of the field."""
 POSITION_TICKS, HEADING_TICKS = 2, 4
-"""Number of ticks between positions and between headings: 10 Hz and 5 Hz, as in the logs."""
+"""Periods of the position and heading measurements [ticks]: 10 Hz and 5 Hz, as in the logs."""
 LENGTH_M = 26.0
-"""Length of a pass [m]. The longest recorded pass is 25.5 m."""
+"""Length of a simulated pass [m]; the longest recorded pass is 25.5 m."""
 ROUGH_HALF_M, ROUGH_NODE_M = 32.0, 0.05
 """Half side length and node spacing of the rough ground [m]."""
 
 
 class Pass(NamedTuple):
-    """Offsets from the line in the evaluated part of a pass, left positive."""
+    """Lateral offsets from the line in the evaluated part of a pass, left positive."""
 
     offset: Array  # offsets [m]
     wanted: Array  # commanded steering angle, left positive [deg]
@@ -122,22 +123,22 @@ class Pass(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """Mean absolute offset [cm]."""
+        """Mean absolute lateral offset [cm]."""
         return 100 * float(np.abs(self.offset).mean())
 
     @property
     def p95(self) -> float:
-        """95th percentile of the absolute offset [cm]."""
+        """95th percentile of the absolute lateral offset [cm]."""
         return 100 * float(np.percentile(np.abs(self.offset), 95))
 
     @property
     def left(self) -> float:
-        """Mean offset to the left [cm]."""
+        """Mean lateral offset, left positive [cm]."""
         return 100 * float(self.offset.mean())
 
 
 def rough_ground(folder: Path, seed: int) -> Path:
-    """Return the file with a square of rough ground of class C, which is created if it does not exist."""
+    """Return the file of a square height map with roughness class C; create the file if it does not exist."""
     file = folder / f"rough-{seed}.npy"
     if not file.exists():
         axis = np.arange(-ROUGH_HALF_M, ROUGH_HALF_M + ROUGH_NODE_M / 2, ROUGH_NODE_M)
@@ -147,7 +148,7 @@ def rough_ground(folder: Path, seed: int) -> Path:
 
 
 def terrain(folder: Path, seed: int, roughness: float) -> dict[str, Any]:
-    """Return the terrain table for the roughness G_d(n_0) [m3]; level ground for zero."""
+    """Return the terrain table for a roughness G_d(n_0) [m3], or level ground for 0."""
     if not roughness:
         return {"kind": "flat"}
     file, scale = rough_ground(folder, seed), (roughness / ROUGHNESS["C"]) ** 0.5
@@ -155,7 +156,7 @@ def terrain(folder: Path, seed: int, roughness: float) -> dict[str, Any]:
 
 
 class Loop(NamedTuple):
-    """Twin with its guidance and settings."""
+    """Closed loop of the twin and the guidance program, with its settings."""
 
     twin: Scenario
     centre: float  # true potentiometer value for wheels straight ahead [counts]
@@ -167,7 +168,7 @@ class Loop(NamedTuple):
     def run(
         self, speed: float, seed: int, ground: dict[str, Any], fault: Sequence[Any] = (), length: float = LENGTH_M
     ) -> "Driven":
-        """Simulate a straight pass to the east with `speed` [m/s] on a terrain."""
+        """Simulate a straight pass to the east at `speed` [m/s] on the terrain `ground`."""
         line = {"kind": "line", "length_m": length, "speed_m_s": speed, "start_x_m": -length / 2}
         x = np.arange(-length / 2, length / 2 + 1e-9, WAYPOINTS_M)
         waypoints = np.column_stack((x, np.zeros_like(x), np.full_like(x, LOOKAHEAD_M), np.full_like(x, speed)))
@@ -175,7 +176,7 @@ class Loop(NamedTuple):
         return self.follow(changes, waypoints)
 
     def follow(self, changes: dict[str, Any], waypoints: Array) -> "Driven":
-        """Simulate a mission along waypoints (n, 4): east, north, look-ahead [m], and speed [m/s]."""
+        """Simulate a mission along waypoints (n, 4): east [m], north [m], look-ahead distance [m] and speed [m/s]."""
         heading = {"sensors.gnss.dual_antenna.mounting_deg": self.heading_error}
         simulation = Simulation(self.twin.changed({**changes, **heading}))
         measured, pursuit = simulation.reset(), Pursuit(waypoints[:, :3])
@@ -196,16 +197,16 @@ class Loop(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """Simulated pass with its waypoints."""
+    """Log of a simulated pass, with its waypoints."""
 
     rows: Array
-    """Time, measured east, north and heading, true east and north of the rear axle, speed, commanded angle [deg] and
-    waypoint index; shape (9, n)."""
+    """Log, shape (9, n): time, measured east, north and heading, true east and north of the rear axle, speed, commanded
+    angle [deg] and waypoint index."""
     waypoints: Array
 
     @property
     def middle(self) -> Pass:
-        """Evaluated part of a straight pass to the east, with measured positions."""
+        """Evaluated part of a straight pass to the east, from measured positions."""
         index, total = self.rows[8], len(self.waypoints)
         inside = (index >= MIDDLE[0] * total) & (index <= MIDDLE[1] * total)
         return Pass(self.rows[2][inside], self.rows[7][inside], float(self.rows[6][inside].mean()))
@@ -226,21 +227,21 @@ def _pose(
 
 
 STRAIGHT, SCALE, HEADING_DEG = 432.834, 0.154, 1.294
-"""Potentiometer value straight ahead [counts], steering angle per count [deg], and heading error, left positive [deg].
-Source: calibration with the runs 1W and 1E."""
+"""Potentiometer value for wheels straight ahead [counts], steering angle per count [deg], and heading error, left
+positive [deg]. Source: calibration with the runs 1W and 1E."""
 MOTOR_FROM, MOTOR_RATE = 70.4, 0.59
-"""Minimum drive that moves the motor [counts of 255], and steering rate per drive above it [deg/s]; same source."""
+"""Calibrated minimum drive that moves the motor [counts of 255], and steering rate per drive above it [deg/s]."""
 SLOW, FAST, RECORDED_CM = 0.5, 0.85, 2.4
-"""Speeds of the missions [m/s], and mean offset of the recorded passes at the lower speed [cm], for the fit."""
+"""Speeds of the missions [m/s], and mean offset of the recorded slow passes [cm], to which the roughness is fitted."""
 RECORDED = (
     ("recorded, 0.5 m/s", 4, "2.4 (2.0 to 3.0)", "5.5 (4.7 to 6.1)", "1.8 (1.0 to 2.2)"),
     ("recorded, 0.85 m/s", 2, "2.4 (2.4 to 2.5)", "4.6 (4.1 to 5.1)", "2.2 (2.1 to 2.4)"),
 )
-"""Recorded passes: number of passes, and mean (range) of mean offset, p95 and offset to the left [cm]."""
+"""Table rows of recorded passes: number, and mean (range) of mean offset, p95 and offset to the left [cm]."""
 CARCASS = 1.8
-"""Lateral divided by vertical carcass stiffness [-]. It is the best of three values for the runs 1W and 1E."""
+"""Lateral carcass stiffness divided by vertical stiffness [-]: the best of three values for the runs 1W and 1E."""
 SEEDS = range(1, 5)
-"""Seeds of the passes. Each has different ground."""
+"""Seeds of the passes, each with different ground."""
 RECEIVERS = {
     "sensors.gnss.sigma_m": 0.008,
     "sensors.gnss.latency_s": 0.2,
@@ -249,15 +250,15 @@ RECEIVERS = {
     "sensors.steering_pot.savgol_window": 1,
     "sensors.steering_pot.savgol_polyorder": 0,
 }
-"""Noise of fixes at rest without rounding, heading latency from the calibration, and unfiltered steering sensor."""
+"""Sensor overrides: noise of fixes at rest, heading latency from the calibration, and unfiltered steering sensor."""
 LAG_S = 0.03
-"""Time constant of the motor [s]. Assumed value: the rate settles within two rows of 0.05 s."""
+"""Time constant of the steering motor [s]. Assumed value: in the log the rate settles within two rows of 0.05 s."""
 
 
 def twin() -> Scenario:
-    """Return the scenario of the machine `riding`, with motor, receivers and sensors as in the logs.
+    """Return the scenario of the machine `riding`, with steering motor, receivers and sensors as in the logs.
 
-    A valve with a cylinder of default size represents the motor: 12 V is full drive to the left.
+    A valve with a cylinder of default size represents the motor: 12 V is maximum drive to the left.
     """
     volts, cylinder = NEUTRAL_V / MOST, load_scenario("straight_line").steering.cylinder
     flow = radians(MOTOR_RATE / volts) * cylinder.displacement / LITRE_PER_MINUTE
@@ -275,13 +276,13 @@ def passes(loop: Loop, speed: float, ground: Path, roughness: float) -> list[Pas
 
 
 def _cells(some: Sequence[Pass], *keys: str) -> tuple[str, ...]:
-    """Return mean and range of quantities over passes as text cells."""
+    """Return table cells with mean and range of the attributes `keys` over passes."""
     every = ([getattr(p, key) for p in some] for key in keys)
     return tuple(f"{np.mean(values):.1f} ({min(values):.1f} to {max(values):.1f})" for values in every)
 
 
 def tables(ground: Path) -> dict[str, str]:
-    """Return tables of passes by roughness and speed, of corrected errors, and of receiver failures.
+    """Return tables by name: passes by roughness and speed, effect of corrected errors, and receiver failures.
 
     Height maps are written to the folder `ground`.
     """
@@ -303,7 +304,7 @@ def tables(ground: Path) -> dict[str, str]:
 
 
 def gain(loop: Loop, ground: Path, roughness: float) -> str:
-    """Return a table of passes in which errors are corrected one after the other."""
+    """Return a table of passes in which the errors of steering and heading are corrected one after the other."""
     right = calibrated(STRAIGHT, SCALE)
     changes = {
         "unchanged": loop,
@@ -321,7 +322,8 @@ def gain(loop: Loop, ground: Path, roughness: float) -> str:
 
 
 BEGIN_S, LINE_M, AFTER_S, RESTING_M_S = 20.0, 56.0, 2.0, 0.05
-"""Start of a failure [s], length of the line [m], evaluated time after a failure [s], maximum speed at rest [m/s]."""
+"""Start of a failure [s], length of the path [m], evaluated time after the end of a failure [s], and speed below which
+the tractor is at rest [m/s]."""
 FAILURES: dict[str, dict[str, Any]] = {
     "position silent for 37 s, last fix RTK": {"kind": "gnss_frozen", "keep": "velocity", "end_s": BEGIN_S + 37},
     "position silent for 37 s, last fix of quality 2": {
@@ -333,11 +335,11 @@ FAILURES: dict[str, dict[str, Any]] = {
     "no heading for 0.2 s": {"kind": "heading_loss", "end_s": BEGIN_S + 0.2},
     "no heading for 3.4 s": {"kind": "heading_loss", "end_s": BEGIN_S + 3.4},
 }
-"""Failures with their median and maximum durations in the logs."""
+"""Receiver failures by name, with median and maximum durations in the logs."""
 
 
 def failures(loop: Loop, ground: dict[str, Any], seeds: Sequence[int] = (1, 2)) -> str:
-    """Return a table of failures: stopping distance, and maximum offset from the line.
+    """Return a table of receiver failures with stopping distance and maximum lateral deviation.
 
     The speed command is a lever position, as on the real machine: a speed controller would use the frozen speed.
     """

@@ -1,4 +1,7 @@
-"""ROS 2 controller for `agrobot-mj ros2`: pure pursuit of /path with commands on /cmd_vel, 2.5 m ahead at 1.5 m/s."""
+"""ROS 2 controller for `agrobot-mj ros2`: pure pursuit of /path with commands on /cmd_vel.
+
+The look-ahead distance is 2.5 m, the speed 1.5 m/s.
+"""
 
 from math import atan2, cos, hypot, sin
 
@@ -12,7 +15,7 @@ SPEED, AHEAD = 1.5, 2.5
 
 
 class Follower(Node):
-    """Node that replies to each message on /odometry with a command on /cmd_vel."""
+    """ROS 2 node that publishes a command on /cmd_vel for each message on /odometry."""
 
     def __init__(self) -> None:
         super().__init__("follower")
@@ -23,11 +26,11 @@ class Follower(Node):
         self.create_subscription(Odometry, "/odometry", self.drive, 10)
 
     def take(self, path: Path) -> None:
-        """Store the points of the path."""
+        """Store the path points of a message on /path."""
         self.points = [(p.pose.position.x, p.pose.position.y) for p in path.poses]
 
     def drive(self, odometry: Odometry) -> None:
-        """Publish a command that steers towards the first path point at the look-ahead distance."""
+        """Publish a command that steers towards the first path point beyond the look-ahead distance."""
         if not self.points:
             return
         at, q = odometry.pose.pose.position, odometry.pose.pose.orientation
@@ -40,7 +43,7 @@ class Follower(Node):
         self.out.publish(command)
 
     def offset(self, k: int, at) -> tuple[float, float]:
-        """Return the vector from the tractor (`at`) to path point `k` [m]."""
+        """Return the vector from the tractor position `at` to the path point `k` [m]."""
         return self.points[k][0] - at.x, self.points[k][1] - at.y
 
 

@@ -1,14 +1,14 @@
 """Train a policy for the figure eight by the cross-entropy method, and compare it with the paper's PD law.
 
-The policy is linear in a few observations, without an offset, so that left and right bends share the weights:
+The policy is linear in a few observations, without a constant term, so that left and right bends share the weights:
 
     steering / limit = theta . (cross-track, heading error, yaw rate, steering angle, curvature ahead)
 
-With --speed two more weights control the speed relative to the reference: an offset, and a weight of the distance to
-the reference.
+With --speed two more weights control the speed relative to the reference: a constant term, and a weight of the
+along-track distance to the reference.
 
-Each generation draws policies from a normal distribution, simulates each for a minute with different noise, and moves
-the distribution to the best policies. The initial mean is zero. Needs `pip install agrobot-mj[gym]`.
+In each generation, policies are drawn from a normal distribution and simulated for a minute with different noise. The
+best policies determine the next distribution. The initial mean is zero. Needs `pip install agrobot-mj[gym]`.
 
     python examples/train_figure_eight.py --out policy.npz
     python examples/train_figure_eight.py --speed --generations 8
@@ -28,27 +28,27 @@ import agrobot_mj.extensions.links.gym  # registers the environment
 
 FEATURES = ("cross_track", "heading_error", "yaw_rate", "steer", "curvature_0m", "curvature_1m", "curvature_2m")
 SPREAD = np.array([0.5, 1.0, 0.5, 0.5, 1.5, 1.5, 1.5])
-"""Standard deviations of the steering weights in the first generation."""
+"""Standard deviations of the steering weights in the first generation, in the order of `FEATURES`."""
 SPEED_SPREAD = np.array([0.7, 0.3])
-"""Standard deviations of the speed weights in the first generation: offset, and weight of the distance [1/m]."""
+"""Standard deviations of the speed weights in the first generation: constant term, and weight of the distance [1/m]."""
 ELITE = 0.25
-"""Fraction of each generation from which the next distribution is computed."""
+"""Fraction of the policies of a generation that determines the next distribution [-]."""
 KEPT_SPREAD = 0.03
-"""Standard deviation added in each generation, as a fraction of the first, to keep the search active."""
+"""Standard deviation added in each generation, as a fraction of the initial one [-], to continue exploration."""
 JUDGED_SEEDS = range(9001, 9006)
 """Seeds of the final comparison, not used in training."""
 
 
 @cache
 def environment(plant, duration_s, speed):
-    """Return the environment of this process, which is created once."""
+    """Return the Gymnasium environment, which is created once per process."""
     overrides = {} if duration_s is None else {"duration_s": duration_s}
     keywords = {"scenario": "figure_eight", "plant": plant, "speed": speed, "overrides": overrides}
     return gymnasium.make(agrobot_mj.extensions.links.gym.ENV_ID, **keywords)
 
 
 def episode(job):
-    """Simulate one episode; return the sum of rewards, the last info, and the processor time [s]."""
+    """Simulate one episode; return the sum of rewards, the last `info`, and the processor time [s]."""
     theta, plant, duration_s, seed, options = job
     began = time.process_time()
     steering, driving = theta[: len(FEATURES)], theta[len(FEATURES) :]
@@ -66,7 +66,7 @@ def episode(job):
 
 
 def train(pool, plant, speed, generations, population, duration_s, seed):
-    """Yield the mean policy after each generation."""
+    """Train a policy; yield the mean weights after each generation."""
     draw = np.random.default_rng(seed)
     first = np.append(SPREAD, SPEED_SPREAD) if speed else SPREAD
     mean, spread = np.zeros(len(first)), first.copy()
@@ -94,7 +94,7 @@ def driven_by_pd(job):
 
 
 def judge(pool, theta, plant, duration_s):
-    """Print the errors of policy and PD law with the same noise; return their means [m]."""
+    """Print the errors of policy and PD law with the same noise; return the mean lateral errors by law [m]."""
     seeds = list(JUDGED_SEEDS)
     jobs = [(theta, plant, duration_s, 0, {"overrides": {"seed": seed}}) for seed in seeds]
     ends = [info for _, info, _ in pool.map(episode, jobs)]

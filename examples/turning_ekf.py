@@ -1,11 +1,11 @@
-"""Own estimator on filterpy's `ExtendedKalmanFilter`: constant speed and yaw rate between two fixes.
+r"""Custom estimator on filterpy's `ExtendedKalmanFilter`, with constant speed and yaw rate between two fixes.
 
     agrobot-mj run figure_eight --plugin examples/turning_ekf.py --set estimator.kind=turning_ekf
     agrobot-mj compare figure_eight --plugin examples/turning_ekf.py --guidance lqr \
         --variant "paper: estimator.kind=ekf" --variant "own: estimator.kind=turning_ekf"
 
 States: position of the rear-axle point R [m], yaw [rad], speed [m/s] and yaw rate [rad/s]. The antenna is assumed to be
-above R. A plugin estimator is called from Python once a tick; filterpy needs about 0.1 ms of it.
+above R. A plugin estimator is called from Python once per tick; filterpy needs about 0.1 ms per call.
 """
 
 from math import cos, nan, radians, sin, tan
@@ -25,11 +25,11 @@ class Turning(NamedTuple):
     """State of the filter between two ticks."""
 
     mean: Array
-    """Mean of x, y, yaw, speed and yaw rate, shape (5,) [SI, rad]."""
+    """Mean of the states x, y, yaw, speed and yaw rate, shape (5,) [SI, rad]."""
     covariance: Array
-    """Covariance of these quantities, shape (5, 5)."""
+    """Covariance of the states, shape (5, 5)."""
     wheelbase: float
-    """Wheelbase [m]."""
+    """Wheelbase of the tractor [m]."""
     to_cg: float
     """Distance of the centre of gravity ahead of R [m]."""
     fix_t: float = 0.0
@@ -41,18 +41,18 @@ class TurningEkf(StateEstimator):
 
     kind: Literal["turning_ekf"] = "turning_ekf"
     position_sigma_m: Positive = 0.02
-    """Standard deviation of the position of a fix, per axis [m]. Paper, section V-A."""
+    """Standard deviation of a GNSS position per axis [m]. Paper, section V-A."""
     velocity_sigma_m_s: Positive = 0.03
-    """Standard deviation of the GNSS velocity per axis [m/s]. Assumed value, as for the receiver."""
+    """Standard deviation of a GNSS velocity per axis [m/s]. Assumed value, as for the receiver."""
     steer_sigma_deg_s: Positive = 2.0
     """Standard deviation of the yaw rate computed from the steering angle [deg/s]. Assumed value."""
     speed_walk_m_s_rt_s: Positive = 0.2
-    """Random walk of the speed [m/s/sqrt(s)]. Assumed value."""
+    """Intensity of the random walk of the speed [m/s/sqrt(s)]. Assumed value."""
     yaw_rate_walk_deg_s_rt_s: Positive = 5.0
-    """Random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value."""
+    """Intensity of the random walk of the yaw rate [deg/s/sqrt(s)]. Assumed value."""
 
     def init(self, x: float, y: float, yaw: float, tractor: TractorParameters) -> Turning:
-        """Return the state at standstill, with R at (x, y) [m] and the heading `yaw` [rad]."""
+        """Return the filter state at standstill, with R at (x, y) [m] and the heading `yaw` [rad]."""
         sigmas = np.array([0.05, 0.05, radians(5.0), 0.1, radians(1.0)])
         start = np.array([x, y, yaw, 0.0, 0.0])
         return Turning(start, np.diag(sigmas**2), tractor.wheelbase_m, tractor.cg_to_rear_axle)
@@ -77,13 +77,13 @@ class TurningEkf(StateEstimator):
         return state, self._estimate(state, nis, measurement.t)
 
     def _moved(self, mean: Array, dt: float) -> Array:
-        """Return the mean after `dt` [s] at constant speed and yaw rate."""
+        """Return the predicted mean after `dt` [s] at constant speed and yaw rate."""
         x, y, yaw, v, rate = mean
         middle = yaw + 0.5 * rate * dt
         return np.array([x + v * dt * cos(middle), y + v * dt * sin(middle), yaw + rate * dt, v, rate])
 
     def _transition(self, mean: Array, dt: float) -> Array:
-        """Return the derivative of the predicted mean with respect to the mean, shape (5, 5)."""
+        """Return the Jacobian of the predicted mean with respect to the mean, shape (5, 5)."""
         _, _, yaw, v, rate = mean
         c, s = dt * cos(yaw + 0.5 * rate * dt), dt * sin(yaw + 0.5 * rate * dt)
         F = np.eye(5)
@@ -93,17 +93,17 @@ class TurningEkf(StateEstimator):
         return F
 
     def _noise(self, dt: float) -> Array:
-        """Return the covariance of the process noise of a tick, shape (5, 5)."""
+        """Return the covariance of the process noise in a tick, shape (5, 5)."""
         walks = np.array([0.01, 0.01, radians(0.3), self.speed_walk_m_s_rt_s, radians(self.yaw_rate_walk_deg_s_rt_s)])
         return np.diag(dt * walks**2)
 
     def _expected(self, mean: Array) -> Array:
-        """Return the expected measurement of a fix: position and velocity, shape (4,)."""
+        """Return the GNSS measurement expected from the mean: position and velocity, shape (4,)."""
         x, y, yaw, v, _ = mean
         return np.array([x, y, v * cos(yaw), v * sin(yaw)])
 
     def _slopes(self, mean: Array) -> Array:
-        """Return the derivative of the expected measurement with respect to the mean, shape (4, 5)."""
+        """Return the Jacobian of the expected GNSS measurement with respect to the mean, shape (4, 5)."""
         _, _, yaw, v, _ = mean
         H = np.zeros((4, 5))
         H[0, 0] = H[1, 1] = 1.0

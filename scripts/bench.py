@@ -1,8 +1,8 @@
-"""Cost of a run compared with bare MuJoCo, cost of recording, time of each part of a tick, and start-up times.
+"""Benchmark of the computing time: a run compared with bare MuJoCo, recording, parts of a tick, and start-up.
 
 The benchmark runs in one process with compiled code in memory. The compared functions run alternately, and a ratio is
-the median of the ratios of successive runs, so that a busy machine affects both. Times are processor times of all
-threads, except start-up times. Only ratios can be compared between machines.
+the median of the ratios of successive runs, so that the load of the machine affects both functions. Times are processor
+times of all threads, except start-up times. Only ratios can be compared between machines.
 """
 
 import argparse
@@ -42,14 +42,13 @@ from agrobot_mj.tyres import Tyre
 from agrobot_mj.tyres.bearing import FIRM
 
 AIM_RATIO, AIM_RECOMMENDED_RATIO, AIM_RECORDING = 1.35, 2.0, 0.05
-"""Targets [-]: closed loop divided by bare steps, the same ratio with the recommended stack, relative cost of
-recording."""
+"""Targets of relative times [-]: closed loop with the default and the recommended stack, and recording."""
 AIM_REAL_TIME, AIM_FAST, AIM_RECOMMENDED = 250.0, 600.0, 450.0
-"""Minimum simulated time per processor time [-]: standard steps, `physics = "fast"`, and the recommended stack."""
+"""Targets of simulated divided by processor time [-]: standard steps, `physics = "fast"`, and the recommended stack."""
 AIM_TYRE, AIM_SINKING, GRID = 1.3, 1.6, 200
-"""Targets of physics with tyres divided by bare steps, on firm and on soft ground [-]; grid nodes per side."""
+"""Targets of steps with tyres divided by bare steps [-], on firm and yielding soil; number of grid nodes per side."""
 START_UP = {"--version": 0.4, "--help": 0.4, "list": 0.4, "run circle --set duration_s=1": 1.5}
-"""Command lines and targets for their wall times [s]."""
+"""Targets of the wall time of short commands [s], by command line."""
 PARTS = {
     "plant": (Loop, "advance"),
     "sensors and estimator": (Loop, "sense"),
@@ -57,7 +56,7 @@ PARTS = {
     "low-level loops": (Loop, "act"),
     "log": (Rows, "append"),
 }
-"""Timed parts of a tick: class and method."""
+"""Method that performs each timed part of a tick: class and name."""
 RECOMMENDED = {
     "guidance.kind": "lqr",
     "estimator.kind": "ekf_full",
@@ -66,15 +65,15 @@ RECOMMENDED = {
     "sensors.wheel_speed.enabled": True,
     "physics": "fast",
 }
-"""Overrides for the recommended stack with large steps."""
+"""Overrides for the recommended stack: LQR, `ekf_full`, and large physics steps."""
 UNDISTURBED = 10  # Percentile of the tick times that counts as undisturbed by other processes [%]
 HELD_STEPS, MOVING_S = 500, 12.0
-"""Number of steps after which the bare model restarts, because it would fall over, and time of acceleration [s]."""
+"""Number of steps after which the falling bare model restarts, and duration of the run before its start state [s]."""
 NO_IMPLEMENT, ROUNDS = NoImplement(), 15  # Default implement, and number of rounds of a measurement [-]
 
 
 class BareModel:
-    """MuJoCo model of a run in which the tractor moves, supported by constant tyre forces."""
+    """MuJoCo model of a moving tractor, stepped without the simulator: the tyre forces are constant."""
 
     def __init__(self, scenario: Scenario) -> None:
         loop = Loop(scenario)
@@ -88,7 +87,7 @@ class BareModel:
         mujoco.mj_getState(self.model, self.data, self.start, self.kind)
 
     def as_drawn(self) -> "BareModel":
-        """Return a copy with all visual geoms and all stages of MuJoCo, as a user would load the model."""
+        """Return a copy of the model with all visual geoms and all default features of MuJoCo."""
         s, whole = self.scenario, copy(self)
         if not isinstance(s.implement, NoImplement):
             raise TypeError("the drawn model is that of a tractor without an implement")
@@ -99,7 +98,7 @@ class BareModel:
         return whole
 
     def seconds(self, steps: int) -> float:
-        """Return the processor time of `steps` physics steps, with one call per step [s]."""
+        """Return the processor time of `steps` physics steps [s], with one Python call per step."""
         model, data, step = self.model, self.data, mujoco.mj_step
         spent = 0.0
         while steps > 0:
@@ -115,34 +114,34 @@ class BareModel:
         return spent
 
     def undisturbed(self, steps: int, count: int = 2000) -> float:
-        """Return the tenth percentile of the time of `steps` steps [s], without the effect of other processes."""
+        """Return the tenth percentile of the processor time of `steps` physics steps [s], to exclude disturbances."""
         found = [self.seconds(steps) for _ in range(count)]
         return float(np.percentile(found, UNDISTURBED))
 
 
 def steps_of(scenario: Scenario) -> int:
-    """Return the number of physics steps in a run, including the settling at the start."""
+    """Return the number of physics steps in a run, including settling."""
     settle = round(getattr(scenario.plant, "settle_s", 0.0) / scenario.step_s)
     return (scenario.ticks - 1) * scenario.steps_per_tick + settle
 
 
 def seconds_of(work: Callable[[], Any]) -> float:
-    """Return the processor time of a call of `work`, summed over threads [s]."""
+    """Call a function; return the processor time of the call, summed over threads [s]."""
     began = time.process_time()
     work()
     return time.process_time() - began
 
 
 def in_turn(*works: Callable[[], Any]) -> tuple[float, ...]:
-    """Return the median processor time of each function, called alternately, without the first round [s]."""
+    """Call functions alternately; return the median processor time of each function [s], without the first round."""
     rounds = [[seconds_of(work) for work in works] for _ in range(ROUNDS + 1)][1:]
     return tuple(median(column) for column in zip(*rounds, strict=True))
 
 
 def run_costs(scenario: Scenario, repeats: int) -> str:
-    """Return a table of the cost of a run and of recording, relative to bare steps, with targets.
+    """Return a table of computing times with targets: closed loop and recording, relative to bare steps.
 
-    Bare steps, run and recorded run alternate. The first round is not evaluated.
+    Measurements of bare steps, run and recorded run alternate. The first round is discarded.
     """
     bare, steps, in_a_tick = BareModel(scenario), steps_of(scenario), scenario.steps_per_tick
     drawn, run_s, rounds = bare.as_drawn(), scenario.ticks * TICK_S, []
@@ -200,7 +199,7 @@ def run_costs(scenario: Scenario, repeats: int) -> str:
 
 
 def undisturbed_tick(scenario: Scenario) -> float:
-    """Return the tenth percentile of the processor time of a tick [s]."""
+    """Return the tenth percentile of the processor time of a tick [s], which excludes disturbed ticks."""
     simulation, found = Simulation(scenario), list[float]()
     simulation.reset()
     while not simulation.done:
@@ -212,7 +211,7 @@ def undisturbed_tick(scenario: Scenario) -> float:
 
 @contextmanager
 def stopwatches() -> Iterator[dict[str, float]]:
-    """Measure the time of parts of a tick within the block. Yields the seconds by name of the part."""
+    """Measure the parts of a tick inside the `with` block; yield the processor time of each part by name [s]."""
     spent: dict[str, float] = defaultdict(float)
 
     def timed(part: str, function: Callable[..., Any]) -> Callable[..., Any]:
@@ -249,7 +248,7 @@ def tick_parts(scenario: Scenario) -> str:
 
 
 def rough_ground(nodes: int = GRID) -> Ground:
-    """Return a square height grid with `nodes` per side, 0.1 m apart, and bumps of some millimetres."""
+    """Return a square height grid with `nodes` per side, a node spacing of 0.1 m and random heights within 2 mm."""
     heights = np.random.default_rng(1).uniform(-0.002, 0.002, (nodes, nodes))
     return Ground(-0.05 * nodes, -0.05 * nodes, 0.1, heights)
 
@@ -257,7 +256,10 @@ def rough_ground(nodes: int = GRID) -> Ground:
 def moving(
     tyre: Any, ground: Ground | None = None, implement: ImplementBase = NO_IMPLEMENT, settle_s: float = 3.0
 ) -> MujocoPlant:
-    """Return a slow tractor that stays on its `ground` while it is timed. Default: rough ground."""
+    """Return a slowly moving tractor on `ground`, which does not leave the ground during the measurement.
+
+    Default: rough ground.
+    """
     s = load_scenario("straight_line")
     machine = s.vehicle._replace(implement=implement)
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground or rough_ground())
@@ -268,13 +270,13 @@ def moving(
 
 
 def drive_on(plant: MujocoPlant, ticks: int) -> None:
-    """Advance the plant by `ticks` with both valves in neutral."""
+    """Advance a plant by `ticks` ticks with both valves in neutral."""
     for _ in range(ticks):
         plant.step_through(Drive(NEUTRAL_V, NEUTRAL_V))
 
 
 def physics_costs(repeats: int) -> str:
-    """Return a table of the cost of each tyre kernel and implement, relative to bare steps of the same model."""
+    """Return a table of the computing time with each tyre law and implement, relative to bare steps of the model."""
     tyres = [tyre() for tyre in every(Tyre) if not tyre().native]
     aims = {tyre.kind: AIM_TYRE if tyre.structure().bearing == FIRM else AIM_SINKING for tyre in tyres}
     found = {tyre.kind: physics_over_bare(tyre, NO_IMPLEMENT, repeats) for tyre in tyres}
@@ -288,16 +290,16 @@ def physics_costs(repeats: int) -> str:
 
 
 def physics_over_bare(tyre: Any, implement: ImplementBase, repeats: int) -> float:
-    """Return the cost of physics steps divided by the cost of bare steps, on a grid of 200 x 200 nodes [-]."""
+    """Return the time of physics steps divided by the time of bare steps [-], on a grid of 200 x 200 nodes."""
     plant = moving(tyre, implement=implement)
     start = plant.save()
     return median(tyred_over_bare(plant, start) for _ in range(8 * repeats))
 
 
 def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
-    """Return the cost of 20 plant ticks from the state `start` divided by the cost of equally many bare steps [-].
+    """Return the time of 20 plant ticks from the state `start` divided by the time of as many bare steps [-].
 
-    Each tick starts from a restored state, because the bare tractor soon tips over, which takes longer.
+    Each bare tick starts from a state of the plant: the bare tractor would soon tip over, with slower steps.
     """
     kind, rest, tyred, bare = mujoco.mjtState.mjSTATE_INTEGRATION, Drive(NEUTRAL_V, NEUTRAL_V), 0.0, 0.0
     begins = np.empty((20, mujoco.mj_stateSize(plant.model, kind)))
@@ -317,7 +319,7 @@ def tyred_over_bare(plant: MujocoPlant, start: MujocoState) -> float:
 
 
 def start_up_times(repeats: int) -> str:
-    """Return a table of the minimum wall time of short commands in separate processes, omitting the first."""
+    """Return a table of the minimum wall time of short commands in separate processes, without the first call."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for line, aim in START_UP.items():

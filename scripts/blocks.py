@@ -1,4 +1,4 @@
-"""Blocks of documentation pages that scripts replace. They are between `<!-- NAME -->` and `<!-- end of NAME -->`."""
+"""Blocks of documentation pages that scripts replace, between `<!-- NAME -->` and `<!-- end of NAME -->`."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def page(name: str, docs: Path = DOCS) -> Path:
-    """Return the path of a page in any folder of docs/."""
+    """Return the path of the page `name`.md in docs/ or in a subfolder."""
     (found,) = docs.rglob(f"{name}.md")
     return found
 
@@ -17,7 +17,7 @@ def block(text: str, name: str) -> str:
 
 
 def put(text: str, name: str, content: str) -> str:
-    """Replace the content of a block in a page by `content` and return the page."""
+    """Return the text of a page after replacing the content of the block `name`."""
     found = _found(text, name)
     return text[: found.start(1)] + content + text[found.end(1) :]
 

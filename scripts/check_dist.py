@@ -1,8 +1,9 @@
 """Build wheel and sdist, and check them in empty environments with several versions of Python.
 
 uv provides the Python versions. Each environment contains only the package and its run-time dependencies. The commands
-of the wheel are run, and the sdist must install the same files. The last check has no home or cache folder. If all
-checks pass, the sizes of dependencies and extras are printed; otherwise the status is 1. The files remain in dist/.
+of the wheel are run, and the sdist must install the same files as the wheel. The last check has no home folder and no
+cache folder. If all checks pass, the sizes of dependencies and extras are printed; otherwise the exit status is 1. The
+files remain in dist/.
 """
 
 import os
@@ -19,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 DIST = ROOT / "dist"
 UV = os.environ.get("UV", "uv")
 PYTHONS = os.environ.get("PYTHONS", "3.11 3.12 3.13").split()
-"""Versions of Python, or paths of interpreters, in which the package is checked."""
+"""Python versions, or paths of interpreters, with which the package is checked."""
 KEPT = ("UV_", "PIP_", "SSL_")  # Prefixes of environment variables that configure the package index
 SHORT = ("--set", "duration_s=2", "-q")
 COMMANDS = (
@@ -36,16 +37,16 @@ COMPLETE = (
     ("report", "drawn"),
     ("rig", "linear", "-q", "--out", "rig"),
 )
-"""Commands that must work with the extra `all`."""
+"""Commands that must work if the extra `all` is installed."""
 REFUSED = (("report", "compared"), ("rig", "linear", "--out", "none"), ("export", "run", "--mcap"))
-"""Commands that must report a missing extra with status 2."""
+"""Commands that must fail with status 2 and name a missing extra."""
 
 
 tell = partial(print, flush=True)
 
 
 def call(command: list[str | Path], folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run a command in an environment without the Python variables of this process."""
+    """Run a command without the Python-specific environment variables of this process."""
     keep = {name: value for name, value in os.environ.items() if name in ("PATH", "HOME") or name.startswith(KEPT)}
     return subprocess.run(
         list(map(str, command)), cwd=folder, env={**keep, **environment}, capture_output=True, text=True, check=False
@@ -53,7 +54,7 @@ def call(command: list[str | Path], folder: Path, **environment: str) -> subproc
 
 
 def must(command: list[str | Path], folder: Path, **environment: str) -> str:
-    """Run a command and return its standard output. Raises `RuntimeError` with the output of a failed command."""
+    """Run a command; return its standard output. Raises RuntimeError with the output if the command fails."""
     done = call(command, folder, **environment)
     if done.returncode:
         raise RuntimeError(f"{' '.join(map(str, command))}: status {done.returncode}\n{done.stdout}{done.stderr}")
@@ -61,7 +62,7 @@ def must(command: list[str | Path], folder: Path, **environment: str) -> str:
 
 
 def environment(package: str | Path, python: str, folder: Path) -> Path:
-    """Install only the package in an environment, which is created if missing; return the folder of its executables."""
+    """Install a package in a virtual environment, created if missing; return the folder of its executables."""
     if not (folder / "venv").exists():
         folder.mkdir(parents=True, exist_ok=True)
         must([UV, "venv", "--quiet", "--python", python, folder / "venv"], folder)
@@ -70,7 +71,7 @@ def environment(package: str | Path, python: str, folder: Path) -> Path:
 
 
 def works(programs: Path, folder: Path) -> None:
-    """Check the output of commands, and the messages about missing extras."""
+    """Check commands that work without extras, and error messages about missing extras."""
     for arguments in COMMANDS:
         must([programs / "agrobot-mj", *arguments], folder)
     must_exist(folder, "run/signals.parquet", "compared/comparison.json")
@@ -89,14 +90,14 @@ def must_exist(folder: Path, *names: str) -> None:
 
 
 def works_with_all(programs: Path, folder: Path) -> None:
-    """Check the commands that need the extra `all`."""
+    """Check commands that need the extra `all`."""
     for arguments in COMPLETE:
         must([programs / "agrobot-mj", *arguments], folder)
     must_exist(folder, "all/run.rrd", "drawn/comparison.rrd", "drawn/lateral_error.png", "rig/curves.parquet")
 
 
 def works_without_a_cache(programs: Path, folder: Path) -> None:
-    """Check a run that cannot cache kernels: there is no home, and the name of the cache folder belongs to a file."""
+    """Check a run that cannot cache kernels: without home folder, and with a file in place of the cache folder."""
     (folder / "no-folder").touch()
     bare = {"PATH": os.environ["PATH"], "XDG_CACHE_HOME": str(folder / "no-folder"), "PYTHONDONTWRITEBYTECODE": "1"}
     command = [str(programs / "agrobot-mj"), "run", "circle", *SHORT, "--no-rrd", "--out", "bare"]
@@ -114,7 +115,7 @@ def files(programs: Path) -> dict[str, bytes]:
 
 
 def table(wheel: Path, python: str, folder: Path) -> list[str]:
-    """Return the sizes [MB] for docs/install.md: of each dependency with its new requirements, and of each extra."""
+    """Return lines with the sizes of each dependency, with its new requirements, and of each extra [MB]."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     rows, whole = dict[str, float](), 0.0
     for needed in (*project["dependencies"], str(wheel)):

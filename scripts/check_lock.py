@@ -1,4 +1,4 @@
-"""Check without network that pyproject.toml, uv.lock and the exported files agree; status 1 if they differ."""
+"""Check without network that pyproject.toml, uv.lock and the exported files agree; the status is 1 for a difference."""
 
 import re
 import sys
@@ -9,11 +9,11 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent
 EXPORTS = {"requirements.lock": "build", "requirements-dev.lock": "dev", "requirements-docs.lock": "docs"}
-"""Files from which make installs, and the group of each in pyproject.toml."""
+"""Exported requirements files, with the dependency group of each file in pyproject.toml."""
 
 
 def exported(text: str) -> dict[tuple[str, str], set[str]]:
-    """Return the hashes in an exported file, by name and version of the package."""
+    """Return the hashes in an exported requirements file, by name and version of the package."""
     found: dict[tuple[str, str], set[str]] = {}
     for block in re.split(r"\n(?=\S)", text):
         if pinned := re.match(r"([A-Za-z0-9._-]+)==([^\s;\\]+)", block):
@@ -22,7 +22,7 @@ def exported(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def locked(text: str) -> dict[tuple[str, str], set[str]]:
-    """Return the hashes in uv.lock, by name and version of the package, without the project itself."""
+    """Return the hashes in uv.lock by name and version of the package, except for the project itself."""
     found = {}
     for package in tomllib.loads(text)["package"]:
         if "registry" in package["source"]:
@@ -32,8 +32,7 @@ def locked(text: str) -> dict[tuple[str, str], set[str]]:
 
 
 def wanted(text: str, group: str) -> list[Requirement]:
-    """Return the requirements of a group in pyproject.toml and, except for `docs`, of the package with the extra
-    `all`."""
+    """Return the requirements of a dependency group, and of the project with the extra `all` except for `docs`."""
     content = tomllib.loads(text)
     project = content["project"]
     extras = [extra for line in project["optional-dependencies"]["all"] for extra in sorted(Requirement(line).extras)]
@@ -49,7 +48,7 @@ def wanted(text: str, group: str) -> list[Requirement]:
 
 
 def optional(text: str) -> set[str]:
-    """Return the names of the packages in uv.lock that only extras need."""
+    """Return the names of all packages in uv.lock that extras require."""
     packages = {package["name"]: package for package in tomllib.loads(text)["package"]}
     (project,) = (package for package in packages.values() if "registry" not in package["source"])
     todo = [needed for needs in project.get("optional-dependencies", {}).values() for needed in needs]
@@ -65,7 +64,7 @@ def optional(text: str) -> set[str]:
 
 
 def faults(root: Path) -> list[str]:
-    """Return a line for each difference between the lock file and the declared dependencies."""
+    """Return a line for each difference between uv.lock, the exported files and the declared dependencies."""
     texts = {name: (root / name).read_text(encoding="utf-8") for name in (*EXPORTS, "uv.lock", "pyproject.toml")}
     pins = {name: exported(texts[name]) for name in EXPORTS}
     lock, extras = locked(texts["uv.lock"]), optional(texts["uv.lock"])

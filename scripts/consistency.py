@@ -1,7 +1,7 @@
-"""Consistency of an estimator's covariance on varying ground, with GNSS outages.
+"""Consistency of an estimator's covariance on various grounds, with GNSS outages.
 
-A drive is recorded in closed loop with LQR. The same drive is then measured again with other sensor seeds, once without
-outages and once with two outages of each duration. A consistent filter has a mean NEES of 2 for the position and 1 for
+A drive is recorded in closed loop with LQR. Sensors with other seeds then measure the same drive again: once without
+outages, and once with two outages of each duration. A consistent filter has a mean NEES of 2 for the position and 1 for
 the heading.
 """
 
@@ -16,15 +16,15 @@ from agrobot_mj.core.signals import NOMINAL, Array
 
 DURATION_S = 110.0  # Duration of a drive [s]
 DRIVES, SEEDS = range(6, 11), range(200, 220)
-"""Seeds of the recorded drives of a case, and seeds of the sensors. The settings were tuned with other seeds."""
+"""Seeds of the recorded drives of a case, and seeds of the sensors. The filter settings were tuned with other seeds."""
 LOSSES_S, LOSS_STARTS_S = (4.0, 11.0, 20.0), ((22.0, 46.0), (66.0, 90.0))
-"""Durations of the outages, and the time ranges in which the two outages of a replay start [s]."""
+"""Durations of GNSS outages, and the intervals in which the two outages of a replay start [s]."""
 SPACING_M, HALF_WIDTH_M = 0.5, 75.0  # Grid spacing and half width of the height maps [m]
 Keys = dict[str, Any]
 
 
 class GroundCase(NamedTuple):
-    """Case with its ground or load: `overrides` depend on the seed of a drive and the folder for height maps."""
+    """Test case with its ground or load; `overrides` is a function of the drive's seed and a folder for height maps."""
 
     name: str
     scenario: str
@@ -42,7 +42,7 @@ def _heights(heights: Array, folder: Path, name: str) -> Keys:
 
 
 def contour(seed: int, folder: Path, half: float = HALF_WIDTH_M) -> Keys:
-    """Return overrides for a drive along a contour on a side slope from 12 to 25 deg.
+    """Return overrides for a drive along the contour lines of a side slope of 12 to 25 deg.
 
     From 27 deg the unloaded upper rear wheel spins, and the open differential stops the compact tractor.
     """
@@ -53,14 +53,14 @@ def contour(seed: int, folder: Path, half: float = HALF_WIDTH_M) -> Keys:
 
 
 def bowl(seed: int, folder: Path) -> Keys:
-    """Return overrides for a figure eight on a slope from 12 to 20 deg; from 25 deg the wheels would slide."""
+    """Return overrides for a figure eight on a slope of 12 to 20 deg; on 25 deg the wheels would slide."""
     grade = np.tan(np.radians(np.interp(_axis(), (-10.0, 10.0), (12.0, 20.0))))
     profile = np.concatenate([[0.0], np.cumsum((grade[1:] + grade[:-1]) / 2 * SPACING_M)])
     return {"terrain": _heights(np.repeat(profile[:, None], len(grade), 1), folder, "bowl.npy")}
 
 
 def pulled(seed: int, folder: Path) -> Keys:
-    """Return overrides for a drive on tilled soil with one pull of 600 to 1500 N."""
+    """Return overrides for a drive on tilled soil with a drawbar pull of 600 to 1500 N in one interval."""
     rng = np.random.default_rng(seed)
     start, length, pull = (float(rng.uniform(*span)) for span in ((22.0, 66.0), (25.0, 44.0), (600.0, 1500.0)))
     fault = {"kind": "drawbar", "pull_n": pull, "noise_share": 0.2, "start_s": start, "end_s": start + length}
@@ -82,13 +82,13 @@ CASES = (
 
 
 def drive(case: GroundCase, seed: int, folder: Path, duration: float = DURATION_S, **more: Any) -> RecordedDrive:
-    """Record a drive of a case. The height map remains in the folder for the replays."""
+    """Record a drive of a case; its height map remains in `folder` for the replays."""
     law = {"guidance": {"kind": "lqr"}, "estimator": case.estimator}
     return record(case.scenario, {**law, **case.overrides(seed, folder), "seed": seed, **more}, duration)
 
 
 def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
-    """Return conditions with two GNSS outages of `seconds` [s], and the end times of the outages [s]."""
+    """Return conditions with two GNSS outages of `seconds` [s], and the times at which the outages end [s]."""
     rng = np.random.default_rng((seed, round(seconds)))
     starts = [round(float(rng.uniform(*span)), 1) for span in LOSS_STARTS_S]
     one, other = (loss(start, seconds) for start in starts)
@@ -96,7 +96,7 @@ def losses(seed: int, seconds: float) -> tuple[Day, tuple[float, float]]:
 
 
 class CaseErrors(NamedTuple):
-    """Errors of an estimator in a case, over all seeds."""
+    """Errors of an estimator in a test case, over all seeds."""
 
     wholes: list[Whole]
     losses: dict[float, list[list[End]]]  # Ends of outages by their duration [s], one list per seed
@@ -105,7 +105,7 @@ class CaseErrors(NamedTuple):
 def judged(
     drives: Sequence[RecordedDrive], estimator: Keys, seeds: Sequence[int], lengths: Iterable[float] = LOSSES_S
 ) -> CaseErrors:
-    """Return the errors of an estimator on drives for all sensor seeds, without and with outages of `lengths` [s]."""
+    """Return the errors of an estimator over all sensor seeds, without outages and with outages of `lengths` [s]."""
     found = CaseErrors([], {seconds: [] for seconds in lengths})
     for k, seed in enumerate(seeds):
         one = drives[k % len(drives)]

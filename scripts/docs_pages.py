@@ -1,4 +1,4 @@
-"""Documentation pages that are generated from the code: keys, commands, Python interface. Functions return Markdown."""
+"""Documentation pages generated from the code: scenario keys, commands, and Python interface, as Markdown."""
 
 import inspect
 from typing import Any
@@ -23,7 +23,7 @@ FRONT += ("scenario.plugins.register", "simulation.log.Log", "scenario.schema.Sc
 
 
 def keys_page() -> str:
-    """Return the page of all keys of a scenario file, with one section per table and kind."""
+    """Return the page with all keys of a scenario file; each table and kind has a section."""
     head = (
         "# Keys of a scenario\n\nThis page lists every key of a scenario file by table, as `agrobot-mj explain KEY` on "
         "the command line. [Models](reference/models.md) lists numbers, ranges and sources, "
@@ -33,7 +33,7 @@ def keys_page() -> str:
 
 
 def _sections(table: str, found: list[TableClass], seen: set[tuple[str, type[Spec]]]) -> list[str]:
-    """Return the sections of a table, one per possible class, and those of its nested tables."""
+    """Return the sections of a scenario table, one per class that the table can have, and of its nested tables."""
     lines: list[str] = []
     for place in found:
         if (table, place.owner) in seen:
@@ -72,7 +72,7 @@ def _cell(text: str) -> str:
 
 
 def commands_page() -> str:
-    """Return the page of all commands of `agrobot-mj` with their arguments and options."""
+    """Return the page with all `agrobot-mj` commands, their arguments and options."""
     lines = ["# Commands\n", "These are the texts of `agrobot-mj COMMAND --help`. Exit status: 0 for a run with the"]
     lines.append("expected outcome, 1 for another outcome or a full disk, 2 for bad input, 130 for an interrupt.\n")
     group: Any = typer.main.get_command(app)
@@ -98,7 +98,7 @@ def _usage(name: str, command: Any) -> list[str]:
 
 
 def api_page() -> str:
-    """Return the page of the Python interface: names of the package, and base classes."""
+    """Return the page of the Python interface: main functions and classes, and base classes."""
     lines = ["# Python\n", "```python", "from agrobot_mj import Simulation, load_scenario, register, run", "```\n"]
     lines += ["## Main functions and classes\n", *(_documented(name, name.rpartition(".")[2]) for name in FRONT)]
     lines.append("## Bases of the families\n")
@@ -108,5 +108,5 @@ def api_page() -> str:
 
 
 def _documented(name: str, heading: str) -> str:
-    """Return the directive that mkdocstrings replaces by the documentation of a name."""
+    """Return the mkdocstrings directive that inserts the documentation of a name."""
     return f'::: agrobot_mj.{name}\n    options:\n      heading: "{heading}"\n      toc_label: "{heading}"\n'

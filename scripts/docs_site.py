@@ -1,7 +1,7 @@
 """MkDocs hooks that generate pages from the code and resolve links to files outside docs/.
 
-The files next to the README and the notebooks become pages; other linked files are copied to the site. Pages of removed
-extensions are omitted from the menu and the links.
+CHANGELOG.md, CONTRIBUTING.md and the notebooks become pages; other linked files are copied to the site. Pages of
+removed extensions are omitted from the menu and the links.
 """
 
 import json
@@ -19,24 +19,24 @@ sys.path.insert(0, str(ROOT / "scripts"))
 import docs_pages  # noqa: E402
 
 MADE = {"keys.md": docs_pages.keys_page, "commands.md": docs_pages.commands_page, "api.md": docs_pages.api_page}
-"""Generated pages outside docs/, with the functions that write them."""
+"""Functions that return the generated pages, by file name in the site."""
 BROUGHT = {
     **{"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md"},
     **{"first_drive.md": "examples/notebooks/first_drive.ipynb", "own_law.md": "examples/notebooks/own_law.ipynb"},
     **{"log_to_twin.md": "examples/notebooks/log_to_twin.ipynb"},
     **{"boundary_to_report.md": "examples/notebooks/boundary_to_report.ipynb"},
 }
-"""Pages whose source is in other folders of the checkout."""
+"""Source files outside docs/ that become pages, by file name in the site."""
 LINK = re.compile(r"(\]\()([^)\s:#]+)(#[^)]*)?\)")
 WHOLE = re.compile(r"!?\[([^\]]*)\]\(([^)\s:#]+)(?:#[^)]*)?\)")
-"""Patterns of links: without their text, and with it."""
+"""Patterns of Markdown links: the target part of a link, and a complete link with its text."""
 CELL, LONG = re.compile(r"<td.*?</td>", re.DOTALL), re.compile(r"<code>([^<\s]{25,})</code>")
-"""Pattern of a table cell, and pattern of a name in a cell that is too long for one line."""
+"""Patterns of a table cell in HTML, and of a name in a cell that is too long for one line."""
 FENCE = re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 
 
 def on_config(config: Any) -> Any:
-    """Remove the pages of missing extensions from the menu."""
+    """Remove the pages of missing extensions from the navigation menu."""
     for part in config.nav:
         for name, pages in part.items():
             if isinstance(pages, list):
@@ -45,7 +45,7 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Files, config: Any) -> Files:
-    """Add generated pages, pages from other folders, and linked files of the checkout to the site."""
+    """Add generated pages, pages with sources outside docs/, and other linked files to the site."""
     for name, page in MADE.items():
         files.append(File.generated(config, name, content=page()))
     for name, source in BROUGHT.items():
@@ -57,12 +57,12 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """Convert links to files outside docs/ to links to their copies in the site."""
+    """Replace links to files outside docs/ by links to the copies of these files in the site."""
     return relinked(markdown, page.file.src_uri)
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
-    """Allow line breaks after dots and underscores in long names of tables."""
+    """Allow line breaks after dots and underscores in long names in table cells."""
     return CELL.sub(lambda cell: LONG.sub(_breaking, cell[0]), html)
 
 
@@ -72,7 +72,7 @@ def _breaking(code: re.Match[str]) -> str:
 
 
 def moved(source: str) -> str:
-    """Return a Markdown file or notebook of the checkout as Markdown with links relative to docs/."""
+    """Return a Markdown file or notebook of the checkout as Markdown, with links relative to docs/."""
 
     def link(found: re.Match[str]) -> str:
         return f"{found[1]}{relpath(normpath(join(dirname(source), found[2])), 'docs')}{found[3] or ''})"
@@ -87,7 +87,7 @@ def notebook(text: str) -> str:
 
 
 def relinked(text: str, page: str) -> str:
-    """Convert links from a page of docs/ to the checkout into links to the site, and return the text."""
+    """Return the text of a page with links to files outside docs/ replaced by links into the site."""
     pages = {source: name for name, source in BROUGHT.items()}
 
     def link(found: re.Match[str]) -> str:
@@ -104,13 +104,13 @@ def relinked(text: str, page: str) -> str:
 
 
 def outside(text: str, page: str) -> set[str]:
-    """Return the files outside docs/ to which a page links, without those that are pages."""
+    """Return the files outside docs/ to which a page links, except files that become pages."""
     targets = {target_of(found[2], page) for part in FENCE.split(text)[::2] for found in LINK.finditer(part)}
     return {target for target in targets if not target.startswith("docs/") and target not in BROUGHT.values()}
 
 
 def target_of(link: str, page: str) -> str:
-    """Return the path of a linked file relative to the checkout. The path of the page is relative to docs/."""
+    """Return the path of a linked file relative to the checkout; `page` is relative to docs/."""
     return normpath(join("docs", dirname(page), link))
 
 
@@ -120,6 +120,6 @@ def absent(path: str) -> bool:
 
 
 def outside_code(pattern: re.Pattern[str], replace: Any, text: str) -> str:
-    """Replace a pattern in the text outside of fenced code blocks."""
+    """Return the text after replacing a pattern everywhere except in fenced code blocks."""
     parts = FENCE.split(text)
     return "".join(part if k % 2 else pattern.sub(replace, part) for k, part in enumerate(parts))

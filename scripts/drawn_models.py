@@ -1,4 +1,4 @@
-"""Visual geoms of the default tractor as MJCF in models/drawn/, which tractor.xml includes for MuJoCo's viewer."""
+"""Generation of models/drawn/: visual geoms of the default tractor in MJCF, included by tractor.xml for the viewer."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def files() -> dict[Path, str]:
 
 
 def geom(part: Panel) -> str:
-    """Return a part as a geom element; numbers have up to four decimals."""
+    """Return a visual part as an MJCF geom element, with numbers rounded to four decimals."""
     values = {"name": part.name, "type": part.kind, "size": part.size, "material": part.paint}
     values |= {"fromto": part.ends} if part.ends else {"pos": part.pos}
     if not part.ends and part.quat != STRAIGHT:

@@ -1,4 +1,4 @@
-"""Means over seeds with confidence intervals, and the number of failed runs."""
+"""Statistics over seeds: means with confidence intervals, and numbers of failed runs."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import exp, inf, isfinite, log, nan
@@ -17,7 +17,7 @@ Columns = Mapping[str, Mapping[str, BySeed]]  # Table values: column, to law, to
 
 
 class Estimate(NamedTuple):
-    """Mean with a 95 % confidence interval, which is infinite for a single value."""
+    """Mean over seeds with a 95 % confidence interval, which is infinite for a single value."""
 
     mean: float
     low: float
@@ -26,7 +26,7 @@ class Estimate(NamedTuple):
     failed: int = 0  # Number of other seeds, whose runs failed; the mean excludes them
 
     def text(self, digits: int = 2, sign: str = "") -> str:
-        """Return `mean (low to high)`, or only the mean for a single seed, with the number of failed seeds."""
+        """Return `mean (low to high)` with the number of failed seeds; a single seed has no interval."""
         mean, low, high = (f"{value:{sign}.{digits}f}" for value in self[:3])
         return self._marked(f"{mean} ({low} to {high})" if self.n > 1 else mean)
 
@@ -46,7 +46,10 @@ class Estimate(NamedTuple):
 
 
 def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple[float, float]:
-    """Return the two-sided interval of the mean of normally distributed values; infinite for fewer than two values."""
+    """Return the two-sided confidence interval of the mean of normally distributed values.
+
+    The interval is infinite for fewer than two values.
+    """
     n = len(values)
     if n < 2:
         return -inf, inf
@@ -55,7 +58,7 @@ def student_interval(values: Sequence[float], confidence: float = 0.95) -> tuple
 
 
 def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the two-sided 95 % bootstrap interval of the mean. The same values always give the same interval."""
+    """Return the two-sided 95 % bootstrap interval of the mean; the resampling has a fixed seed."""
     if len(values) < 2:
         return (float(values[0]),) * 2 if len(values) else (nan, nan)
     found = bootstrap((values,), np.mean, n_resamples=4000, method="percentile", rng=0).confidence_interval
@@ -65,7 +68,7 @@ def bootstrap_interval(values: Sequence[float]) -> tuple[float, float]:
 def estimate(
     values: Iterable[float], interval: Callable[[Sequence[float]], tuple[float, float]] = student_interval
 ) -> Estimate:
-    """Return mean and interval (default: Student's t). Values that are not finite count as failed runs."""
+    """Return the mean of finite values with an interval (default: Student's t). Other values count as failed runs."""
     every = list(values)
     found = [value for value in every if isfinite(value)]
     return Estimate(float(np.mean(found)) if found else nan, *interval(found), len(found), len(every) - len(found))
@@ -76,17 +79,17 @@ def select(rows: Iterable[Any], **wanted: Any) -> list[Any]:
 
 
 def field(name: str, factor: float = 1.0) -> Value:
-    """Return a function that reads a column of a row and multiplies it by `factor`."""
+    """Return a function that reads the column `name` of a row and multiplies the value by `factor`."""
     return lambda row: factor * float(row[name])
 
 
 def by_seed(rows: Iterable[Row], value: Value) -> dict[int, float]:
-    """Return the value of each run by seed, or NaN for failed runs (`metrics.success`)."""
+    """Return the value of each row by seed; failed runs (`metrics.success`) have the value NaN."""
     return {row["seed"]: value(row) if has_errors(row) else nan for row in rows}
 
 
 def by_law(rows: Iterable[Row], value: Value) -> dict[str, dict[int, float]]:
-    """Return the value of each run, by variant and by seed."""
+    """Return the value of each row by law (sweep variant) and by seed."""
     every = list(rows)
     return {law: by_seed(select(every, variant=law), value) for law in dict.fromkeys(row["variant"] for row in every)}
 
@@ -96,18 +99,18 @@ def mean(rows: Iterable[Row], value: Value) -> Estimate:
 
 
 def difference(one: BySeed, other: BySeed) -> Estimate:
-    """Return the mean of the paired differences `one` - `other` over their common seeds."""
+    """Return the mean and interval of the paired differences `one` - `other` over common seeds."""
     return estimate([one[seed] - other[seed] for seed in sorted(one.keys() & other.keys())])
 
 
 def ratio(one: BySeed, other: BySeed) -> Estimate:
-    """Return the geometric mean of the paired ratios `one` / `other` over their common seeds, with its interval."""
+    """Return the geometric mean and interval of the paired ratios `one` / `other` over common seeds."""
     found = estimate([log(one[seed] / other[seed]) for seed in sorted(one.keys() & other.keys())])
     return found._replace(mean=exp(found.mean), low=exp(found.low), high=exp(found.high)) if found.n else found
 
 
 def compared_tables(columns: Columns, pairs: Iterable[tuple[str, str]], digits: int = 1) -> str:
-    """Return Markdown tables with intervals: means per law and column, and paired differences."""
+    """Return two Markdown tables with intervals: means by law and column, and paired differences between laws."""
     laws = dict.fromkeys(law for found in columns.values() for law in found)
     means = [(law, *(estimate(found.get(law, {}).values()).text(digits) for found in columns.values())) for law in laws]
     differences = [

@@ -1,7 +1,7 @@
-"""Simulate every scenario with PD and with the network, and write docs/reference/library.md.
+"""Simulate every shipped scenario with the PD controller and with the network, and write docs/reference/library.md.
 
-Each scenario has a figure (map and lateral error) and the description in its file. A scenario without these
-controllers, such as an open-loop scenario, is simulated with its own guidance.
+Each scenario has a figure (map and lateral error) and the description in its file. Scenarios without a yaw controller,
+such as open-loop scenarios, are simulated with their own guidance.
 """
 
 import argparse
@@ -35,7 +35,7 @@ IMAGES = DOCS / "images" / "scenarios"
 CONTROLLERS = ("pd", "pd_t2fnn")
 MARGIN_M, PIXELS = 6.0, 260
 SIGNALS, BARS = ("x", "y", "x_ref", "y_ref", "implement_x", "implement_y"), 30
-"""Columns that a map shows, and number of rows between two lines from implement to tractor."""
+"""Log columns for a map, and number of lines between the tracks of tractor and implement."""
 GREEN, WET, SOFT = "#7E9A5B", "#5B8FB9", "#7A5230"
 SIZE_IN, DPI = (9.0, 3.1), 110
 INDEX_HEADS = ("name", "title", "ends", "lateral p95 [m]")
@@ -51,7 +51,7 @@ def runs_of(scenario: Scenario) -> dict[str, Log]:
 
 
 def shows(name: str) -> str:
-    """Return the first sentence of the comment at the start of a scenario file."""
+    """Return the first sentence of the initial comment in a scenario file."""
     lines = scenario_files()[name].read_text(encoding="utf-8").splitlines()
     head = itertools.takewhile(lambda line: line.startswith("#"), lines)
     text = " ".join(line.lstrip("# ").rstrip() for line in head).partition("Look at: ")[0].rstrip()
@@ -70,7 +70,7 @@ def picture(scenario: Scenario, logs: dict[str, Log], file: Path) -> None:
 
 
 def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
-    """Draw ground, path and tracks from above. Tracks of implements are dashed and connected to the tractors."""
+    """Draw a map of ground, path and tracks. Tracks of implements are dashed and connected to tractor tracks."""
     longest = max(logs.values(), key=lambda log: log.column("t")[-1])
     path = sample(scenario.path, longest.column("t"))
     signals = {
@@ -101,7 +101,7 @@ def draw_map(axes: Axes, scenario: Scenario, logs: dict[str, Log]) -> None:
 
 
 def paint_ground(axes: Axes, ground: Ground, low: np.ndarray, high: np.ndarray) -> None:
-    """Draw a shaded relief with patches of wet and soft ground, and contour lines."""
+    """Draw a shaded relief with contour lines and with patches of wet and soft ground."""
     pixel = (high - low).max() / PIXELS
     x, y = np.arange(low[0], high[0], pixel), np.arange(low[1], high[1], pixel)
     X, Y = np.meshgrid(x, y)
@@ -140,7 +140,7 @@ def section(name: str, logs: dict[str, Log]) -> str:
 
 
 def passes(logs: dict[str, Log]) -> list[str]:
-    """Return lines of a table with the results on the passes of a field, or an empty list if there are no passes."""
+    """Return the lines of a table with errors on the passes of a field; empty without passes."""
     found = {kind: log.metrics.get("iso_12188_2_style") for kind, log in logs.items()}
     rows = [
         (law_name(kind), f"{m['pass_to_pass_p95_m']:.3f}", f"{m['pass_xte_abs_p95_m']:.3f}")
@@ -151,7 +151,7 @@ def passes(logs: dict[str, Log]) -> list[str]:
 
 
 def implements(logs: dict[str, Log]) -> list[str]:
-    """Return lines of a table with the errors of implements relative to the path; empty without implements."""
+    """Return the lines of a table with errors of the implements relative to the path; empty without implements."""
     rows = [
         (
             *(law_name(kind), f"{m['implement_xte_rms']:.3f}", f"{m['implement_xte_abs_p95']:.3f}"),
@@ -165,7 +165,7 @@ def implements(logs: dict[str, Log]) -> list[str]:
 
 
 def with_heads(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    """Return an empty line and a table, or an empty list if there are no rows."""
+    """Return an empty line and a table with the headings `heads`; empty if there are no rows."""
     return ["", markdown_table(heads, rows)] if rows else []
 
 

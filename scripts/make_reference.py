@@ -1,4 +1,4 @@
-"""Generate reference pages (columns, faults, numbers), provenance marks, and models/drawn/ from the code."""
+"""Generate reference pages (columns, faults, numbers), provenance marks and models/drawn/ from the code."""
 
 import re
 import tomllib
@@ -27,9 +27,9 @@ from agrobot_mj.sensors import Sensors
 from agrobot_mj.simulation.columns import SIGNALS, WHEEL_SIGNALS
 
 NUMBERS = re.compile(r"<!-- (numbers of (\[\[?)([\w.]+)\]\]?((?: \w+)*)) -->")
-"""Mark of a table of numbers: `[table]`, or `[[table]]` for a list, followed by kinds."""
+"""Pattern of the comment that marks a table of numbers: `[table]`, or `[[table]]` for a list, and kinds."""
 HELPERS = {"sensors": {name: {"enabled": True} for name in ("gyro", "imu", "wheel_speed")}}
-"""Tables of sensors, in which the sensors that all estimators need are enabled."""
+"""Overrides that enable the sensors required by estimators."""
 HEAD = """# Columns of signals.parquet
 
 Each row is a tick of 0.05 s. Values are float64 in SI units, angles in radians; missing values are null. Each field of
@@ -49,12 +49,12 @@ about [the estimate](../estimators.md#what-a-run-reports-of-its-estimate).
 
 REPORTING = {"Guidance": "guidance", "Yaw controller": "controller", "Steering loop": "steering.loop"}
 REPORTING |= {"Estimator": "estimator"}
-"""Tables whose kinds have columns in the log, by title of their section."""
+"""Scenario tables whose kinds have log columns, by section title."""
 load_installed()  # registers the kinds of extensions
 
 
 def reference() -> str:
-    """Return the page of all columns as Markdown."""
+    """Return the page of all log columns as Markdown."""
     own = {column.name for column in YAW_COLUMNS}
     parts = [HEAD, _section("Every log", (signal.column for signal in SIGNALS))]
     parts.append(_section("Plants with wheels", WHEEL_SIGNALS))
@@ -82,7 +82,7 @@ def _all_on(part: Any) -> Any:
 
 
 def _section(title: str, columns: Iterable[Column]) -> str:
-    """Return a heading and a table of columns. Columns that differ only in index or wheel share a row."""
+    """Return a heading and a table of log columns. Columns that differ only in an index or wheel share a row."""
     found: dict[tuple[str, str, str], list[str]] = {}
     for column in columns:
         stem, index = INDEXED.findall(column.name)[0]
@@ -101,7 +101,7 @@ MOST_LISTED = 4  # Maximum number of columns listed individually in a row: the f
 
 
 class Number(NamedTuple):
-    """Numeric key that has a source."""
+    """Numeric scenario key whose default value has a source."""
 
     owner: str  # Class that defines the key, with the name of the key
     kind: str  # Kind of the table that contains the key, or empty
@@ -109,7 +109,7 @@ class Number(NamedTuple):
 
 
 def numbers_in(text: str) -> dict[str, list[Number]]:
-    """Return the numeric keys of each table that has a placeholder in the page."""
+    """Return the numeric keys for each table of numbers whose mark is in the page."""
     marks, seen = NUMBERS.findall(text), set[tuple[str, str]]()
     apart, tables = {table for _, _, table, _ in marks}, dict[str, list[Number]]()
     for name, brackets, table, kinds in marks:
@@ -131,7 +131,7 @@ def with_numbers(text: str) -> str:
 
 
 def _default(brackets: str, table: str, kind: str) -> Any:
-    """Return the part of the default scenario to which a placeholder refers."""
+    """Return the part of the default scenario to which a mark of a table of numbers refers."""
     tables, item = table.split("."), {"kind": kind} if kind else {}
     inner: Any = [item] if brackets == "[[" else item
     data: Any = reduce(lambda below, name: {name: below}, reversed(tables), inner)
@@ -140,7 +140,7 @@ def _default(brackets: str, table: str, kind: str) -> Any:
 
 
 def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[Number]:
-    """Yield the numeric keys with a source in a part and its nested tables, except tables with kinds or own marks."""
+    """Yield the numeric keys with a source in a part and its nested tables, except tables with kinds or marks."""
     place = TableClass((), type(part), part)
     for key in type(part).model_fields:
         value, doc = getattr(part, key), document(place, key)
@@ -153,7 +153,7 @@ def _numbers(part: Spec, prefix: str, table: str, apart: set[str]) -> Iterator[N
 
 
 def kinds_table() -> str:
-    """Return a table of the kinds of each table in `TABLES`."""
+    """Return a table that lists the kinds of each scenario table in `TABLES`."""
     found: dict[str, list[str]] = {}
     for key in keys(Scenario):
         known = [kind for kind, part in key.kinds.items() if part.__module__.startswith("agrobot_mj.")]
@@ -165,11 +165,11 @@ def kinds_table() -> str:
 TABLES = (
     *("plant", "implement", "plant.tyre", "terrain", "path", "guidance", "steering.loop", "controller", "estimator"),
 )
-"""Tables that have kinds, in the order on the page. Faults have a separate page."""
+"""Scenario tables with kinds, in the order of the page; faults have a separate page."""
 
 
 def faults_table() -> str:
-    """Return a table of all faults with the first lines of their docstrings and their keys."""
+    """Return a table of all faults: first line of the docstring, and keys."""
     rows = []
     for kind, part in members(Fault).items():
         place = TableClass((), part, part.model_construct(kind=kind))
@@ -185,7 +185,7 @@ def _key(place: TableClass, key: str) -> str:
 
 
 def sweeps_table() -> str:
-    """Return a table of all shipped sweeps: title, varied keys, and the comment at the start of the file."""
+    """Return a table of all shipped sweeps: title, varied keys, and initial comment of the file."""
     rows = []
     for name, file in sweep_files().items():
         text = file.read_text("utf-8")
@@ -197,7 +197,7 @@ def sweeps_table() -> str:
 
 
 def _varied(data: dict[str, Any]) -> Iterator[str]:
-    """Yield texts for variants, axes and draws of a sweep, with their numbers of values."""
+    """Yield texts with the variants, axes and draws of a sweep, and their numbers of values."""
     if variants := data.get("variant"):
         yield f"{len(variants)} variant{'s' * (len(variants) > 1)}"
     for key, values in data.get("axes", {}).items():
@@ -214,7 +214,7 @@ TABLES_OF = {
     "faults": {"faults": faults_table},
     "sweeps": {"sweeps": sweeps_table},
 }
-"""Functions that return the content of a block, by page and by block."""
+"""Functions that return the content of blocks, by page and by block."""
 
 
 def with_tables(page: str, text: str) -> str:

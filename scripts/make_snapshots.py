@@ -1,8 +1,8 @@
-"""Render the images of recordings in the docs: tabs in docs/recordings.md, a comparison, and the gallery.
+"""Render the recording images of the documentation: tabs in docs/recordings.md, a comparison, and the gallery.
 
 Rendering requires the dependencies of `agrobot-mj snapshot` and takes five minutes. Images are 1280 pixels wide;
-gallery images show only the tractor. All images are smaller than 9 MB. docs/recordings.md then states version and
-commit.
+gallery images show only the tractor. All images together are smaller than 9 MB. The script writes version and commit to
+docs/recordings.md.
 """
 
 import sys
@@ -22,9 +22,9 @@ from agrobot_mj.recording.transport.snapshot import SnapshotError, snapshots
 PLAN = tomllib.loads(Path(__file__).with_name("snapshots.toml").read_text("utf-8"))
 COVER = "figure_eight", "drive"  # Scenario and tab of the cover image
 COMPARED, COMPARED_S = ("figure_eight", {"duration_s": 120}), 40.0
-"""Scenario of the comparison with its overrides, and time of its image [s]."""
+"""Scenario and overrides of the comparison, and time of its image [s]."""
 WIDTH, QUALITY, VIEW_SIZE = 1280, 85, (640, 400)
-"""Width of an image [pixels], compression quality, and size of gallery images [pixels]."""
+"""Image width [pixels], JPEG quality, and size of gallery images [pixels]."""
 IMAGES, PAGE = DOCS / "images", page("recordings")
 
 
@@ -61,7 +61,7 @@ def comparison(folder: Path) -> None:
 
 
 def gallery(folder: Path) -> None:
-    """Render an image of the tractor for each tile of the gallery, and one animation."""
+    """Render an image of the tractor for each tile of the gallery, and the animation."""
     for name, tile in PLAN["gallery"].items():
         file = folder / f"{name}.rrd"
         log = run(load_scenario(tile["scenario"], tile.get("set", {})), (Recording(file),))
@@ -76,7 +76,7 @@ def gallery(folder: Path) -> None:
 
 
 def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
-    """Render tabs (default: all) of a recording at time `t` [s] to images whose file names start with `name`."""
+    """Render `tabs` (default: all tabs) of a recording at time `t` [s] to images with the file-name prefix `name`."""
     written = snapshots(file, [t], file.parent / name, tabs)
     for picture in written:
         tab = picture.stem.rpartition("_")[0]
@@ -88,7 +88,7 @@ def publish(file: Path, name: str, t: float, tabs: Sequence[str] = ()) -> None:
 
 
 def save(picture: Image.Image, width: int, target: Path) -> None:
-    """Scale a picture to `width` [pixels] and write it to `target`."""
+    """Scale an image to `width` [pixels] and write it to `target`."""
     target.parent.mkdir(parents=True, exist_ok=True)
     height = round(width * picture.height / picture.width)
     small = picture.convert("RGB").resize((width, height), Image.Resampling.LANCZOS)

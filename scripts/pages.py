@@ -1,7 +1,8 @@
-"""Measured blocks of the documentation: python scripts/pages.py PAGE [PART ...] [--only-draw] ...
+"""Write the measured blocks of the documentation: python scripts/pages.py PAGE [PART ...] [--only-draw] ...
 
-Performs missing runs, draws the figures, and writes tables with version, commit and source hash into the pages. The
-same command continues after an interruption. PAGE is a target of the Makefile; `PAGE --help` lists its parts.
+The script performs missing runs, draws the figures, and writes tables with version, commit and source hash to the
+pages. The same command continues after an interruption. PAGE is a target of the Makefile; `PAGE --help` lists its
+parts.
 """
 
 import sys
@@ -15,7 +16,7 @@ PAGES = {name: (name,) for name in ("machines", "performance")}
 PAGES |= {name: (name, f"{name}_tables") for name in ("estimators", "findings", "safety")}
 PAGES |= {"fields": ("field_studies",)}
 PAGES |= dict.fromkeys(("acquisition", "gains"), ("guidance_tables",))
-"""Pages of each target of the Makefile. The target is also the name of a module in scripts/measured/."""
+"""Pages by target of the Makefile. Each target is also a module in scripts/measured/."""
 
 
 def main(arguments: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Provenance of measured results on the pages: version, commit, and digest of the code that produced them.
+"""Provenance of measured results on the pages: version, commit, and digest of the code.
 
 A page states the provenance in blocks `<!-- standing -->` or `<!-- standing NAME -->`. The digest ignores comments and
 docstrings. `make reference` marks blocks that were measured with other code.
@@ -21,7 +21,7 @@ from agrobot_mj.core.version import __version__
 
 ROOT = Path(__file__).parent.parent
 PARTS = (*(f"agrobot_mj/{part}" for part in DECIDING), "models", "scenarios")
-"""Paths of the files that determine the results of a run."""
+"""Paths of files that affect the results of a run."""
 LATER = "The code has changed since."  # Sentence that marks a block as measured with other code
 BLOCK = re.compile(r"^<!-- (?P<name>standing(?: \w+)?) -->\n(?P<text>(?!Not driven yet;).*?)\n<!-- end of", re.M | re.S)
 STATEMENT = re.compile(
@@ -30,7 +30,7 @@ STATEMENT = re.compile(
 
 
 def statement() -> str:
-    """Return version, commit and source hash of the checkout, and state uncommitted changes."""
+    """Return a sentence with version, commit and source hash of the checkout, which also states uncommitted changes."""
     git = partial(subprocess.run, cwd=ROOT, capture_output=True, text=True)
     commit = git(("git", "rev-parse", "--short=9", "HEAD"), check=True).stdout.strip()
     changed = git(("git", "diff", "--quiet", "HEAD", "--", *PARTS)).returncode
@@ -54,7 +54,7 @@ def code_of(commit: str) -> str:
 
 
 def checked(page: str) -> str:
-    """Return the page with the sentence `LATER` in all blocks that were measured with other code, and only there."""
+    """Return a page on which exactly the blocks measured with other code contain the sentence `LATER`."""
     for name, text in statements(page).items():
         plain = text.replace(f" {LATER}", "")
         found = STATEMENT.match(plain)
@@ -69,7 +69,7 @@ def statements(page: str) -> dict[str, str]:
 
 
 def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
-    """Return a digest of file names and contents (12 hexadecimal digits)."""
+    """Return a digest of the names and contents of files (12 hexadecimal digits)."""
     digest = sha256()
     for name, content in sorted(files):
         if "__pycache__" not in name:
@@ -78,7 +78,7 @@ def digest_of(files: Iterable[tuple[str, bytes]]) -> str:
 
 
 def _code(content: bytes) -> bytes:
-    """Return the lines of a Python file without comments, docstrings and blank lines."""
+    """Return the content of a Python file without comments, docstrings and blank lines."""
     lines = [line.split("  # ")[0] for line in content.decode("utf-8").split("\n")]
     for node in ast.walk(ast.parse(content)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):

@@ -1,12 +1,12 @@
-"""Import of files from public repositories: python scripts/public_files.py FOLDER
+"""Test the import of files from public repositories: python scripts/public_files.py FOLDER
 
 `public_files.csv` lists recorded paths, plans and boundaries: repository, commit, path, kind, extent to the east and
 north [m], and length [m] of a path or area [ha] of a field. These values come from the columns, units and description
-of each file, not from the importer. A file of kind `none` has no usable positions, and its message must contain the
-text in the column `reason`. The script contains no content of these files.
+of each file, not from the importer. A file of kind `none` has no usable positions; its error message must contain the
+text in the column `reason`. The CSV file contains no content of these files.
 
-FOLDER contains the repositories as OWNER+NAME, cloned or as git directories; missing ones are cloned, or skipped
-without a connection. The exit status is 1 if more than 3 % of the files are read or rejected wrongly.
+FOLDER contains the repositories as OWNER+NAME, cloned or as git directories. Missing repositories are cloned, or
+skipped without a connection. The exit status is 1 if more than 3 % of the files are read or rejected wrongly.
 """
 
 import csv
@@ -31,14 +31,14 @@ MOST_WRONG = 0.03  # Maximum fraction of files that are read or rejected wrongly
 
 
 def git(folder: Path, *arguments: str) -> bytes:
-    """Return the output of git in a repository, or no bytes if git fails."""
+    """Return the output of a git command in a repository, or no bytes if git fails."""
     places = (folder, folder / ".git", folder / "repo", folder / "repo" / ".git")
     place = next((each for each in reversed(places) if (each / "objects").is_dir()), folder)
     return subprocess.run(["git", f"--git-dir={place}", *arguments], check=False, capture_output=True).stdout
 
 
 def copied(repository: str, commit: str, path: str, folder: Path, to: Path) -> Path | None:
-    """Write a file and the files next to it to the folder `to`. Return its path, or None if it is not available."""
+    """Copy a file and its companion files to the folder `to`; return its path, or None if the file is not available."""
     source = folder / repository.replace("/", "+")
     if not source.is_dir():
         address = f"https://github.com/{repository}"
@@ -53,7 +53,7 @@ def copied(repository: str, commit: str, path: str, folder: Path, to: Path) -> P
 
 
 def found(file: Path, kind: str) -> tuple[tuple[float, ...], bool]:
-    """Return extents to the east and north [m] and the area [ha] or length [m] of a file; and if a track is thinned."""
+    """Return extents to the east and north [m], area [ha] or length [m], and whether the importer thinned the track."""
     if kind == "field" or file.suffix.lower() in (".shp", ".xml"):
         boundary = read_field(file).boundary
         west, south, east, north = boundary.bounds

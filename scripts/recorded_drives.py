@@ -1,7 +1,8 @@
-"""Recorded drives, and the evaluation of estimators on them.
+"""Recorded drives, and evaluation of estimators on them.
 
-A drive consists of the true states of a run. Sensors with other seeds measure it again for an estimator, at a tenth of
-the cost of the run. Gyro, wheel speed and inertial unit are enabled, with the errors in `SENSORS`.
+A drive consists of the true states of a run. To evaluate an estimator, sensors with other seeds measure these states
+again, at a tenth of the computing time of a run. Gyro, wheel speed and inertial unit are enabled, with the errors in
+`SENSORS`.
 """
 
 import time
@@ -26,14 +27,14 @@ Day = Callable[[float], Conditions]  # Function that returns the conditions for 
 
 
 class RecordedDrive(NamedTuple):
-    """True state at each tick of a run, and the scenario that defines sensors and tractor."""
+    """True state at each tick of a run, with the scenario that defines sensors and tractor."""
 
     scenario: Scenario
     truths: list[Truth]
 
 
 class ErrorTrace(NamedTuple):
-    """Replay of an estimator with values per tick: errors (estimate - truth), and reported standard deviations."""
+    """Errors (estimate - truth) and reported standard deviations of an estimator at each tick of a replay."""
 
     t: Array
     east: Array  # East error of the position of R [m]
@@ -51,7 +52,7 @@ class ErrorTrace(NamedTuple):
 
     @property
     def position(self) -> Array:
-        """Distance between estimated and true R [m]."""
+        """Distance between the estimated and the true position of R [m]."""
         return np.hypot(self.east, self.north)
 
 
@@ -70,7 +71,7 @@ def nominal(t: float) -> Conditions:
 def follow(
     drive: RecordedDrive, estimator: dict[str, Any], seed: int, day: Day = nominal, yaw_error: float = 0.0
 ) -> ErrorTrace:
-    """Replay a drive with the sensor seed `seed`. The initial heading has the error `yaw_error` [rad]."""
+    """Replay a drive with the sensor seed `seed`; `yaw_error` is the error of the initial heading [rad]."""
     s = drive.scenario.changed({"estimator": estimator})
     first = drive.truths[0]
     sensing = s.sensors.init(seed)
@@ -113,19 +114,19 @@ def _trace(truths: list[Truth], estimates: list[Estimate], cost: float) -> Error
 
 
 def loss(start: float, seconds: float) -> Day:
-    """Return conditions with a GNSS outage that begins at `start` and lasts `seconds` [s]."""
+    """Return conditions as a function of time, with a GNSS outage of `seconds` [s] from the time `start` [s]."""
     lost = NOMINAL._replace(gnss_quality=Quality.NONE)
     return lambda t: lost if start <= t + 1e-6 < start + seconds else NOMINAL
 
 
 def outlier(at: float, metres: float) -> Day:
-    """Return conditions in which the position has an outlier of `metres` [m] to the east at time `at` [s]."""
+    """Return conditions as a function of time, with a position outlier of `metres` to the east at the time `at` [s]."""
     off = NOMINAL._replace(gnss_offset=(metres, 0.0))
     return lambda t: off if abs(t - at) < 0.5 * TICK_S else NOMINAL
 
 
 def late(seconds: float) -> Day:
-    """Return conditions with an additional GNSS latency [s]."""
+    """Return conditions as a function of time, with an additional GNSS latency of `seconds` [s]."""
     return lambda t: NOMINAL._replace(gnss_latency_s=seconds)
 
 
@@ -134,7 +135,7 @@ def rms(values: Array) -> float:
 
 
 class Whole(NamedTuple):
-    """Results of a replay after `BEGIN_S`: RMS errors, mean NEES and NIS [-], and the time of an update."""
+    """Results of a replay after `BEGIN_S`: RMS errors, mean NEES and NIS [-], and computing time of an update [us]."""
 
     position: float  # RMS position error [cm]
     heading: float  # RMS heading error [deg]
@@ -147,7 +148,7 @@ class Whole(NamedTuple):
 
 
 class End(NamedTuple):
-    """Errors at the last tick of an outage: position of R and its reported standard deviation [cm], NEES [-]."""
+    """Errors at the last tick of an outage: position of R and its reported standard deviation [cm], and NEES [-]."""
 
     position: float
     stated: float
@@ -169,7 +170,7 @@ def end(trace: ErrorTrace, time: float) -> End:
 
 
 def alignment(trace: ErrorTrace) -> tuple[float, float]:
-    """Return the distance travelled until the yaw is known [m], and the heading error after 5 m [deg]."""
+    """Return the distance travelled until the yaw is initialised [m], and the heading error after 5 m [deg]."""
     found = np.flatnonzero(trace.aligned)
     there = int(np.argmax(trace.travelled >= 5.0))
     return (float(trace.travelled[found[0]]) if found.size else nan), abs(degrees(trace.heading[there]))

@@ -1,6 +1,6 @@
-"""Sweeps for the measured pages, and the blocks computed from them. Only missing runs are simulated.
+"""Sweeps for the measured pages, and page blocks computed from their results. Only missing runs are simulated.
 
-Each sweep has a folder in `runs/pages`, which the pages share. The same command continues an interrupted sweep.
+Each sweep has a folder in `runs/pages`, shared by all pages. The same command continues an interrupted sweep.
 """
 
 import argparse
@@ -41,10 +41,10 @@ def variants(name: str) -> dict[str, dict[str, Any]]:
 
 
 class Study:
-    """Pages together with their runs, and options of the command line."""
+    """Study of a Makefile target: its pages, its runs, and the command-line options."""
 
     def __init__(self, verb: str, pages: Sequence[str], parts: Sequence[str], doc: str | None, arguments: list[str]):
-        """Create the study of the Makefile target `verb`, for the pages with the given names."""
+        """Create the study of the Makefile target `verb` for the named pages; `parts` are the names of its parts."""
         parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
         parser.add_argument("part", nargs="*", help=f"{', '.join(parts)}; default: all")
         parser.add_argument("--jobs", type=int, default=1, help="processes")
@@ -64,9 +64,10 @@ class Study:
         self.images, self.runs = given.docs / "images", given.runs
 
     def rows(self, name: str, source: str | None = None, **changes: Any) -> list[Row]:
-        """Return the rows of the sweep `source` (default: `name`); `changes` replace keys of the sweep file.
+        """Return the rows of the sweep `source` (default: `name`) after simulating missing runs.
 
-        The list is empty if runs are missing and not allowed. If rows have another source hash, the program ends.
+        `changes` replace keys of the sweep file. The list is empty if runs are missing and must not be simulated. If
+        rows have another source hash, the program ends.
         """
         folder = self.runs / name
         if not self.only_draw:
@@ -81,9 +82,10 @@ class Study:
         return rows
 
     def done(self, name: str, perform: Callable[[Any], Row], jobs: Sequence[Any]) -> list[Row]:
-        """Return the results of `perform` for each job; empty if results are missing and must not be computed.
+        """Return the result of `perform` for each job after computing missing results.
 
-        Each result is stored in a file, in a folder named after the source hash.
+        Each result is stored in a file, in a folder named after the source hash. The list is empty if results are
+        missing and must not be computed.
         """
         folder = self.runs / name / code_text()
         files = {folder / f"{sha256(repr(job).encode()).hexdigest()[:16]}.json": job for job in jobs[: self.seeds]}
@@ -100,7 +102,7 @@ class Study:
         return KeptRun(self.runs / name / "runs" / f"{row['run']:08}")
 
     def write(self, part: str, blocks: Blocks) -> None:
-        """Write the blocks that are not empty to the pages, with the provenance of the part."""
+        """Write all nonempty blocks of a part to the pages, with the provenance."""
         made = {name: content for name, content in blocks.items() if content}
         if made:
             made[f"standing {part}"] = f"{statement()} To measure again: `make {self.verb} STUDY={part}`."
@@ -130,11 +132,11 @@ class Study:
 
 
 Part = Callable[[Study], Blocks]
-"""Function that simulates missing runs of a part, draws its figures, and returns its blocks."""
+"""Function that simulates missing runs of a part, draws its figures, and returns its page blocks."""
 
 
 class KeptRun:
-    """Scenario and signals of a run that a sweep has stored."""
+    """Scenario and signals of a run stored by a sweep."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.scenario = folder, load_scenario(folder / "scenario.toml")

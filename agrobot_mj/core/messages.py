@@ -74,7 +74,7 @@ def _line(error: dict[str, Any], data: Mapping[str, Any], root: type[Spec]) -> s
 
 
 def fault(error: Mapping[str, Any]) -> str:
-    """Return the text of a pydantic error, without the key."""
+    """Return the message text for a pydantic error, without the key."""
     template = _TEXTS.get(str(error["type"]))
     if template is None:
         return str(error["msg"]).removeprefix("Value error, ")

@@ -158,7 +158,7 @@ def check_size(path: Path, most: int = MOST_CSV_BYTES) -> None:
 
 
 def is_parquet(data: bytes) -> bool:
-    """Return whether a file that begins with `data` is a Parquet file."""
+    """Return whether a file is a Parquet file; `data` contains its first bytes."""
     return data.startswith(PARQUET)
 
 

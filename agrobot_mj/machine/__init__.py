@@ -10,7 +10,7 @@ from agrobot_mj.machine.tractor import TractorParameters
 
 
 class Machine(NamedTuple):
-    """Parameters of tractor, actuators and implement, which all plants use in addition to their own parameters."""
+    """Parameters of the tractor, its actuators and its implement, shared by all plants."""
 
     tractor: TractorParameters = TractorParameters()  # Geometry, masses and tyres of the tractor
     valve: Valve = Valve()  # Steering valve and pump

@@ -1,11 +1,13 @@
-"""Pedal valve, hydrostatic drive and brake: from valve voltage through pedal position to the rim speed of the wheels.
+"""Pedal valve, hydrostatic drive and brake: from the voltage of the pedal valve to the rim speed of the wheels.
 
-The input is 0-12 V, neutral at 6 V. The electro-mechanical valve moves the pedal at a rate with dead band, gain and
-limit; without power a spring returns the pedal. The pump displacement follows the pedal with a first-order lag.
-The output is the rim speed that corresponds to the oil flow. The MuJoCo plant adds the spring of the trapped oil and
-the differential; the bicycle plant uses the rim speed as vehicle speed. All numbers are assumed values for the
-two-pedal hydrostat of a compact tractor in its low range. Default values of torque, stiffness, damping and brake scale
-with mass times wheel radius, so that tractors of the same shape climb and hold the same slope; power scales with mass.
+The input is 0-12 V, neutral at 6 V. The electro-mechanical valve moves the pedal: the pedal rate has a dead band, a
+gain and a limit. Without power a spring returns the pedal to neutral. The pump displacement follows the pedal with a
+first-order lag. The output is the rim speed that corresponds to the oil flow.
+
+The MuJoCo plant adds the spring of the trapped oil and the differential; the bicycle plant uses the rim speed as
+vehicle speed. All numbers are assumed values for the two-pedal hydrostat of a compact tractor in its low range. Default
+values of torque, stiffness, damping and brake are proportional to mass times wheel radius, so that tractors of the same
+shape climb and hold the same slope. The default power is proportional to mass.
 """
 
 from math import exp, isnan
@@ -23,8 +25,8 @@ TORQUE_N_M, POWER_KW, STIFFNESS_N_M_RAD, DAMPING_N_M_S_RAD = 3000.0, 14.0, 6.0e4
 """Maximum torque [N m], maximum power [kW], stiffness [N m/rad] and damping [N m s/rad] of the drive of the compact
 tractor. Assumed values: torque above the grip on firm ground; power 75 % of an engine of 18.6 kW."""
 BRAKING_M_S2 = 3.55
-"""Deceleration of the tractor's mass by the brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The
-brake holds the tractor on a slope of 21 deg, twice the slope of 18 % required of parking brakes."""
+"""Deceleration of the tractor by its brake [m/s2]: the minimum for service brakes up to 30 km/h in [EU2015]. The brake
+then holds the tractor on a slope of 21 deg (38 %); parking brakes must hold it on a slope of 18 %."""
 
 
 ReleaseDeg = Annotated[float, Field(gt=0, le=60)]  # Steering angle at which a lock or a drive is released [deg]
@@ -46,22 +48,22 @@ class Driveline(Spec):
     pump_time_constant_s: Positive = 0.30
     """Time constant with which the pump displacement follows the pedal [s]. Assumed value (0.2-0.5)."""
     torque_limit_n_m: Positive | None = None
-    """Torque [N m] at which the relief valve opens, summed over the driven wheels, driving and braking. Default: scaled
-    with mass and rear wheel radius from 3000 for the compact tractor, above the grip on firm ground."""
+    """Sum of the torques of the driven wheels at which the relief valve opens [N m], in driving and braking. Default:
+    scaled with mass and rear wheel radius from 3000 for the compact tractor, above the grip on firm ground."""
     power_limit_kw: Positive | None = None
     """Maximum power at the wheels [kW]. Default: scaled with the mass from 14 for the compact tractor."""
     brake_torque_n_m: NonNegative | None = None
-    """Torque of the service and parking brake [N m], braking force times rear wheel radius, or 0 for no brake. Default:
+    """Torque of the service and parking brake [N m]: braking force times rear wheel radius, or 0 for no brake. Default:
     for a deceleration of 3.55 m/s2 [EU2015], 1118 for the compact tractor."""
     brake_front_share: Annotated[float, Field(ge=0, le=1)] = 0.0
-    """Fraction of the braking force at the front wheels [-]. Default: rear brakes only, as on compact tractors. Assumed
-    value: 0.5 with a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
+    """Fraction of the braking force that acts at the front wheels [-]. Default: rear brakes only, as on compact
+    tractors. Assumed value: 0.5 with a brake at each wheel, or if braking engages the front-wheel drive [EPO1995]."""
     connected: bool = True
-    """Whether the range gear is engaged; with the gear in neutral the wheels roll freely."""
+    """Whether the range gear is engaged. If the gear is in neutral, the wheels roll freely."""
     differential_lock: bool = False
     """Whether the rear differential is locked, so that both rear wheels turn at the same speed."""
     front_wheel_drive: bool = False
-    """Whether the front axle is also driven, mechanically, through an open front differential."""
+    """Whether the front axle is driven too, by a shaft and an open front differential."""
     lock_release_deg: ReleaseDeg | None = None
     """Steering angle above which the differential lock is released [deg]. The lock engages again 3 deg below this
     angle. Default: never released. Assumed value (5-15)."""
@@ -72,12 +74,12 @@ class Driveline(Spec):
     """Slip of the rear wheels at which the front-wheel drive engages [-]. The drive is released at half this slip.
     Default: engaged at any slip. Assumed value (0.05-0.15)."""
     motor_front_share: Annotated[float, Field(ge=0.01, le=0.99)] | None = None
-    """Fraction of the drive torque [-] at the front wheels of a machine with one motor per wheel. Both motors of an
-    axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value: 0.5
-    for robots with equal wheels."""
+    """Fraction of the drive torque at the front wheels [-], for a machine with one motor per wheel. Both motors of an
+    axle have the same torque, as with an open differential. Default: no motors at the front wheels. Assumed value:
+    0.5 for robots with equal wheels."""
     engine_droop: Annotated[float, Field(ge=0, le=0.3)] = 0.0
-    """Relative decrease of the rim speed from no load to full engine power [-]. Default: 0, a constant speed. Assumed
-    value (0.05-0.1) for mechanical governors."""
+    """Relative decrease of the rim speed between no load and full engine power [-]. Default: 0, for constant speed.
+    Assumed value (0.05-0.1) for mechanical governors."""
     front_lead: Annotated[float, Field(ge=0.8, le=1.25)] = 1.02
     """Rim speed of the driven front wheels divided by rim speed of the rear wheels [-]. Assumed value (1.01-1.05)."""
     stiffness_n_m_rad: Positive | None = None
@@ -101,7 +103,7 @@ class Driveline(Spec):
         return self
 
     def strength(self, tractor: TractorParameters) -> "Strength":
-        """Return limits and compliance of the driveline: given, or by default scaled to the size of the tractor."""
+        """Return the limits of torque and power, and the compliance; defaults scale with the size of the tractor."""
         mass = tractor.mass_kg / COMPACT.mass_kg
         moment = mass * (tractor.rear_wheel_radius_m / COMPACT.rear_wheel_radius_m)
         weight = tractor.mass_kg * tractor.rear_wheel_radius_m
@@ -125,7 +127,7 @@ def _given(value: float | None, default: float) -> float:
 
 
 class Strength(NamedTuple):
-    """Limits of torque and power, and compliance of the driveline of a machine."""
+    """Torque and power limits, and compliance, of a machine's driveline."""
 
     torque: float  # Relief torque of the hydrostat, summed over the driven wheels [N m]
     power: float  # Maximum driving power [W]
@@ -147,14 +149,14 @@ class DriveLaw(NamedTuple):
 
 
 class DriveMemory(NamedTuple):
-    """State of the drive between two physics steps; the arrays are written in place."""
+    """State of pedal and pump between two physics steps; the arrays are modified in place."""
 
     pedal: Array  # Pedal position in [-1, 1], shape (1,) [-]
     speed: Array  # Rim speed that corresponds to the oil flow [m/s], shape (1,)
 
 
 def drive_law(driveline: Driveline, dt: float) -> tuple[DriveLaw, DriveMemory]:
-    """Return the parameters and the initial state for `drive_step`, with time steps of `dt` [s]."""
+    """Return the parameters of `drive_step` and its initial state, for physics steps of `dt` [s]."""
     law = DriveLaw(
         dead_band=driveline.pedal_dead_band_v,
         gain=driveline.pedal_rate_per_v_s,
@@ -174,7 +176,10 @@ def reset_drive(memory: DriveMemory) -> None:
 
 @kernel
 def drive_step(law: DriveLaw, memory: DriveMemory, voltage: float) -> float:
-    """Advance pedal and pump by one step under `voltage` [V], NaN without power; return the rim speed [m/s]."""
+    """Advance pedal and pump by one physics step; return the rim speed [m/s].
+
+    `voltage` is the voltage of the pedal valve [V], or NaN without power.
+    """
     v = voltage - NEUTRAL_V
     rate = 0.0
     if abs(v) > law.dead_band:

@@ -1,8 +1,8 @@
-"""Size of a machine relative to the compact tractor, and limits for parts that are plausible at its weight.
+"""Size ratios of a machine to the compact tractor, and warnings about parts that are implausible for its weight.
 
-Each part of a scenario lists in `sized` the keys that scale with the size, and their exponents: a look-ahead distance
-scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide: no production
-machine has values outside.
+Each class of parameters lists in `sized` the keys that scale with the size of the machine, and their exponents: a
+look-ahead distance scales with the length, a cornering stiffness with the axle load. The plausibility limits are wide:
+all production machines satisfy them.
 """
 
 from collections.abc import Iterator
@@ -14,25 +14,25 @@ from agrobot_mj.machine.implements.base import HitchedBody, ImplementBase, wheel
 from agrobot_mj.machine.tractor import COMPACT, GRAVITY, AxleWheel, TractorParameters
 
 DEEPEST_SHARE = 0.15
-"""Static deflection divided by free radius above which a tyre is flat [-]. Assumed value, half the section height."""
+"""Maximum plausible static deflection divided by free radius [-]. Assumed value: half the section height."""
 DENSEST_KPA, DENSEST_DRAWN_KPA = 70.0, 150.0
-"""Wheel load divided by tyre width times diameter, above which no tyre of that size exists [kPa], for tractor and
-implement. Assumed values: up to 45 and 100 in manufacturers' tables."""
+"""Maximum plausible wheel load divided by tyre width times diameter [kPa], for tractors and for implements. Assumed
+values: up to 45 and 100 in manufacturers' tables."""
 LIGHTEST_KN_M3 = 4.0
-"""Machine weight divided by the sum of diameter squared times width over all wheels, below which the wheels are too
-large [kN/m3]. Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
+"""Minimum plausible weight of a machine divided by the sum of diameter squared times width over its wheels [kN/m3].
+Assumed value: 7-10 for quads and light robots, 15-26 for the machines of the library."""
 HIGHEST_BAR = 250.0  # Maximum pressure of a real steering system [bar]. Assumed value: 100-200 are common.
 LEAST_PULL, LEAST_POWER = 0.15, 0.07
-"""Minimum driving force at the torque limit, and at the power limit and path speed, divided by the weight [-]. Assumed
-values: the rolling resistance is 0.05-0.07 of the weight."""
+"""Minimum plausible driving force divided by the weight [-]: at the torque limit, and at the power limit and path
+speed. Assumed values: the rolling resistance is 0.05-0.07 of the weight."""
 COMPACT_WIDTH_M = 2.0
 """Working width of the compact tractor, the default of `path.swath_m` [m]. Assumed value (1.5-2.5)."""
 
 
 def fit_warnings(machine: Machine, scrubs: bool, speed: float) -> Iterator[str]:
-    """Yield a warning for each part that is implausible for the machine's weight, or for the `speed` of the path [m/s].
+    """Yield a warning for each part that is implausible for the machine's weight or for the path `speed` [m/s].
 
-    With `scrubs` the tyres resist turning at standstill, and the force of the steering is also checked.
+    `scrubs` is whether the tyres resist steering at standstill; if so, the steering torque is also checked.
     """
     hitched = machine.implement.hitched(machine.tractor)
     yield from _light(machine.tractor)
@@ -99,9 +99,9 @@ def _drive(machine: Machine, hitched: HitchedBody | None, speed: float) -> Itera
 
 
 def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: ImplementBase) -> dict[str, float]:
-    """Return the size ratios of a machine to the compact tractor [-]: wheelbase, track width, working width, turning
-    circle, mass, static axle loads and full speed.
+    """Return the size ratios of a machine to the compact tractor by name [-].
 
+    The quantities are wheelbase, track width, working width, turning radius, mass, static axle loads and full speed.
     The working width is the width of the implement if given; otherwise it scales with the track width.
     """
     track = tractor.track_m / COMPACT.track_m
@@ -119,5 +119,5 @@ def ratios_of(tractor: TractorParameters, driveline: Driveline, implement: Imple
 
 
 def _turning_radius(tractor: TractorParameters) -> float:
-    """Return the turning radius [m] of the rear axle at the steering limit of the tractor or of `COMPACT`, if lower."""
+    """Return the turning radius of the rear axle [m] at the steering limit of the tractor or of `COMPACT`, if lower."""
     return tractor.wheelbase_m / tan(radians(min(tractor.steer_limit_deg, COMPACT.steer_limit_deg)))

@@ -1,18 +1,18 @@
 """Electro-hydraulic steering: from valve voltage through oil flow to steering rate.
 
 The input is 0-12 V, neutral at 6 V; the output is a flow in m3/s, positive to the left. A transport delay and a
-first-order spool lag precede the static map: dead band, a gain for each direction, saturation at the pump flow. The
-structure is from [Qiu1999], the limits 0-12 V and 12 l/min from the paper, section V-B. The other values are assumed
-within the ranges of the literature: delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the range, 15-30
-deg/s.
+first-order spool lag precede a static map with dead band, a gain for each direction, and saturation. The structure is
+from [Qiu1999], the limits 0-12 V and 12 l/min from the paper, section V-B. The other values are assumed within the
+ranges of the literature: delay 0.1-0.3 s, time constant 0.1-0.2 s, dead band 3-10 % of the voltage range, steering rate
+15-30 deg/s.
 
 The flow saturates at the limit of the valve section or at the available pump flow. The pump flow is proportional to the
 engine speed; without a priority valve other consumers take their flow first. A valve without pressure compensation is
 an orifice: its flow decreases as sqrt(1 - p / p_supply), with the pressure p against the motion [Merritt1967].
 
 The cylinder is described by its displacement per radian at the bicycle model's virtual wheel. The bicycle plant has a
-rigid cylinder; the MuJoCo plant adds the spring of the trapped oil. Bore and arm set the steering rate. By default
-relief pressure, stiffness and damping follow from the front axle load.
+rigid cylinder; the MuJoCo plant adds the spring of the trapped oil. Bore and lever arm determine the steering rate. By
+default relief pressure, stiffness and damping follow from the front axle load.
 """
 
 from math import exp, inf, pi, sqrt
@@ -31,10 +31,10 @@ FULL_RANGE_V = 12.0  # Maximum voltage of a valve [V]. Paper, section V-B.
 LITRE_PER_MINUTE = 1e-3 / 60  # Conversion factor from l/min to m3/s [m3/s per l/min]
 RELIEF_MARGIN = 3.0
 """Relief torque divided by the torque that turns the wheels at standstill [-]. Assumed value: 2 for a doubled axle load
-times 1.5 for rough ground and end stops; the result is 100 bar for a cylinder of this class."""
+times 1.5 for rough ground and end stops. For a cylinder of this class the relief pressure is then 100 bar."""
 STIFFNESS, DAMPING = 5.0e4, 400.0
-"""Stiffness [N m/rad] and damping [N m s/rad] of the steering of the default tractor. Assumed values: oil column of
-about 2e5 in series with linkage and hoses of about 7e4."""
+"""Stiffness [N m/rad] and damping [N m s/rad] of the compact tractor's steering. Assumed values: an oil column of about
+2e5 in series with linkage and hoses of about 7e4."""
 
 
 class Valve(Spec):
@@ -56,21 +56,21 @@ class Valve(Spec):
     gain_right_l_min_v: Positive = 2.8
     """Flow per volt outside the dead band, steering right [l/(min V)]. Assumed value: 10-20 % less than to the left."""
     pump_flow_l_min: Positive = 12.0
-    """Pump flow [l/min], at which the valve saturates in both directions. Paper, section V-B."""
+    """Pump flow [l/min]; the valve saturates at this flow in both directions. Paper, section V-B."""
     section_flow_l_min: Positive | None = None
     """Maximum flow of the valve section [l/min]. Default: limited only by the pump."""
     engine_speed_share: Annotated[float, Field(ge=0.1, le=1.5)] = 1.0
-    """Engine speed divided by the engine speed for `pump_flow_l_min` [-]; about 0.4 for an idling engine."""
+    """Engine speed divided by the engine speed that gives `pump_flow_l_min` [-]; about 0.4 for an idling engine."""
     other_flow_l_min: NonNegative = 0.0
     """Flow to other consumers, such as a lift or a hydraulic motor [l/min]."""
     priority: bool = True
     """Whether a priority valve supplies the steering first; otherwise the other consumers are supplied first."""
     supply_pressure_bar: Positive | None = None
-    """Supply pressure of a valve without pressure compensation [bar]. Default: a valve with pressure compensation."""
+    """Supply pressure of a valve without pressure compensation [bar]. Default: the valve is pressure-compensated."""
 
     @property
     def largest_flow(self) -> float:
-        """Maximum flow in both directions without a load [l/min]."""
+        """Maximum flow of the unloaded valve in both directions [l/min]."""
         left = self.pump_flow_l_min * self.engine_speed_share - (0.0 if self.priority else self.other_flow_l_min)
         return min(max(left, 0.0), inf if self.section_flow_l_min is None else self.section_flow_l_min)
 
@@ -81,13 +81,13 @@ class Cylinder(Spec):
     sized: ClassVar = {"arm_m": {"length": 1}}
 
     bore_mm: Positive = 63.0
-    """Bore of the cylinder [mm]. Assumed value (50-70 for this class)."""
+    """Bore diameter of the cylinder [mm]. Assumed value (50-70 for this class)."""
     rod_mm: Positive = 25.0
-    """Diameter of the rod [mm]. Assumed value (20-32). The model uses the mean of both piston areas."""
+    """Diameter of the piston rod [mm]. Assumed value (20-32). The model uses the mean of both piston areas."""
     arm_m: Positive = 0.155
     """Mean lever arm about the kingpins [m]. Assumed value (0.12-0.18). Arm and bore determine the steering rate."""
     relief_pressure_bar: Positive | None = None
-    """Pressure at which the relief valve opens [bar]. Default: 3 times the pressure that turns parked wheels."""
+    """Pressure at which the relief valve opens [bar]. Default: 3 times the pressure that turns the parked wheels."""
     stiffness_n_m_rad: Positive | None = None
     """Stiffness of trapped oil, hoses and linkage in series [N m/rad]. Default: proportional to load times width of the
     front tyres, 5e4 for the compact tractor."""
@@ -112,7 +112,7 @@ class Cylinder(Spec):
         return self.area * self.arm_m
 
     def column(self, tractor: TractorParameters, linkage: Linkage = UPRIGHT) -> "OilColumn":
-        """Return the properties of oil column and linkage: given values, or values scaled to the front axle load."""
+        """Return the properties of the oil column: given values, or values scaled to the front axle."""
         bar, share = self.relief_pressure_bar, tractor.front_axle_load / COMPACT.front_axle_load
         size = share * tractor.front_wheel_width_m / COMPACT.front_wheel_width_m
         sized = RELIEF_MARGIN * linkage.parked_torque(tractor)
@@ -124,7 +124,7 @@ class Cylinder(Spec):
 
 
 class OilColumn(NamedTuple):
-    """Oil in the steering cylinder, hoses and linkage, as a rotary spring at the kingpin of the virtual front wheel."""
+    """Steering cylinder, hoses and linkage as a rotary spring at the virtual front wheel."""
 
     relief_torque: float  # Maximum torque of the cylinder [N m], at which the relief valve opens
     stiffness: float  # Stiffness of oil column and linkage [N m/rad]
@@ -143,7 +143,7 @@ class ValveLaw(NamedTuple):
 
 
 class ValveMemory(NamedTuple):
-    """State of the valve between two physics steps; the arrays are written in place."""
+    """State of the valve between two physics steps; the arrays are modified in place."""
 
     spool: Array  # Lagged voltage at the spool [V], shape (1,)
     queue: Array  # Ring buffer of the delayed voltages [V], shape (delay steps + 1,)
@@ -151,7 +151,7 @@ class ValveMemory(NamedTuple):
 
 
 def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
-    """Return the parameters and the initial state for `valve_step`, with time steps of `dt` [s]."""
+    """Return the parameters of `valve_step` and its initial state, for physics steps of `dt` [s]."""
     law = ValveLaw(
         lag=exp(-dt / valve.time_constant_s),
         dead_band=valve.dead_band_v,
@@ -165,12 +165,12 @@ def valve_law(valve: Valve, dt: float) -> tuple[ValveLaw, ValveMemory]:
 
 
 def reset_valve(memory: ValveMemory) -> None:
-    """Set the spool and the delayed voltages to neutral."""
+    """Set the spool and the buffer of delayed voltages to neutral."""
     memory.spool[:], memory.queue[:], memory.head[:] = NEUTRAL_V, NEUTRAL_V, 0
 
 
 def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
-    """Return a worn valve: flow times `gain` [-], and a dead band that is wider by `dead_band` [V] on each side."""
+    """Return a worn valve: flow multiplied by `gain` [-], dead band widened by `dead_band` [V] on each side."""
     if gain == 1.0 and dead_band == 0.0:
         return law
     return law._replace(
@@ -183,7 +183,7 @@ def worn_valve(law: ValveLaw, gain: float, dead_band: float) -> ValveLaw:
 
 @kernel
 def static_flow(law: ValveLaw, voltage: float) -> float:
-    """Return the steady flow [m3/s] at a spool voltage [V], from dead band, gain for the direction and saturation."""
+    """Return the steady-state flow [m3/s] at a spool voltage [V]: dead band, gain of the direction, saturation."""
     v = voltage - NEUTRAL_V
     if v > law.dead_band:
         return min(law.gain_left * (v - law.dead_band), law.saturation)
@@ -206,7 +206,10 @@ def valve_step(law: ValveLaw, memory: ValveMemory, voltage: float) -> float:
 
 @kernel
 def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
-    """Return the flow [m3/s] against a cylinder `pressure` [Pa]; a positive pressure pushes the wheels to the left."""
+    """Return the flow [m3/s] of a valve with the unloaded flow `flow` at a cylinder `pressure` [Pa].
+
+    A positive pressure pushes the wheels to the left.
+    """
     if law.supply <= 0.0 or flow == 0.0:
         return flow
     against = pressure if flow > 0.0 else -pressure
@@ -216,7 +219,7 @@ def loaded_flow(law: ValveLaw, flow: float, pressure: float) -> float:
 
 @kernel
 def beyond_play(deflection: float, play: float) -> float:
-    """Return the part of a deflection outside a play with half width `play`, in the same unit."""
+    """Return a deflection minus the play, or 0 within the play, which has the half width `play` in the same unit."""
     if deflection > play:
         return deflection - play
     if deflection < -play:

@@ -1,7 +1,6 @@
 """Parameters of the tractor; the defaults describe a compact tractor of the CNH TZ25DA class.
 
-`models/tractor.xml` contains the same numbers for the viewer of MuJoCo; a test compares them. Assumed values lie in the
-stated range.
+`models/tractor.xml` contains the same numbers for the viewer of MuJoCo; a test compares them.
 """
 
 from math import atan2, hypot, radians, sqrt, tan
@@ -14,13 +13,13 @@ from agrobot_mj.machine.tyre_size import TyreSize, nominal_size, tyre_size
 
 GRAVITY = 9.81  # Gravitational acceleration [m/s2], as MuJoCo's default
 Body = Literal["open", "roll_bar", "cab", "robot"]
-"""Appearance of a machine: a seat without roll bar, with roll bar or in a cab, or a deck without a seat."""
+"""Appearance of a machine: a seat without roll bar, a seat with roll bar, a cab, or a deck without a seat."""
 WITH_ROLL_BAR_KG, WITH_CAB_KG = 450.0, 2500.0
-"""Minimum masses for a roll bar and for a cab in images [kg]. Assumed values."""
+"""Minimum mass of a tractor drawn with a roll bar, and of a tractor drawn with a cab [kg]. Assumed values."""
 
 
 class AxleWheel(NamedTuple):
-    """Wheel with its tyre on the left and the right side of an axle."""
+    """Properties of the two equal wheels of an axle, with their tyres."""
 
     axle: str  # Axle of a tractor, "front" or "rear"; "rear" for an implement
     radius: float  # Free radius of the wheel [m]
@@ -38,7 +37,7 @@ class AxleWheel(NamedTuple):
 
 
 DAMPING_RATIO = 0.15
-"""Damping of a tyre under its static load divided by critical damping [-]. Assumed value (0.05-0.2)."""
+"""Vertical damping of a tyre divided by critical damping under the static load [-]. Assumed value (0.05-0.2)."""
 AntennaPlace = Annotated[float, Field(ge=-20, le=20)]  # Horizontal distance of an antenna from the rear axle [m]
 AXLES = ("front", "rear")  # Names of the axles of a tractor, at the beginning of their keys
 TyreCode = Annotated[str, Field(min_length=1, max_length=40)]  # Size code of a tyre, see `tyre_size`
@@ -46,11 +45,11 @@ PressureBar = Annotated[float, Field(ge=0.3, le=8)]  # Inflation pressure [bar]
 
 
 class TractorParameters(Spec):
-    """Geometry, masses and tyre sizes: the scenario keys under `[tractor]`.
+    """Geometry, masses and tyre sizes (`[tractor]`).
 
     The default values describe the compact tractor. For other values of mass and wheelbase, default lengths scale with
-    the wheelbase, masses with the mass, the yaw inertia with mass times wheelbase squared, and the other inertias with
-    the yaw inertia. The antenna keeps its height above the rear wheels.
+    the wheelbase and default masses with the mass. The yaw inertia scales with mass times wheelbase squared, and the
+    other inertias scale with the yaw inertia. The default antenna has a constant height above the rear wheels.
     """
 
     sized: ClassVar = {
@@ -69,7 +68,7 @@ class TractorParameters(Spec):
     mass_kg: Annotated[float, Field(ge=50, le=100000)] = 750.0
     """Mass m of the complete tractor in working order [kg]. Assumed value (700-800)."""
     front_load_fraction: Annotated[float, Field(ge=0.05, le=0.95)] = 0.38
-    """Fraction of the static weight on the front axle [-]. Assumed value (0.35-0.40 in the literature)."""
+    """Fraction of the static weight carried by the front axle [-]. Assumed value (0.35-0.40 in the literature)."""
     cg_height_m: Annotated[float, Field(ge=0.05, le=5)] = 0.55
     """Height of the CG above level ground at static load [m]. Assumed value (0.5-0.7, with roll bar)."""
     yaw_inertia_kg_m2: Positive = 400.0
@@ -92,12 +91,12 @@ class TractorParameters(Spec):
     """Mass of one rear wheel with its tyre [kg]. Assumed value (30-60, no ballast)."""
     front_tyre: TyreCode | None = None
     """Size code of the front tyres, such as 420/85R30, 6-12 or 26x12.00-12. The code replaces radius and width of the
-    wheels, and gives section height and carcass. Default: a bias tyre of radius and width of the wheels."""
+    wheels, and determines section height and carcass. Default: a bias tyre with radius and width of the wheels."""
     rear_tyre: TyreCode | None = None
     """Size code of the rear tyres, such as 520/85R42. Effect and default as for `front_tyre`."""
     front_tyre_pressure_bar: PressureBar | None = None
-    """Inflation pressure of the front tyres [bar]. Default: 0.6-2.4, for the static load at a deflection of 20 % of the
-    section height."""
+    """Inflation pressure of the front tyres [bar]. Default: 0.6-2.4, so that the static load deflects the tyre by 20 %
+    of the section height."""
     rear_tyre_pressure_bar: PressureBar | None = None
     """Inflation pressure of the rear tyres [bar]. Default: as for the front tyres."""
     front_tyre_stiffness_n_m: Positive | None = None
@@ -127,9 +126,9 @@ class TractorParameters(Spec):
     hitch_height_m: Annotated[float, Field(ge=0, le=5)] = 0.35
     """Height of the hitch above level ground [m]. Assumed value (0.3-0.45)."""
     body: Body | None = None
-    """Body in images, and the shape that hits the ground after a roll-over. Default: selected by the mass."""
+    """Appearance in images, and shape that hits the ground after a roll-over. Default: selected by the mass."""
     mjcf: Annotated[str, Field(min_length=1, max_length=4000), AfterValidator(printable)] | None = None
-    """MuJoCo model of the machine's body, which defines sizes and masses; see docs/bodies.md for the requirements."""
+    """MJCF file of a user-defined body, which defines sizes and masses; see docs/bodies.md for the requirements."""
 
     @model_validator(mode="after")
     def _size_followed(self) -> "TractorParameters":
@@ -147,7 +146,7 @@ class TractorParameters(Spec):
         return self
 
     def _fit_tyre(self, axle: str) -> None:
-        """Set radius and width of the wheels of an axle to the values of its size code. Raises ValueError."""
+        """Set radius and width of an axle's wheels from the tyre size code. Raises ValueError for a wrong code."""
         if (code := getattr(self, f"{axle}_tyre")) is None:
             return
         if self.mjcf is not None:
@@ -172,7 +171,7 @@ class TractorParameters(Spec):
 
     @property
     def style(self) -> Body:
-        """Body in images: `body` if given, otherwise selected by the mass."""
+        """Appearance in images: `body` if given, otherwise selected by the mass."""
         light: Body = "open" if self.mass_kg < WITH_ROLL_BAR_KG else "roll_bar"
         return self.body or ("cab" if self.mass_kg >= WITH_CAB_KG else light)
 
@@ -192,17 +191,17 @@ class TractorParameters(Spec):
         return radians(self.steer_limit_deg)
 
     def steering_for(self, curvature: float) -> float:
-        """Return the steering angle for driving the CG along an arc without slip [rad], or pi/2 for too tight an arc.
+        """Return the steering angle for driving the CG along an arc without slip [rad].
 
         On an arc of `curvature` kappa [1/m] the CG has the sideslip sin(beta) = l_r kappa, and tan(delta) = L / l_r
-        tan(beta).
+        tan(beta). The angle is pi/2 for arcs with a radius below l_r.
         """
         sine = min(max(self.cg_to_rear_axle * curvature, -1.0), 1.0)
         return atan2(self.wheelbase_m * sine, self.cg_to_rear_axle * sqrt(1.0 - sine * sine))
 
     @property
     def tightest_radius(self) -> float:
-        """Radius of the circle [m] that the CG follows at the steering limit without slip."""
+        """Radius of the arc of the CG [m] at the steering limit, without slip."""
         return hypot(self.wheelbase_m / tan(self.steer_limit), self.cg_to_rear_axle)
 
     @property
@@ -236,23 +235,26 @@ class TractorParameters(Spec):
         return AxleWheel(axle, radius, width, mass, load, k, c, size)
 
     def _fitted(self, axle: str) -> TyreSize:
-        """Return the tyre of an axle, from its size code or, without a code, from the dimensions of the wheel."""
+        """Return the tyre of an axle from its size code, or from the dimensions of the wheel if no code is given."""
         code, radius, width = (getattr(self, f"{axle}_{key}") for key in ("tyre", "wheel_radius_m", "wheel_width_m"))
         return nominal_size(radius, width) if code is None else tyre_size(code)
 
     def tyre_pressure(self, axle: str, load: float) -> float:
-        """Return the pressure [bar] of the tyres of `axle` ("front", "rear"): given, or for a `load` per wheel [N]."""
+        """Return the inflation pressure of an axle's tyres [bar]: the given value, or a value for the wheel `load` [N].
+
+        `axle` is "front" or "rear".
+        """
         bar: float | None = getattr(self, f"{axle}_tyre_pressure_bar")
         return self._fitted(axle).pressure(load) if bar is None else bar
 
     @property
     def antenna(self) -> tuple[float, float, float]:
-        """Position of the GNSS antenna [m] relative to the ground below the rear axle: ahead, left and up."""
+        """Position of the GNSS antenna relative to the ground below the rear axle (ahead, left, up) [m]."""
         return self.antenna_ahead_m, self.antenna_left_m, self.antenna_height_m
 
     @property
     def wheels(self) -> tuple[AxleWheel, AxleWheel]:
-        """Properties of a front and a rear wheel."""
+        """Properties of the front wheels and of the rear wheels."""
         return self.front_wheel, self.rear_wheel
 
 

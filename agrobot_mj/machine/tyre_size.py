@@ -23,24 +23,27 @@ from agrobot_mj.core.errors import shortened
 INCH = 0.0254  # Length of an inch [m]
 KGF_MM = 9806.65  # Stiffness of 1 kgf/mm [N/m]
 INCH_ASPECT, LOW_ASPECT = 0.85, 0.70
-"""Ratio of section height to section width [-] for inch codes without a ratio, and for codes with `L` or a rim in half
-inches. Assumed values; tyres from 9.5-24 to 20.8-38 have 0.82-0.91, tyres from 11L-15 to 28L-26 have 0.67-0.72."""
+"""Assumed aspect ratio (section height divided by section width) [-] for inch codes without a ratio.
+
+The lower value applies to codes with `L` or with a rim in half inches, for which tyres from 11L-15 to 28L-26 have
+0.67-0.72. For the other codes, tyres from 9.5-24 to 20.8-38 have 0.82-0.91.
+"""
 USUAL_DEFLECTION = 0.20
-"""Ratio of deflection to section height [-], which determines the pressure if none is given. Assumed value: 0.17-0.28
-from published loaded radii."""
+"""Deflection divided by section height [-] at the default pressure. Assumed value: 0.17-0.28 from known loaded
+radii."""
 LEAST_BAR, MOST_BAR = 0.6, 2.4
-"""Minimum and maximum pressure computed from the load [bar]. Assumed values: range of the pressure tables of field
-tyres. Tyres of light machines have the minimum pressure and deflect less."""
+"""Limits of the default inflation pressure [bar], which is computed from the load. Assumed values: range of the
+pressure tables of field tyres. Tyres of light machines have the minimum pressure and deflect less."""
 NOMINAL_ASPECT, NOMINAL_RIM = 0.75, 0.4
-"""Ratio of section height to section width, and minimum ratio of rim diameter to diameter, of a tyre without size code
-[-]. Assumed values: 0.7-0.9 and 0.4-0.65."""
+"""Aspect ratio (section height divided by section width), and minimum ratio of rim diameter to tyre diameter, of a tyre
+without a size code [-]. Assumed values: 0.7-0.9 and 0.4-0.65."""
 RANGES = {
     "section width": (0.08, 1.3, "m"),
     "section height / section width": (0.25, 1.1, ""),
     "rim diameter": (0.1, 1.6, "m"),
     "diameter": (0.2, 3.0, "m"),
 }
-"""Minimum, maximum and unit of each dimension in a tyre code. Assumed values: garden tractors to harvesters."""
+"""Minimum, maximum and unit of each dimension in a size code. Assumed values: garden tractors to harvesters."""
 
 _NUMBER = r"(\d{1,4}(?:\.\d{1,2})?)"
 _FAMILIES = {
@@ -49,7 +52,7 @@ _FAMILIES = {
     "inch": re.compile(rf"{_NUMBER}(L?)([RBD-]){_NUMBER}"),
 }
 _SERVICE = re.compile(r"\s+\d{2,3}(/\d{2,3})?\s?[A-G]\d?$")
-"""Pattern of the load index and speed symbol after a code, such as 158A8."""
+"""Regular expression of the load index and speed symbol after a size code, such as 158A8."""
 METRIC_FROM = 100.0  # Minimum section width [mm] in a metric code with a ratio; smaller numbers are in inches
 
 
@@ -71,19 +74,19 @@ class TyreSize(NamedTuple):
         return KGF_MM * (0.00028 * 100.0 * pressure_bar * 1e3 * self._shape + 3.45)
 
     def pressure(self, load: float) -> float:
-        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], limited to `LEAST_BAR` and `MOST_BAR`."""
+        """Return the pressure [bar] for `USUAL_DEFLECTION` under a load [N], within `LEAST_BAR` and `MOST_BAR`."""
         k = load / (USUAL_DEFLECTION * self.section_height)
         bar = (k / KGF_MM - 3.45) / (0.00028 * 100.0 * 1e3 * self._shape)
         return min(max(bar, LEAST_BAR), MOST_BAR)
 
     @property
     def _shape(self) -> float:
-        """Geometric mean of diameter and effective width [m], as in [Rhyne2005]."""
+        """Square root of the product of diameter and effective width [m], as in [Rhyne2005]."""
         return sqrt((1.03 - 0.4 * self.section_height / self.width) * self.width * self.diameter)
 
 
 def nominal_size(radius: float, width: float) -> TyreSize:
-    """Return a bias tyre with a free radius and a section width [m]."""
+    """Return a bias tyre with the given free radius [m] and section width [m]."""
     return TyreSize(width, 2 * radius, 2 * max(radius - NOMINAL_ASPECT * width, NOMINAL_RIM * radius), False)
 
 

@@ -1,4 +1,4 @@
-"""Interface of a running plant (simulated tractor), and its time steps."""
+"""Interface of a running plant (simulated tractor), and division of a tick into physics steps."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
@@ -18,7 +18,7 @@ def copies(arrays: tuple[AnyArray, ...]) -> tuple[AnyArray, ...]:
 
 
 def write(arrays: tuple[AnyArray, ...], saved: tuple[AnyArray, ...]) -> None:
-    """Overwrite the arrays in place with saved values of the same shapes."""
+    """Overwrite arrays in place with saved arrays of the same shapes."""
     for array, values in zip(arrays, saved, strict=True):
         array[:] = values
 
@@ -36,12 +36,12 @@ class Clock(NamedTuple):
 
     @classmethod
     def of(cls, dt: float, tick_s: float = TICK_S) -> "Clock":
-        """Return the clock with ticks of `tick_s` that consist of physics steps of `dt` [s]."""
+        """Return the clock for ticks of `tick_s` [s] and physics steps of `dt` [s]."""
         return cls(dt, round(tick_s / dt))
 
 
 class RunningPlant(Protocol):
-    """Interface of a running plant; methods with a body here are optional."""
+    """Interface of a running plant. Subclasses may omit the methods that have a default body."""
 
     scene: Scene
 
@@ -52,7 +52,7 @@ class RunningPlant(Protocol):
         """Advance one tick at constant voltages and conditions; return the true state."""
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick as `advance` does, but return the true state by reference (`Held`)."""
+        """Advance one tick at constant voltages and conditions; return a reference (`Held`) to the true state."""
         return held(self.advance(drive, conditions))
 
     def save(self) -> Any:
@@ -68,12 +68,12 @@ class RunningPlant(Protocol):
         """Return the generalised positions of the tractor of `models/tractor.xml`, shape (nq,)."""
 
     def wheels(self) -> Array:
-        """Return the tyre report of four wheels, shape (24,) (see `tyres.patch`), or an empty array without tyres."""
+        """Return the tyre reports of all wheels, shape (24,) (see `tyres.patch`), or an empty array without tyres."""
         return np.empty(0)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of signals that only this plant has."""
+        """Log columns specific to this plant."""
         return ()
 
     def report(self) -> Sequence[float]:
@@ -81,16 +81,18 @@ class RunningPlant(Protocol):
         return ()
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return oil flow to the steering cylinder [m3/s], cylinder pressure [Pa] and torque on the driven wheels [N
-        m]; quantities that the plant does not model are NaN."""
+        """Return steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m].
+
+        Quantities that the plant does not model are NaN.
+        """
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field, or None on ground without ruts."""
+        """Return the ruts on the field, or None if the ground has no plastic soil."""
         return None
 
     def warnings(self) -> int:
-        """Return the number of physics warnings since the reset."""
+        """Return the number of warnings of the physics engine since the reset."""
         return 0
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run, or None if the run continues."""
+        """Return the outcome that ends the run, such as `rolled_over`, or None if the run continues."""

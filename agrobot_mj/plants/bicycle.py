@@ -4,10 +4,11 @@ The lateral velocity v and yaw rate gamma follow the equation `sondenklem` of th
 `kinematicmodeltractor2` (docs/equations.md). The slip angle of a tyre is its lateral velocity divided by the rolling
 speed |u|. The model is therefore also valid in reverse, where an understeering tractor oversteers.
 
-Speed and steering angle are constant during a step. The solution for v and gamma is then exact (closed-form exponential
-of the 2 x 2 matrix); the position is integrated with Simpson's rule. Below `CRAWL`, v and gamma have their steady-state
-values, because the time constants are proportional to the speed. The models of valves and driveline are the same as in
-the MuJoCo plant, with a rigid cylinder and no wheel slip. The wheels turn after the cylinder has crossed the backlash.
+Speed and steering angle are constant during a physics step. The solution for v and gamma is then exact (closed-form
+exponential of the 2 x 2 matrix); the position is integrated with Simpson's rule. Below the speed `CRAWL`, v and gamma
+have their steady-state values, because the time constants of the lateral dynamics approach zero. The models of valves
+and driveline are the same as in the MuJoCo plant, with a rigid cylinder and no wheel slip. The wheels steer only after
+the cylinder has crossed the backlash.
 """
 
 from collections.abc import Iterator
@@ -62,7 +63,7 @@ class Bicycle(Spec):
         return 0.005
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Yield a message for each cornering stiffness outside the range of real tyres at the static axle load."""
+        """Yield a message for each cornering stiffness that is implausible at the static axle load."""
         loads = machine.tractor.front_axle_load, machine.tractor.rear_axle_load
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
@@ -71,7 +72,10 @@ class Bicycle(Spec):
 
 
 class BicycleLaw(NamedTuple):
-    """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of the paper."""
+    """Parameters of the bicycle model for the compiled kernels, in SI units and with the symbols of the paper.
+
+    `play` is half the backlash [rad].
+    """
 
     m: float
     I_z: float
@@ -85,7 +89,7 @@ class BicycleLaw(NamedTuple):
 
 
 class Linear2(NamedTuple):
-    """Elements of A and B in d(v, gamma)/dt = A (v, gamma) + B delta, for lateral velocity v and yaw rate gamma."""
+    """Elements of the matrices A and B in d(v, gamma)/dt = A (v, gamma) + B delta."""
 
     A11: float
     A12: float
@@ -97,7 +101,7 @@ class Linear2(NamedTuple):
 
 @kernel
 def lateral_dynamics(p: BicycleLaw, u: float) -> Linear2:
-    """Return the matrices A and B of the lateral dynamics at a speed `u` [m/s], not zero, negative in reverse."""
+    """Return the matrices A and B of the lateral dynamics at a nonzero speed `u` [m/s], negative in reverse."""
     # slip angles use the rolling speed |u|; the term of the steering angle, -u delta / |u|, changes sign in reverse
     rolling, ahead = abs(u), 1.0 if u > 0.0 else -1.0
     coupling = -p.l_f * p.C_f + p.l_r * p.C_r
@@ -122,7 +126,7 @@ def steady_state(a: Linear2, delta: float) -> tuple[float, float]:
 
 @kernel
 def propagate(a: Linear2, v: float, gamma: float, delta: float, t: float) -> tuple[float, float, float]:
-    """Return lateral velocity, yaw rate and change of yaw after `t` [s] at constant speed and steering angle."""
+    """Return lateral velocity [m/s], yaw rate [rad/s] and change of yaw [rad] after `t` [s] at constant steering."""
     # relative to the steady state x_s the system is homogeneous: x(t) = x_s + exp(A t) (x(0) - x_s)
     v_s, gamma_s = steady_state(a, delta)
     # with s the mean of A's eigenvalues and s +- w both of them, (A - s)^2 = w^2, so that the series of the
@@ -186,7 +190,7 @@ def run_steps(
     voltages: tuple[float, float],
     samples: Array,
 ) -> None:
-    """Advance `state` in place by the physics steps of one tick.
+    """Advance `state` in place by all physics steps of a tick.
 
     `state` = (x, y, yaw, v, gamma, delta, distance travelled, steering angle at the cylinder).
     """
@@ -211,7 +215,7 @@ class BicycleState(NamedTuple):
 
 
 class BicyclePlant(RunningPlant):
-    """Running bicycle model, with the states of motion, valve and driveline."""
+    """Running bicycle model with its states of motion, steering valve and driveline."""
 
     def __init__(self, spec: Bicycle, machine: Machine, ground: Ground, clock: Clock = CLOCK) -> None:
         tractor = machine.tractor
@@ -237,7 +241,7 @@ class BicyclePlant(RunningPlant):
         self.scene = self.ghost.scene
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor at rest with its CG at the start of the path; return the truth."""
+        """Place the tractor at rest with its CG at the start of the path; return the true state."""
         self.state[:] = 0.0
         self.samples[:] = 0.0
         reset_valve(self.valve_memory)
@@ -247,7 +251,7 @@ class BicyclePlant(RunningPlant):
         return self.truth()
 
     def advance(self, drive: Drive, conditions: Conditions = NOMINAL) -> Truth:
-        """Advance one tick at constant voltages. Of the conditions, only valve faults affect this plant."""
+        """Advance one tick at constant voltages; return the true state. Only valve faults have an effect."""
         self.valve = worn_valve(self.nominal_valve, conditions.valve_gain, conditions.valve_dead_band)
         valve, drives = (self.valve, self.valve_memory), (self.drive, self.drive_memory)
         run_steps(self.law, self.state, *valve, *drives, (drive.steer_voltage, drive.powered_pedal), self.samples)
@@ -268,7 +272,7 @@ class BicyclePlant(RunningPlant):
         self.valve, self.ticks = state.valve, state.ticks
 
     def truth(self) -> Truth:
-        """Return the true state that the sensors measure."""
+        """Return the true state, which the sensors measure."""
         x, y, yaw, v, gamma, delta = self.state[:6].tolist()
         u, l_r = float(self.drive_memory.speed[0]), self.law.l_r
         dx, dy = from_heading(yaw, -l_r, 0.0)
@@ -301,7 +305,7 @@ class BicyclePlant(RunningPlant):
         )
 
     def _knuckles(self, delta: Array) -> Any:
-        """Return the Ackermann angles [rad] of the left and right wheel, shape (2, n), for steering angles (n,)."""
+        """Return the Ackermann angles of left and right wheel [rad], shape (2, n), for steering angles `delta` (n,)."""
         t_2L = self.tractor.track_m / (2 * self.tractor.wheelbase_m)
         return np.stack([np.arctan2(np.tan(delta), 1 - side * t_2L * np.tan(delta)) for side in (1, -1)])
 
@@ -311,16 +315,16 @@ class BicyclePlant(RunningPlant):
         return self.ghost.poses(x, y, yaw, delta, travelled)
 
     def configuration(self) -> Array:
-        """Return the generalised positions of the tractor in images, shape (nq,)."""
+        """Return the generalised positions of the MJCF tractor shown in images, shape (nq,)."""
         self.poses()
         return np.array(self.ghost.data.qpos)
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return the oil flow [m3/s]; pressure and torque are NaN, because the bicycle model does not contain them."""
+        """Return the steering oil flow [m3/s]; pressure and torque are NaN, because the model does not contain them."""
         return static_flow(self.valve, float(self.valve_memory.spool[0])), nan, nan
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run: diverged or left_terrain; otherwise None."""
+        """Return the outcome that ends the run (diverged or left_terrain), or None."""
         if not isfinite(self.state.sum()):
             return "diverged"
         return None if self.ground.covers(self.state[0], self.state[1]) else "left_terrain"

@@ -1,4 +1,4 @@
-"""Controllers of speed and steering angle that use the true state, for plant tests without sensors and estimators."""
+"""Speed and steering controllers that use the true state, for plant tests without sensors and estimators."""
 
 from collections.abc import Callable, Iterator
 from math import copysign, cos
@@ -21,7 +21,7 @@ STEER_TOLERANCE = 2e-6  # Maximum steering error at which the valve remains in n
 
 
 class Trace:
-    """True states and tyre quantities of consecutive ticks."""
+    """True states and tyre reports of consecutive ticks."""
 
     def __init__(self, truths: list[Truth], wheels: list[Array]) -> None:
         self.truths, self._wheels = truths, wheels
@@ -34,32 +34,32 @@ class Trace:
 
     @property
     def wheels(self) -> Array:
-        """Tyre quantities, shape (n, 6, 4), by tick, quantity (order of `tyres.patch`) and wheel."""
+        """Tyre reports, shape (n, 6, 4): tick, quantity in the order of `tyres.patch`, and wheel."""
         return np.array(self._wheels).reshape(len(self._wheels), -1, 4)
 
     def mean(self, name: str, seconds: float) -> float:
-        """Return the mean of a field of `Truth` over the last `seconds` [s]."""
+        """Return the mean of the field `name` of `Truth` over the last `seconds` [s]."""
         return float(self[name][-round(seconds / TICK_S) :].mean())
 
 
 class Driver:
-    """Controller with access to the true state: PI from speed to pedal, proportional steering beyond the dead band."""
+    """Controller that uses the true state: PI for the speed, proportional for the steering angle."""
 
     def __init__(self, plant: Any, truth: Truth, speed: float = 0.0, full_speed: float = FULL_SPEED) -> None:
         self.plant, self.truth, self.speed, self.full_speed = plant, truth, speed, full_speed
         self.integral = 0.0
 
     def go(self, seconds: float, steer: Steer = 0.0) -> Trace:
-        """Simulate `seconds`; `steer` is a constant steering angle [rad] or a function that is called in each tick."""
+        """Simulate for `seconds` [s]; `steer` is a steering angle [rad], or a function from true state to angle."""
         rule = steer if callable(steer) else lambda truth: steer
         return self._drive(seconds, lambda truth: self.steer_voltage(rule(truth)))
 
     def go_by_voltage(self, seconds: float, steer_voltage: float) -> Trace:
-        """Simulate for `seconds` at a constant voltage of the steering valve [V]."""
+        """Simulate for `seconds` [s] at a constant voltage of the steering valve [V]."""
         return self._drive(seconds, lambda truth: steer_voltage)
 
     def pressures(self, seconds: float, steer_voltage: float) -> Array:
-        """Return the pressure [Pa] of the steering cylinder after each tick at a constant valve voltage."""
+        """Return the cylinder pressure [Pa] after each tick at a constant steering valve voltage [V]."""
         found = []
         for _ in range(round(seconds / TICK_S)):
             self.go_by_voltage(TICK_S, steer_voltage)
@@ -77,16 +77,17 @@ class Driver:
         return Trace(truths, wheels)
 
     def steer_voltage(self, angle: float) -> float:
-        """Return the steering valve voltage for a setpoint `angle` [rad]: proportional, plus the dead band [V]."""
+        """Return the steering valve voltage [V] for a setpoint `angle` [rad]: proportional, plus the dead band."""
         error = angle - self.truth.steer
         if abs(error) < STEER_TOLERANCE:
             return NEUTRAL_V
         return NEUTRAL_V + 20.0 * error + copysign(0.4, error)
 
     def pedal_voltage(self) -> float:
-        """Return the pedal voltage [V]: PI from speed to pedal position, then proportional with a step.
+        """Return the pedal valve voltage [V]: PI from speed to pedal setpoint, then proportional plus the dead band.
 
-        The proportional part uses the wheel speed, which does not contain the surge of the tractor on its carcasses.
+        The proportional part of the PI controller uses the wheel speed, which does not contain the longitudinal
+        oscillation of the tractor on its tyres.
         """
         wanted = self.speed / self.full_speed + 0.1 * (self.speed - self.truth.wheel_speed) + self.integral
         self.integral += 0.1 * (self.speed - self.truth.speed) * TICK_S
@@ -95,14 +96,16 @@ class Driver:
 
 
 def hold(plant: Any, seconds: float, drive: Drive = REST) -> Iterator[Truth]:
-    """Yield the true state after each tick at constant voltages; by default both valves are in neutral."""
+    """Yield the true state after each tick at constant voltages. Default: both valves in neutral."""
     for _ in range(round(seconds / TICK_S)):
         yield plant.advance(drive)
 
 
 def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: float = 0.0) -> float:
-    """Return the mean acceleration [m/s2] from speed `begin` to `end` [m/s] at constant voltages, simulated for at most
-    30 s on a slope `grade` [rad]."""
+    """Return the mean acceleration from speed `begin` to `end` [m/s] at constant voltages [m/s2].
+
+    The simulation ends after 30 s; `grade` is the slope in the driving direction [rad].
+    """
     t, v, sign = [], [], copysign(1.0, end - begin)
     for truth in hold(plant, 30.0, drive):
         speed = truth.speed / cos(grade)
@@ -115,7 +118,7 @@ def acceleration(plant: Any, drive: Drive, begin: float, end: float, grade: floa
 
 
 def track_course() -> Callable[[Truth], float]:
-    """Return a PI controller, from the true state to a steering angle, that keeps the antenna's course due east."""
+    """Return a PI controller that maps the true state to a steering angle and keeps the antenna's course due east."""
     total, gain, per_second = 0.0, 1.5, 0.5
 
     def rule(truth: Truth) -> float:
@@ -137,7 +140,7 @@ def mujoco_plant(
     start: Reference = ORIGIN,
     tick_s: float = TICK_S,
 ) -> tuple[MujocoPlant, Truth]:
-    """Return the MuJoCo plant with the given tyre, at rest at `start`, and its first truth."""
+    """Return a MuJoCo plant with the tyre `tyre`, at rest at `start`, and its true state."""
     ground = terrain if isinstance(terrain, Ground) else terrain.ground()
     plant = MujocoPlant(Mujoco(tyre=tyre, settle_s=settle_s), machine, ground, Clock.of(dt, tick_s))
     return plant, plant.reset(start)

@@ -1,6 +1,6 @@
-"""Scene for images of the tractor: bodies with fixed geoms.
+"""Scene for images of the tractor: bodies with attached geoms.
 
-A recording shows a `Scene` and moves its bodies, independently of the type of plant.
+A recording shows a `Scene` and moves its bodies; it is independent of the type of plant.
 """
 
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from agrobot_mj.core.signals import Array, Index
 
 
 class Mesh(NamedTuple):
-    """Triangle mesh."""
+    """Triangle mesh of a geom."""
 
     vertices: Array  # Vertex positions in the frame of the geom [m], shape (n, 3)
     triangles: Index  # Vertex indices of each triangle, shape (m, 3)

@@ -18,7 +18,7 @@ FAR_M = 2000.0
 
 
 def check_files(scenario: Tables, source: str, ground: bool = True) -> None:
-    """Build the path and the ground from their files, and check that the tractor can follow the path on this ground.
+    """Build the path and the ground from their files, and check their compatibility with each other and the tractor.
 
     Without `ground` only the path is checked. Raises `ScenarioError` with all errors; `source` names the scenario.
     """

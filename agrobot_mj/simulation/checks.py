@@ -101,7 +101,7 @@ CONDITIONS = Numbers(Conditions)
 
 
 class Stage(Generic[Message]):
-    """Wrapper that calls a stage of a tick, such as the estimator, and checks its results.
+    """Wrapper that calls one stage, such as the estimator, and checks its results.
 
     `update` and `ask` raise `NotFiniteError` if the arithmetic fails or a number is not finite. They raise
     `ScenarioError` for a message of a wrong type.

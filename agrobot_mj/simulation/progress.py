@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 BETWEEN_LINES_S = 1.0  # Minimum time between two progress lines [s], so that fast work prints few lines
 SILENCE_S = 6.0  # Maximum time without a progress line [s]
 LONGEST_IN_S, LONGEST_IN_MIN = 100.0, 100.0
-"""Maximum duration written in seconds [s], and maximum duration written in minutes [min]."""
+"""Maximum durations that are printed in seconds [s] and in minutes [min]."""
 
 
 def bar() -> "Bar | None":

@@ -1,4 +1,4 @@
-"""Ground under the tractor, with one module per kind of terrain; every kind creates a height grid."""
+"""Ground under the tractor, with one module per kind of terrain. Each kind creates a height grid."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Base classes of terrains: height grid, patches with other properties, and for most kinds a tilted plane."""
+"""Base classes of terrains: field size, height grid, patches with other ground properties, and a tilted plane."""
 
 from functools import lru_cache
 from math import ceil, cos, radians, sin, tan
@@ -18,12 +18,12 @@ Side = Annotated[float, Field(gt=0, le=2 * HUGE)]
 
 
 class Sized(Spec):
-    """Base class of terrains whose field size is given by either `half_size_m` or `size_m`."""
+    """Base class of terrains with a field size, given by either `half_size_m` or `size_m`."""
 
     half_size_m: Positive | None = 500.0
     """Distance from the origin to each edge of a square field [m]."""
     size_m: tuple[Side, Side] | None = None
-    """Size of a rectangular field [m] centred at the origin, east by north, instead of `half_size_m`."""
+    """Size of a rectangular field centred at the origin, east by north [m]. It replaces `half_size_m`."""
 
     @model_validator(mode="after")
     def _has_one_size(self) -> Self:
@@ -40,7 +40,7 @@ class Sized(Spec):
 
     @property
     def half_sizes(self) -> tuple[float, float]:
-        """Distances from the origin to the eastern and to the northern edge [m]."""
+        """Distances from the origin to the eastern edge and to the northern edge [m]."""
         if self.size_m is not None:
             return self.size_m[0] / 2, self.size_m[1] / 2
         assert self.half_size_m is not None  # checked by the validator
@@ -48,7 +48,7 @@ class Sized(Spec):
 
 
 def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]:
-    """Return the numbers of cells to the east and north in a grid with square cells of at most `largest` [m]."""
+    """Return the numbers of cells to the east and north, for square cells of at most `largest` [m]."""
     longer, shorter = max(half_sizes), min(half_sizes)
     most = max(1, ceil(2 * longer / largest - 1e-9))
     fewest = max(1, ceil(most * shorter / longer - 1e-9))
@@ -56,18 +56,18 @@ def cells_of(half_sizes: tuple[float, float], largest: float) -> tuple[int, int]
 
 
 STEEPEST_DEG = 60.0
-"""Maximum accepted slope [deg] between neighbouring nodes, steeper than any ground for tractors. Assumed value."""
+"""Maximum accepted slope between neighbouring nodes [deg]. Assumed value: tractors cannot work on steeper ground."""
 Grade = Annotated[float, Field(ge=0, lt=45)]
 
 
 class Landscape(Spec):
-    """Base class of terrains; each kind overrides `relief`."""
+    """Base class of terrains; subclasses override `relief`."""
 
     kind: str
     patch: Annotated[tuple[GroundPatch, ...], Field(max_length=1000)] = ()
-    """Patches of ground with other properties; where patches overlap, the last patch is used."""
+    """Patches of ground with other properties. Where patches overlap, the last patch in the list applies."""
     surface: SurfaceName | None = None
-    """Named surface outside the patches: friction, cone index and rolling resistance. Default: values of the tyres."""
+    """Named surface outside the patches: friction, cone index, rolling resistance. Default: values of `plant.tyre`."""
     variation: Variation = Variation()
     """Random variation of cone index, friction and moisture outside the patches. Default: none."""
 
@@ -76,16 +76,19 @@ class Landscape(Spec):
         raise NotImplementedError
 
     def stamp(self) -> tuple[object, ...]:
-        """Return a value that changes when a file with heights or patches changes."""
+        """Return a cache key, which changes when a file with heights or patches changes."""
         return tuple(file_stamp(part.file) for part in (self, *self.patch) if hasattr(part, "file"))
 
     def ground(self) -> Ground:
-        """Return the height grid with ground properties. Raises ValueError naming the key of an invalid value."""
+        """Return the height grid with all ground properties. Raises ValueError naming the key of an invalid value."""
         return _ground(self, self.stamp())
 
 
 class Tilted(Landscape):
-    """Terrain on a plane that rises by `grade_deg` towards `direction_deg`, with height zero at the origin."""
+    """Base class of terrains on a plane that rises by `grade_deg` towards `direction_deg`.
+
+    The plane has height zero at the origin.
+    """
 
     grade_deg: Grade = 0.0
     """Inclination of the plane [deg]."""
@@ -94,12 +97,12 @@ class Tilted(Landscape):
 
     @property
     def gradient(self) -> tuple[float, float]:
-        """Gradient of the plane, (dh/dx, dh/dy) [-]."""
+        """Gradient (dh/dx, dh/dy) of the plane [-]."""
         grade, direction = tan(radians(self.grade_deg)), radians(self.direction_deg)
         return grade * cos(direction), grade * sin(direction)
 
     def tilted(self, ground: Ground) -> Ground:
-        """Return the height grid `ground` with the heights of the tilted plane added."""
+        """Return the height grid `ground` after adding the heights of the tilted plane."""
         rows, columns = ground.heights.shape
         x = ground.x0 + ground.spacing * np.arange(columns)
         y = ground.y0 + ground.spacing * np.arange(rows)

@@ -1,10 +1,11 @@
 """Smooth obstacles: a row of bumps under a wheel track, or bumps scattered over the field.
 
-A bump of length l and width w has, at the distances a along and b across its heading, the height
+The shape of a bump is smooth. With the distances a along and b across its heading, a bump of length l and width w has
+the height
 
-    h = height cos^2(pi a / l) cos^2(pi b / w),     |a| < l / 2, |b| < w / 2,
+    h = height cos^2(pi a / l) cos^2(pi b / w),     |a| < l / 2, |b| < w / 2.
 
-which has no edge. Where bumps overlap, the higher one is used (for pits the deeper one).
+Where bumps overlap, the height is the maximum of their heights, or the minimum for pits.
 """
 
 from math import ceil, cos, pi, radians, sin
@@ -22,7 +23,7 @@ Bump = tuple[float, float, float]  # Centre (x, y) [m] and heading [rad] of a bu
 
 
 class Bumps(Generated):
-    """Bumps or pits of equal size."""
+    """Bumps or pits of equal size on level or tilted ground."""
 
     VERTICAL: ClassVar[str] = "height_m"
 
@@ -36,7 +37,7 @@ class Bumps(Generated):
     count: Annotated[int, Field(ge=1, le=10_000)] = 10
     """Number of bumps [-]."""
     layout: Literal["row", "scattered"] = "row"
-    """Arrangement: `row` at regular spacing, or `scattered` with positions and headings sampled from `seed`."""
+    """Arrangement of the bumps: `row` with regular spacing, or `scattered` at random positions and headings."""
     x_m: float = 5.0
     """East coordinate of the centre of the first bump in a row [m]."""
     y_m: float = -0.5
@@ -46,23 +47,23 @@ class Bumps(Generated):
     spacing_m: Positive = 3.0
     """Distance between bump centres in a row [m]. Assumed value (2-10). With 1.4, both axles rise at the same time."""
     stagger_m: float = 0.0
-    """Lateral offset to the left of every second bump in a row [m], for bumps on alternating sides."""
+    """Lateral offset of every second bump in a row, left positive [m], for bumps under alternating wheel tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
     """Seed of the positions and headings of scattered bumps."""
 
     def finest(self) -> float:
-        """Return the maximum node spacing [m] that gives at least five nodes along and across a bump."""
+        """Return the maximum node spacing for at least five nodes along and across each bump [m]."""
         return min(self.length_m, self.width_m) / 4
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights [m] of the bumps above level ground. Raises ValueError if a row leaves the field."""
+        """Return the heights of the bumps above level ground [m]. Raises ValueError if a row leaves the field."""
         heights = np.zeros((y.size, x.size))
         for bump in self.places():
             _raise(heights, (x, y), bump, (self.length_m, self.width_m))
         return self.height_m * heights
 
     def places(self) -> list[Bump]:
-        """Return the centre and heading of every bump."""
+        """Return the centre [m] and heading [rad] of every bump."""
         return self._scattered() if self.layout == "scattered" else self._row()
 
     def _scattered(self) -> list[Bump]:
@@ -90,7 +91,10 @@ class Bumps(Generated):
 
 
 def _raise(heights: Array, nodes: tuple[Array, Array], bump: Bump, size: tuple[float, float]) -> None:
-    """Add a bump of height 1 and the given length and width to `heights` at the `nodes` (columns, rows) [m]."""
+    """Overlay `heights` with a bump of unit height; `size` is its length and width [m].
+
+    `nodes` contains the coordinates of columns and rows [m].
+    """
     x, y, heading = bump
     reach = np.hypot(*size) / 2
     column, row = (_between(along, c - reach, c + reach) for along, c in zip(nodes, (x, y), strict=True))

@@ -1,4 +1,4 @@
-"""Grids of numbers from files: NumPy arrays, grey PNG images, ESRI ASCII grids and GeoTIFF.
+"""Reading of height grids and images: NumPy arrays, grey PNG images, ESRI ASCII grids and GeoTIFF.
 
 Each reader checks the file size and the header before it reads values. Errors are ValueErrors that begin with `file:
 NAME: ` and state the fix.
@@ -23,22 +23,22 @@ MOST_BYTES = 128 * 1024**2  # Maximum size of a file, sufficient for the largest
 GREY = {"L": 255, "I;16": 65535, "I;16B": 65535, "I": 65535}
 FINEST_M = 0.01  # Minimum cell size of an ESRI grid [m]. A smaller cell size is probably in degrees.
 HEADER = {"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy", "nodata_value"}
-"""Keys allowed in the header of an ESRI grid."""
+"""Keys accepted in the header of an ESRI grid."""
 LONGEST_HEAD = 2000  # Maximum length of the header [characters]
 
 
 class Sheet(NamedTuple):
-    """Grid read from a file."""
+    """Grid of numbers read from a file."""
 
     values: Array  # Values of the grid, shape (rows, columns); row 0 is the south edge
     cell: float | None = None  # Distance between nodes [m], or None if the file does not state it
     white: float = 1.0  # Value of white pixels in an image
     corner: tuple[float, float] | None = None
-    """Easting and northing of the south-west node on a map [m], or None if the file does not state them."""
+    """Easting and northing of the south-west node on a map [m], or None if the file contains no position."""
 
 
 def read_grid(file: str) -> Sheet:
-    """Return the grid in a `.npy`, `.png`, `.asc` or `.tif` file: finite values, at least 2 x 2."""
+    """Return the grid in a `.npy`, `.png`, `.asc` or `.tif` file. Raises ValueError for an unusable file or value."""
     with _keyed():
         path = checked(file, list(READERS), MOST_BYTES)
         sheet = READERS[path.suffix.lower()](path)
@@ -50,7 +50,7 @@ def read_grid(file: str) -> Sheet:
 
 
 def read_picture(file: str) -> Array:
-    """Return the brightness of a grey PNG image, 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
+    """Return the brightness of a grey PNG image from 0 (black) to 1 (white), shape (rows, columns); row 0 is south."""
     with _keyed():
         sheet = _read_png(checked(file, [".png"], MOST_BYTES))
         return sheet.values / sheet.white
@@ -130,7 +130,7 @@ def _read_asc(path: Path) -> Sheet:
 
 
 def _corner_of(head: dict[str, float], cell: float) -> tuple[float, float] | None:
-    """Return the map coordinates of the south-west node, the middle of its cell [m], or None if the header has none."""
+    """Return the map coordinates of the south-west node, the centre of its cell [m], or None if the header has none."""
     west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", np.nan) + cell / 2) for axis in ("x", "y"))
     return (west, south) if np.isfinite([west, south]).all() else None
 

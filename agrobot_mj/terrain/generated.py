@@ -1,7 +1,7 @@
-"""Terrain computed from a formula: size of the field, nodes of the height grid, and a level area around the origin.
+"""Terrains computed from a formula: size of the field, nodes of the height grid, and a level area around the origin.
 
 The node spacing is equal in both directions and divides the longer side of the field evenly. The shorter side is
-extended, by less than one spacing, to a multiple of the spacing.
+extended to a multiple of the spacing.
 """
 
 from math import radians, sqrt, tan
@@ -19,20 +19,25 @@ Node = Annotated[float, Field(ge=0.01, le=HUGE)]
 
 
 class Generated(Sized, Tilted):
-    """Base class of terrains from a formula; kinds override `bare`, and `finest` if details need a fine grid."""
+    """Base class of terrains computed from a formula.
+
+    Subclasses override `bare`, and `finest` if details need a fine grid.
+    """
 
     VERTICAL: ClassVar[str] = "grade_deg"
-    """Key that determines the heights of the terrain, named in messages about steep slopes."""
+    """Key that scales the heights of the terrain; messages about steep slopes begin with this key."""
 
     half_size_m: Positive | None = 75.0
     node_m: Node = 0.1
-    """Maximum distance between nodes of the grid [m]. Assumed value (0.05-0.25), shorter than a contact patch."""
+    """Maximum distance between neighbouring nodes [m]. Assumed value (0.05-0.25), shorter than a contact patch."""
     run_in_m: NonNegative = 0.0
-    """Radius of the level area around the origin [m]. Beyond twice this radius, the heights are unchanged."""
+    """Radius of a level area around the origin [m], with a transition up to twice this radius."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights [m], shape (rows, columns), at `x` (columns,) and `y` (rows,) [m], before the plane is
-        added and the area around the origin is levelled."""
+        """Return the heights at `x` (columns,) and `y` (rows,) [m], shape (rows, columns).
+
+        The caller adds the tilted plane and levels the area around the origin.
+        """
         raise NotImplementedError
 
     def finest(self) -> float:
@@ -40,7 +45,7 @@ class Generated(Sized, Tilted):
         return HUGE
 
     def relief(self) -> Ground:
-        """Return the height grid."""
+        """Return the height grid. Raises ValueError naming the key."""
         columns, rows = self._cells()
         half_x, half_y = self.half_sizes
         spacing = 2 * half_x / columns if half_x >= half_y else 2 * half_y / rows
@@ -82,12 +87,12 @@ class Generated(Sized, Tilted):
 
 
 def _nodes(half: float, cells: int, spacing: float) -> Array:
-    """Return the node coordinates [m] of one axis, symmetric about the origin, shape (cells + 1,)."""
+    """Return the node coordinates of one axis, symmetric about the origin [m], shape (cells + 1,)."""
     half = half if cells * spacing <= 2 * half * (1 + 1e-12) else cells * spacing / 2
     return np.linspace(-half, half, cells + 1)
 
 
 def _fade(share: Array) -> Array:
-    """Return a smooth transition from 0 (for `share` up to 0) to 1 (for `share` from 1)."""
+    """Return a smooth transition from 0 at `share` <= 0 to 1 at `share` >= 1."""
     s = np.clip(share, 0.0, 1.0)
     return s * s * (3.0 - 2.0 * s)

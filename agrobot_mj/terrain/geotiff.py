@@ -1,7 +1,7 @@
-"""GeoTIFF files: reading of elevation models with cell size and position, and writing of maps for other programs.
+"""Reading of elevation models from GeoTIFF files, and writing of maps to GeoTIFF files for other programs.
 
-Elevation models are read with Pillow, with the tags of OGC GeoTIFF 1.1. Grids in degrees and rotated grids are rejected
-with a message that contains the command for their conversion.
+Pillow reads the images; cell size and position follow from the tags of OGC GeoTIFF 1.1. Grids in degrees and rotated
+grids are rejected with a message that contains the command for their conversion.
 """
 
 import warnings
@@ -14,12 +14,12 @@ from agrobot_mj.core.resources import refuse
 from agrobot_mj.core.signals import Array
 
 PIXEL_SCALE, TIE_POINT, TRANSFORMATION, GEO_KEYS, NODATA = 33550, 33922, 34264, 34735, 42113
-"""Numbers of the TIFF tags of a GeoTIFF."""
+"""Numbers of the TIFF tags that GeoTIFF files use."""
 MODEL_TYPE, RASTER_TYPE, GEOGRAPHIC, IS_POINT = 1024, 1025, 2, 2
-"""GeoKeys of the coordinate system and of the raster type, and their values for degrees and for values at points."""
+"""GeoKeys of coordinate system and raster type, and their values for degrees and for values at points."""
 IN_DEGREES = (1, 1, 0, 3, MODEL_TYPE, 0, 1, GEOGRAPHIC, RASTER_TYPE, 0, 1, 1, 2048, 0, 1, 4326)
 IN_METRES = (1, 1, 0, 2, MODEL_TYPE, 0, 1, 32767, RASTER_TYPE, 0, 1, 1)
-"""Contents of the GeoKey directory for cells in degrees of WGS 84, and for cells in metres without a known position."""
+"""GeoKey directories of written files: cells in degrees of WGS 84, and cells in metres without a map position."""
 HEIGHT_MODES = ("F", "I", "L", "I;16", "I;16B", "I;16S")  # Pillow image modes with one number per cell
 
 
@@ -38,7 +38,7 @@ def open_tiff(path: Path) -> Any:
 
 
 def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]:
-    """Return the size of the cells [m], and easting and northing of the south-west node [m]. Raises ValueError."""
+    """Return the cell size, and easting and northing of the south-west node [m]. Raises ValueError."""
     tags = image.tag_v2
     keys = _geo_keys(tags)
     if keys.get(MODEL_TYPE) == GEOGRAPHIC:
@@ -55,7 +55,7 @@ def cell_and_corner(path: Path, image: Any) -> tuple[float, tuple[float, float]]
 
 
 def values_of(path: Path, image: Any) -> Array:
-    """Return the values of an image, shape (rows, columns), row 0 south. Raises ValueError for missing values."""
+    """Return the values of an image, shape (rows, columns); row 0 is south. Raises ValueError for missing values."""
     values = np.asarray(image, dtype=np.float64)
     if holes := int((values == _nodata(path, image.tag_v2)).sum()):
         refuse(path, f"the grid has {holes} missing values (NODATA); fill them, e.g. with gdal_fillnodata")
@@ -80,10 +80,10 @@ def _nodata(path: Path, tags: Any) -> float:
 def write_tiff(
     path: Path, cells: Any, step: tuple[float, float], corner: tuple[float, float], degrees: bool, no_data: int
 ) -> None:
-    """Write the array `cells` of bytes, shape (rows, columns), row 0 north, to a GeoTIFF file.
+    """Write an array of bytes, shape (rows, columns), row 0 north, to a GeoTIFF file.
 
     `step` is the size of a cell and `corner` the north-west corner of the first cell, both as (east, north), in degrees
-    if `degrees`, otherwise in metres.
+    if `degrees`, otherwise in metres. Cells without data have the value `no_data`.
     """
     from PIL import Image, TiffImagePlugin
 

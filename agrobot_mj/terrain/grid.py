@@ -1,9 +1,9 @@
 """Ground: a height grid with bilinear interpolation, and a grid of ground properties.
 
 `Ground` is a tuple of numbers and arrays for compiled kernels. Nodes are at (x0 + column * spacing, y0 + row *
-spacing), heights have shape (rows, columns) [m]. Outside the grid the border heights continue; `Ground.covers` tests
-whether a point is on the grid. The properties have a separate grid of square cells, uniform in each cell. Outside this
-grid the terrain's surface or the tyre law defines the properties.
+spacing), heights have shape (rows, columns) [m]. Points outside the grid have the height of the nearest border point;
+`Ground.covers` tests whether a point is on the grid. The properties have a separate grid of square cells and are
+uniform in each cell. Outside this grid the terrain's surface or the tyre law defines the properties.
 """
 
 from fractions import Fraction
@@ -18,11 +18,11 @@ from agrobot_mj.terrain.memory import FORGETS, SoilMemory
 
 MOST_NODES = 4_200_000  # Maximum number of nodes of a height grid: 34 MB, or a square of 200 m with a node every 0.1 m
 MOST_STEPS = 1000
-"""Maximum number of cells along the longer side of a rectangular plane; the shorter side has an error below 0.1 %."""
+"""Maximum number of cells along the longer side of a rectangular plane; the shorter side is then within 0.1 %."""
 
 
 class Surface(NamedTuple):
-    """Grid of ground properties, uniform in each cell; the south-west corner of cell (0, 0) is at (x0, y0)."""
+    """Grid of ground properties, which are uniform in each cell; the south-west corner of the grid is at (x0, y0)."""
 
     x0: float  # West edge of the grid [m]
     y0: float  # South edge of the grid [m]
@@ -30,13 +30,13 @@ class Surface(NamedTuple):
     friction: Array  # Factor on the tyre friction [-], shape (rows, columns)
     cone_index: Array  # Cone index of the soil, same shape; 0 selects the value of the tyre law [Pa]
     rolling: Array = np.empty((0, 0))
-    """Rolling resistance divided by load on firm ground, same shape or empty; 0 selects the value of the tyre [-]."""
+    """Rolling resistance divided by load on firm ground [-], same shape or empty; 0 selects the value of the tyre."""
     elsewhere: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Factor on the friction [-], cone index [Pa] and rolling resistance [-] outside the grid."""
+    """Friction factor [-], cone index [Pa] and rolling resistance [-] outside the grid."""
 
 
 NOTHING_SPECIAL = Surface(0.0, 0.0, 1.0, np.empty((0, 0)), np.empty((0, 0)))
-"""Surface without special properties: the values of the tyre law apply everywhere."""
+"""Surface without cells: the values of the tyre law apply everywhere."""
 
 
 class Ground(NamedTuple):
@@ -52,7 +52,7 @@ class Ground(NamedTuple):
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Extent of the grid, (x_min, x_max, y_min, y_max) [m]."""
+        """Limits (x_min, x_max, y_min, y_max) of the grid [m]."""
         rows, columns = self.heights.shape
         return (self.x0, self.x0 + (columns - 1) * self.spacing, self.y0, self.y0 + (rows - 1) * self.spacing)
 
@@ -68,7 +68,7 @@ class Ground(NamedTuple):
 
     @property
     def is_plane(self) -> bool:
-        """Whether all nodes are in one plane."""
+        """Whether all nodes lie in one plane."""
         h = self.heights
         return self.planar or (h.shape == (2, 2) and abs(h[0, 0] + h[1, 1] - h[0, 1] - h[1, 0]) < 1e-9)
 
@@ -93,7 +93,7 @@ def height_and_gradient(ground: Ground, x: float, y: float) -> tuple[float, floa
 
 @kernel
 def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
-    """Return the friction factor [-] and the cone index [Pa] (0: value of the tyre law) at (x, y) [m]."""
+    """Return the friction factor [-] and cone index [Pa] at (x, y) [m]; 0 selects the cone index of the tyre law."""
     rows, columns = surface.friction.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -103,7 +103,7 @@ def surface_at(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def rolling_at(surface: Surface, x: float, y: float) -> float:
-    """Return the rolling resistance divided by load at (x, y) [m]; 0 selects the value of the tyre law [-]."""
+    """Return the rolling resistance divided by load [-] at (x, y) [m]; 0 selects the value of the tyre law."""
     rows, columns = surface.rolling.shape
     a, b = (x - surface.x0) / surface.spacing, (y - surface.y0) / surface.spacing
     if not (0.0 <= a < columns and 0.0 <= b < rows):
@@ -113,7 +113,7 @@ def rolling_at(surface: Surface, x: float, y: float) -> float:
 
 @jit
 def heights(ground: Ground, x: Array, y: Array) -> Array:
-    """Return the heights of the ground at many points, shape as `x` and `y` [m]."""
+    """Return the heights of the ground at the points (x, y) [m], same shape as `x`."""
     found = np.empty(x.size)
     for k, (a, b) in enumerate(zip(x.ravel(), y.ravel())):  # noqa: B905
         found[k] = height_and_gradient(ground, a, b)[0]
@@ -124,7 +124,7 @@ def plane(grade_x: float, grade_y: float, half_x: float, half_y: float | None = 
     """Return a plane through the origin with the slopes `grade_x` and `grade_y` [-].
 
     The plane extends `half_x` [m] to the east and west, and `half_y` (default: `half_x`) to the north and south. A
-    square has one cell; a rectangle has square cells, at most MOST_STEPS along its longer side.
+    square has one cell. A rectangle has square cells, at most `MOST_STEPS` along its longer side.
     """
     half_y = half_x if half_y is None else half_y
     ratio = Fraction(min(half_x, half_y) / max(half_x, half_y)).limit_denominator(MOST_STEPS)

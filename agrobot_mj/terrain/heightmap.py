@@ -1,8 +1,8 @@
 """Terrain with heights from a file, such as a digital elevation model.
 
-The middle of the grid is at the origin. With `map_origin_m` the nodes are at their map positions relative to this map
-origin. Row 0 of an image (`.png`, `.tif`) and of an ESRI grid (`.asc`) is the north edge, as on maps. Row 0 of an array
-(`.npy`) is the south edge, so that row and column numbers increase with y and x. Column 0 is west.
+By default the centre of the grid is at the origin. With `map_origin_m` the nodes have their map positions relative to
+this map origin. Row 0 of an image (`.png`, `.tif`) and of an ESRI grid (`.asc`) is the north edge, as on maps. Row 0 of
+an array (`.npy`) is the south edge: row and column numbers increase with y and x. Column 0 is west.
 """
 
 from math import radians, tan
@@ -20,22 +20,22 @@ from agrobot_mj.terrain.shapes import Coordinate
 
 
 class Heightmap(Tilted):
-    """Heights from a `.npy`, `.png` (grey, 16 or 8 bits), `.asc` or `.tif` (GeoTIFF) file."""
+    """Heights from a file: `.npy`, `.png` (grey, 16 or 8 bits), `.asc` or `.tif` (GeoTIFF)."""
 
     kind: Literal["heightmap"] = "heightmap"
     file: str = Field(default="hills.asc", min_length=1)
-    """File with the heights, relative to the folder of the scenario, or a file shipped with the scenarios."""
+    """Height file: path relative to the scenario's folder, or name of a shipped file."""
     scale: float = 1.0
-    """Height per unit of the file's values [m]. For a 16-bit image: height range divided by 65535."""
+    """Height per unit of the values in the file [m]. For a 16-bit image: height range divided by 65535."""
     offset_m: float = 0.0
     """Height added to all heights [m]."""
     spacing_m: Positive | None = None
-    """Distance between nodes of a .npy or .png file [m]. Default: 1. Files of type .asc and .tif state the distance."""
+    """Distance between nodes of a .npy or .png file [m]. Default: 1. Other files contain the distance."""
     map_origin_m: tuple[Coordinate, Coordinate] | None = None
-    """Easting and northing [m] of the point x = y = 0 on the map of an .asc or .tif file. Subtract the same numbers
-    from a path surveyed on this map. Default: x = y = 0 is the middle of the grid."""
+    """Easting and northing of the point x = y = 0 on the map of an .asc or .tif file [m]. Subtract the same numbers
+    from a path surveyed on this map. Default: x = y = 0 is the centre of the grid."""
     rectangular: bool = False
-    """Whether a .npy or .png file may be rectangular instead of square; these files do not state their extent."""
+    """Whether a .npy or .png file may have different numbers of rows and columns. Default: only square grids."""
 
     def relief(self) -> Ground:
         """Return the height grid. Raises ValueError naming the key of an invalid value."""
@@ -69,7 +69,7 @@ class Heightmap(Tilted):
         return sheet.cell
 
     def _corner(self, sheet: Sheet, x: float, y: float) -> tuple[float, float]:
-        """Return the position of the south-west node: (x, y), or with `map_origin_m` its position on the map [m]."""
+        """Return the position of the south-west node [m]: (x, y), or its map position relative to `map_origin_m`."""
         if self.map_origin_m is None:
             return x, y
         if sheet.corner is None:

@@ -1,7 +1,8 @@
 """Soil memory: a grid of plastic sinkage, finer than the height grid and stored in tiles.
 
-A tile is taken from a store of fixed size when a wheel first deforms its soil. The memory usage therefore grows with
-the covered area, independent of the distance and the number of passes. If the store is empty, no new ruts are stored.
+The store has a fixed number of tiles. A tile is allocated when a wheel first deforms its soil, so that the memory usage
+grows with the area driven on, not with the distance or the number of passes. When all tiles are allocated, no new ruts
+are recorded.
 """
 
 from math import ceil
@@ -14,16 +15,16 @@ from agrobot_mj.core.signals import Array
 
 TILE = 32  # Number of cells along the side of a tile
 MOST_TILES = 8192
-"""Number of tiles in the store: with cells of 5 cm a tile is 1.6 m wide, and all tiles cover 2 ha and use 270 MB."""
+"""Maximum number of tiles. With cells of 5 cm a tile is 1.6 m wide; all tiles together cover 2 ha and use 270 MB."""
 MOST_PLACES = 16_000_000  # Maximum number of tile positions on a field: 64 MB
 SINKAGE, YIELD, HARDENING, LEVEL = range(VALUES := 4)
-"""Indices of the values of a cell: plastic sinkage [m], yield pressure reached [Pa], sinkage of untouched soil at that
-pressure [m], and pressure divided by yield pressure up to which the cell is elastic [-]."""
+"""Indices of the values of a soil cell: plastic sinkage [m], yield pressure [Pa], sinkage of untouched soil at the
+yield pressure [m], and fraction of the yield pressure up to which the cell is elastic [-]."""
 AnyArray = np.ndarray[Any, Any]
 
 
 class SoilMemory(NamedTuple):
-    """Grid of soil cells in tiles, with the south-west corner at (x0, y0); the arrays are written in place."""
+    """Grid of soil cells in tiles, with the south-west corner at (x0, y0); the arrays are modified in place."""
 
     x0: float  # West edge [m]
     y0: float  # South edge [m]
@@ -36,7 +37,7 @@ class SoilMemory(NamedTuple):
 FORGETS = SoilMemory(
     0.0, 0.0, 1.0, np.empty((0, 0), np.int32), np.empty((0, TILE, TILE, VALUES), np.float64), np.zeros(1, np.int64)
 )
-"""Soil memory of firm ground, which has no tiles and records no ruts."""
+"""Soil memory of firm ground: it has no tiles and records no ruts."""
 
 
 class SavedSoil(NamedTuple):
@@ -47,7 +48,7 @@ class SavedSoil(NamedTuple):
 
 
 class RutMap(NamedTuple):
-    """Ruts on a field, one entry per cell with plastic sinkage."""
+    """Ruts on a field: position and depth of each cell with plastic sinkage."""
 
     cell: float  # Side length of a cell [m]
     x: Array  # East coordinates of the cell centres [m], shape (n,)
@@ -56,7 +57,10 @@ class RutMap(NamedTuple):
 
 
 def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> SoilMemory:
-    """Return untouched soil on a field (x_min, x_max, y_min, y_max) [m]. Raises ValueError for too small a `cell`."""
+    """Return a soil memory without ruts for a field (x_min, x_max, y_min, y_max) [m].
+
+    Raises ValueError if `cell` [m] is too small.
+    """
     x_min, x_max, y_min, y_max = extent
     columns, rows = (max(1, ceil(side / (TILE * cell))) for side in (x_max - x_min, y_max - y_min))
     if rows * columns > MOST_PLACES:
@@ -75,7 +79,7 @@ def untouched_soil(extent: tuple[float, float, float, float], cell: float) -> So
 
 @kernel
 def tile_of(memory: SoilMemory, row: int, column: int) -> int:
-    """Return the index of the tile at a row and column, allocating it if needed, or -1 if the store is empty."""
+    """Return the index of the tile at a row and column, allocating it if needed, or -1 if all tiles are in use."""
     number = memory.tiles[row, column]
     if number < 0 and memory.used[0] < memory.cells.shape[0]:
         number = memory.used[0]
@@ -91,19 +95,19 @@ def _places(memory: SoilMemory) -> AnyArray:
 
 
 def forget(memory: SoilMemory) -> None:
-    """Reset the soil memory to soil without ruts."""
+    """Remove all ruts from the soil memory."""
     memory.cells[: memory.used[0]] = 0.0
     memory.tiles[:] = -1
     memory.used[0] = 0
 
 
 def saved(memory: SoilMemory) -> SavedSoil:
-    """Return a saved copy of the soil memory."""
+    """Return a copy of the soil memory, for `restore`."""
     return SavedSoil(_places(memory), memory.cells[: memory.used[0]].copy())
 
 
 def restore(memory: SoilMemory, state: SavedSoil) -> None:
-    """Restore a saved soil memory."""
+    """Replace the contents of the soil memory by a saved copy."""
     forget(memory)
     count = len(state.places)
     memory.tiles[tuple(state.places.T)] = np.arange(count, dtype=np.int32)
@@ -112,7 +116,7 @@ def restore(memory: SoilMemory, state: SavedSoil) -> None:
 
 
 def rut_map(memory: SoilMemory) -> RutMap:
-    """Return all cells with plastic sinkage."""
+    """Return the positions and depths of all cells with plastic sinkage."""
     places, cells = _places(memory), memory.cells[: memory.used[0]]
     k, j, i = np.nonzero(cells[..., SINKAGE])
     x = memory.x0 + memory.cell * (TILE * places[k, 1] + i + 0.5)

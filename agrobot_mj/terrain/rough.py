@@ -30,13 +30,13 @@ from agrobot_mj.terrain.generated import Generated
 
 REFERENCE_WAVE_NUMBER = 0.1  # Reference wave number n_0 [cycle/m] [ISO8608]
 ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
-"""Roughness G_d(n_0) of the classes, geometric means [m3] [ISO8608]."""
+"""Roughness G_d(n_0) of each class [m3]: geometric mean of the class [ISO8608]."""
 HIGHEST_WAVE_NUMBER = 2.83  # Maximum wave number of the standard [cycle/m] [ISO8608]
 ROLL_OFF = 0.7  # Wave number at which the roll-off starts, divided by the maximum wave number [-]. Assumed value.
 
 
 class Rough(Generated):
-    """Ground of one roughness class."""
+    """Random ground of an ISO 8608 roughness class."""
 
     VERTICAL: ClassVar[str] = "iso_class"
 
@@ -44,10 +44,10 @@ class Rough(Generated):
     iso_class: Literal["A", "B", "C", "D", "E"] = "C"
     """ISO 8608 class: A very good road, C gravel road or farm track, D and E fields and poor tracks."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of the random phases, independent of the seed of the run."""
+    """Seed of the random roughness, independent of the seed of the run."""
 
     def bare(self, x: Array, y: Array) -> Array:
-        """Return the heights relative to the middle node [m]."""
+        """Return the heights relative to the middle node of the grid [m]."""
         from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq  # imported here: the import takes 0.05 s
 
         columns, rows = x.size - 1, y.size - 1
@@ -64,7 +64,10 @@ class Rough(Generated):
 
 
 def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
-    """Return the spectrum S [m4] for wave numbers `k` [cycle/m] and roughness [m3], or 0 at k = 0 and above `end`."""
+    """Return the two-dimensional spectrum S [m4] at the wave numbers `k` [cycle/m], for a roughness G_d(n_0) [m3].
+
+    S is 0 at k = 0 and above `end` [cycle/m].
+    """
     table = end * np.geomspace(1e-4, 1.0, 800)
     # The substitution u = k cosh(v) removes the singularity of the Abel transform at u = k.
     v = np.arccosh(end / table)[:, None] * np.linspace(0.0, 1.0, 400)
@@ -76,7 +79,7 @@ def plane_spectrum(k: Array, roughness: float, end: float) -> Array:
 
 
 def _line_slope(n: Array, roughness: float, end: float) -> Array:
-    """Return the derivative [m4] of the two-sided profile spectrum, with roll-off up to `end`, at wave numbers `n`."""
+    """Return the derivative of the two-sided profile spectrum [m4] at wave numbers `n`, with roll-off up to `end`."""
     start = ROLL_OFF * end
     phase = np.pi * np.clip((n - start) / (end - start), 0.0, 1.0)
     whole, falling = (1 + np.cos(phase)) / 2, -np.sin(phase) * np.pi / (2 * (end - start))

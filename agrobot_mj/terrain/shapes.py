@@ -18,19 +18,19 @@ Mask: TypeAlias = "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]"
 
 
 class Special(Spec):
-    """Base class of ground patches; a shape overrides `bounds` and `covers`."""
+    """Base class of ground patches; subclasses override `bounds` and `covers`."""
 
     kind: str
     surface: SurfaceName | None = None
-    """Named surface with defaults of friction, cone index and rolling resistance. Default: none."""
+    """Named surface, which gives the defaults of friction, cone index and rolling resistance. Default: none."""
     friction: Scale = 1.0
     """Factor on the tyre friction [-]. Assumed value relative to dry ground: 0.6 for wet grass, 0.3 for mud."""
     cone_index_kpa: ConeIndex | None = None
-    """Cone index of the soil [kPa]. Default: value of `surface`, or without a surface the value of the tyre law."""
+    """Cone index of the soil [kPa]. Default: value of `surface`, or of the tyre law if no surface is given."""
     rolling_resistance: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Rolling resistance of tyres on firm ground, divided by load [-]. Default: value of `surface` or tyre law."""
+    """Rolling resistance on firm ground divided by load [-]. Default: value of `surface`, or of the tyre law."""
     cell_m: Annotated[float, Field(ge=0.01, le=HUGE)] = 0.25
-    """Size of the grid cells that represent the shape [m]. All patches use the minimum size of all patches."""
+    """Side length of the grid cells that represent the shape [m]. The minimum of all patches applies to all patches."""
 
     @model_validator(mode="after")
     def _is_named(self) -> Self:
@@ -40,15 +40,21 @@ class Special(Spec):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the limits of the shape's bounding box [m]."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the shape [m]."""
         raise NotImplementedError
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether grid points are on the patch, (m, n), for increasing `x` (1, n) and for `y` (m, 1) [m]."""
+        """Return whether grid points are on the patch, shape (m, n).
+
+        `x` (1, n) and `y` (m, 1) are the coordinates of the points in increasing order [m].
+        """
         raise NotImplementedError
 
     def properties(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return friction factor [-] and cone index [Pa] (0: value of the tyre law) at points (x, y), shape as `x`."""
+        """Return friction factor [-] and cone index [Pa] at the points (x, y), same shape as `x`.
+
+        Cone index 0 selects the value of the tyre law.
+        """
         return np.full(x.shape, self.friction), np.full(x.shape, 1e3 * (self.cone_index_kpa or 0.0))
 
 
@@ -65,17 +71,17 @@ class RectanglePatch(Special):
     width_m: Positive = 10.0
     """Width across the heading [m]."""
     heading_deg: float = 0.0
-    """Heading of the side `length_m` [deg], from east, counter-clockwise."""
+    """Direction of the side `length_m` [deg], from east, counter-clockwise."""
 
     def bounds(self) -> Bounds:
-        """Return the limits of the shape's bounding box [m]."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the rectangle [m]."""
         c, s = abs(cos(radians(self.heading_deg))), abs(sin(radians(self.heading_deg)))
         a = (c * self.length_m + s * self.width_m) / 2
         b = (s * self.length_m + c * self.width_m) / 2
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are on the patch."""
+        """Return whether points are on the rectangle."""
         c, s = cos(radians(self.heading_deg)), sin(radians(self.heading_deg))
         along, across = c * (x - self.x_m) + s * (y - self.y_m), c * (y - self.y_m) - s * (x - self.x_m)
         return (2 * np.abs(along) <= self.length_m) & (2 * np.abs(across) <= self.width_m)
@@ -90,27 +96,27 @@ class CirclePatch(Special):
     y_m: float = 0.0
     """North coordinate of the centre [m]."""
     radius_m: Positive = 5.0
-    """Radius [m]."""
+    """Radius of the circle [m]."""
 
     def bounds(self) -> Bounds:
-        """Return the limits of the shape's bounding box [m]."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the circle [m]."""
         r = self.radius_m
         return self.x_m - r, self.x_m + r, self.y_m - r, self.y_m + r
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are on the patch."""
+        """Return whether points are on the circle."""
         return np.hypot(x - self.x_m, y - self.y_m) <= self.radius_m
 
 
 class PolygonPatch(Special):
-    """Polygon. If its edges cross, points enclosed an even number of times are outside."""
+    """Polygon defined by its corners. If edges cross, points enclosed an even number of times are outside."""
 
     kind: Literal["polygon"] = "polygon"
     points: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=3, max_length=1000)] = (
         *((-5.0, -5.0), (5.0, -5.0)),
         (0.0, 5.0),
     )
-    """Corners [east, north], clockwise or counter-clockwise; the last corner is connected to the first corner [m]."""
+    """Corners [east, north], clockwise or counter-clockwise [m]; the last corner is connected to the first corner."""
 
     @model_validator(mode="after")
     def _has_corners(self) -> "PolygonPatch":
@@ -118,12 +124,12 @@ class PolygonPatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the limits of the shape's bounding box [m]."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the polygon [m]."""
         x, y = zip(*self.points, strict=True)
         return min(x), max(x), min(y), max(y)
 
     def covers(self, x: Array, y: Array) -> Mask:
-        """Return whether points are on the patch: a ray to the east crosses an odd number of edges."""
+        """Return whether points are in the polygon: a ray to the east crosses an odd number of edges."""
         x, y = x[0], y[:, 0]
         crossed = np.zeros((len(y), len(x) + 1), dtype=np.bool_)
         for (x0, y0), (x1, y1) in zip(self.points, (*self.points[1:], self.points[0]), strict=True):
@@ -136,17 +142,17 @@ class PolygonPatch(Special):
 
 
 class PicturePatch(Special):
-    """Grey image as a map of properties, north up; black pixels have `friction` and `cone_index_kpa`."""
+    """Grey image as a map of ground properties, north up. Black pixels have `friction` and `cone_index_kpa`."""
 
     kind: Literal["image"] = "image"
     file: Annotated[str, Field(min_length=1)]
-    """Grey .png file of 8 or 16 bits, relative to the folder of the scenario, or a file shipped with the scenarios."""
+    """Grey .png file of 8 or 16 bits: path relative to the scenario's folder, or name of a shipped file."""
     x_m: float = 0.0
     """East coordinate of the centre [m]."""
     y_m: float = 0.0
     """North coordinate of the centre [m]."""
     width_m: Positive = 100.0
-    """Width from west to east [m]; the height follows from the proportions of the image."""
+    """Width of the image on the ground, west to east [m]; the height follows from the proportions of the image."""
     friction_white: Scale | None = None
     """Factor on the friction [-] at white pixels, interpolated linearly for grey pixels. Default: `friction`."""
     cone_index_white_kpa: Positive | None = None
@@ -164,7 +170,7 @@ class PicturePatch(Special):
         return self
 
     def bounds(self) -> Bounds:
-        """Return the bounding box of the image. Raises ValueError naming the key."""
+        """Return the bounding box (x_min, x_max, y_min, y_max) of the image [m]. Raises ValueError naming the key."""
         rows, columns = read_picture(self.file).shape
         a, b = self.width_m / 2, self.width_m / 2 * rows / columns
         return self.x_m - a, self.x_m + a, self.y_m - b, self.y_m + b

@@ -32,9 +32,12 @@ NAMED: dict[str, SurfaceProperties] = {
     "tilled": SurfaceProperties(900.0, 0.065, 0.9),
     "sand": SurfaceProperties(450.0, 0.090, 0.7),
 }
-"""Properties of the named surfaces. For firm (stubble), tilled and sandy soil, cone index and resistance 1 / B_n + 0.04
-(mobility numbers B_n = 55, 40 and 20) are from [ASAE2003], quoted from memory. Assumed values: concrete (resistance
-0.015-0.025, the maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8)."""
+"""Properties of the named surfaces.
+
+Cone index and rolling resistance 1 / B_n + 0.04 of firm soil (stubble), tilled soil and sand are from [ASAE2003],
+quoted from memory, with the mobility numbers B_n = 55, 40 and 20. Assumed values: concrete (resistance 0.015-0.025, the
+maximum accepted cone index), and all frictions (concrete 1-1.2, tilled 0.8-1, sand 0.5-0.8).
+"""
 
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0  # Minimum and maximum of the random friction factor [-]. Assumed values.
 CELLS_PER_LENGTH = 4  # Default number of cells per correlation length [-]
@@ -43,7 +46,7 @@ EDGE_LENGTHS = 6
 
 
 class Variation(Spec):
-    """Random variation of the ground (`[terrain.variation]`), except on patches."""
+    """Random variation of ground properties (`[terrain.variation]`) outside the patches."""
 
     cone_index_kpa: ConeIndex | None = None
     """Mean cone index [kPa]. Default: cone index of `terrain.surface`."""
@@ -54,15 +57,15 @@ class Variation(Spec):
     moisture_sd_percent: Annotated[float, Field(ge=0, le=20)] = 0.0
     """Standard deviation of the soil moisture, in percent of the dry mass [%]. Assumed value (1-4 within a field)."""
     cone_index_per_percent: Fraction = 0.08
-    """Relative decrease of the cone index per percent of moisture [-]. Assumed value (0.05-0.15)."""
+    """Relative decrease of the cone index per percentage point of moisture [-]. Assumed value (0.05-0.15)."""
     friction_per_percent: Fraction = 0.02
-    """Relative decrease of the friction per percent of moisture [-]. Assumed value (0-0.05)."""
+    """Relative decrease of the friction per percentage point of moisture [-]. Assumed value (0-0.05)."""
     correlation_m: Annotated[float, Field(ge=0.1, le=1000)] = 5.0
-    """Distance at which the correlation has fallen to 37 % [m]. Assumed value (2-30)."""
+    """Correlation length: distance at which the correlation is 37 % [m]. Assumed value (2-30)."""
     cell_m: Annotated[float, Field(ge=0.05, le=100)] | None = None
-    """Size of the cells [m]. Default: a quarter of the correlation length."""
+    """Side length of the grid cells [m]. Default: a quarter of the correlation length."""
     seed: Annotated[int, Field(ge=0)] = 1
-    """Seed of the random ground, independent of the seed of the run."""
+    """Seed of the random variation, independent of the seed of the run."""
 
     @property
     def active(self) -> bool:
@@ -71,12 +74,14 @@ class Variation(Spec):
 
     @property
     def cell(self) -> float:
-        """Size of the cells [m], as given or by default."""
+        """Side length of the grid cells [m]: `cell_m`, or its default."""
         return self.correlation_m / CELLS_PER_LENGTH if self.cell_m is None else self.cell_m
 
     def properties(self, shape: tuple[int, int], cell: float, mean_kpa: float | None) -> tuple[Array, Array]:
-        """Return friction factor [-] and cone index [Pa] (0 without a mean value) in a grid of square cells with the
-        side length `cell` [m]. Raises ValueError naming the key."""
+        """Return friction factor [-] and cone index [Pa] in a grid of square cells with the side length `cell` [m].
+
+        The cone index is 0 without a mean value. Raises ValueError naming the key.
+        """
         mean = mean_kpa if self.cone_index_kpa is None else self.cone_index_kpa
         if mean is None and self.cone_index_spread > 0.0:
             raise ValueError("cone_index_kpa: the mean value is missing; set this key, or terrain.surface")
@@ -101,8 +106,10 @@ class Variation(Spec):
 
 
 def gaussian_field(noise: np.random.Generator, shape: tuple[int, int], cell: float) -> Array:
-    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance). Distances and the cell size
-    `cell` are divided by the correlation length [-]."""
+    """Return a Gaussian field of unit variance with the autocorrelation exp(-distance).
+
+    Distances and the cell size `cell` are divided by the correlation length [-].
+    """
     from scipy.fft import irfft2, next_fast_len, rfft2  # imported here, because the import takes 0.05 s
 
     rows, columns = (next_fast_len(n + ceil(EDGE_LENGTHS / cell), real=True) for n in shape)

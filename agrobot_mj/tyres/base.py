@@ -1,10 +1,10 @@
-"""Base class of tyres, and the records exchanged between tyre laws and wheels.
+"""Base class of tyres, and the input and output of tyre laws.
 
-A tyre is a `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact patch),
-`coefficients` (parameters of the law for front and rear tyres in SI units), and `native` (settings, if MuJoCo contact
-replaces the law). The coefficients are a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are scalar
-functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write one module with both
-classes, and add the name of the tyre to the union `Tyre`.
+A tyre is a subclass of `TyreBase` with three parts: `structure` (relaxation, damping, rolling resistance, contact
+patch), `coefficients` (law of a front and of a rear tyre, in SI units), and `native` (settings of MuJoCo contact, which
+replaces the law). Each law is a `TyreLaw`: a named tuple of floats whose methods `force` and `drag` are scalar
+functions, compiled for the physics steps and also usable in plain Python. To add a tyre, write a module with both
+classes, and add the tyre to the union `Tyre`.
 """
 
 from collections.abc import Iterator
@@ -19,13 +19,13 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.bearing import FIRM, Bearing
 
 Relaxation = Annotated[float, Field(gt=0, le=10)]
-"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3; rig tests take longer with a larger value."""
+"""Relaxation length divided by free radius [-]. Real tyres have 1 to 3; larger values lengthen rig tests."""
 ADHERES, SLIDES = 1.0, 3.0
-"""Values of normalised slip (slip times slip stiffness / peak force) [-]: at 1, linear springs reach the peak force; at
+"""Normalised slips (slip times slip stiffness divided by peak force) [-]: at 1, linear springs reach the peak force; at
 3, a brush with parabolic pressure slides completely [Pacejka2012], chapter 3."""
 
 BREAKAWAY_SPEED = 0.1
-"""Rolling speed [m/s] that doubles the normalised slip at which bristles break away. Assumed value."""
+"""Rolling speed [m/s] at which bristles break away at twice the normalised slip at rest. Assumed value."""
 VANISHING = 1e-150  # Minimum slip divided by peak force whose square does not underflow [1/N]
 
 
@@ -35,7 +35,7 @@ class Footing(NamedTuple):
     grip: float  # Factor on the friction [-]
     cone_index: float  # Cone index of the soil [Pa]
     rolling: float = 0.0
-    """Rolling resistance of a named firm surface divided by load; 0 selects the value of the tyre [-]."""
+    """Rolling resistance of a named surface divided by load [-], or 0 for the rolling resistance of the tyre."""
 
 
 class Slip(NamedTuple):
@@ -69,13 +69,13 @@ class Direction(NamedTuple):
 
 
 class TyreLaw(Protocol):
-    """Named tuple of floats with the coefficients and the force law of one tyre."""
+    """Force law of one tyre: a named tuple of floats that contains the coefficients."""
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the tyre force at the given slip."""
+        """Return the tyre force at a given slip."""
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the ground at the wheel centre [N] for a `direction` of travel in [-1, 1]."""
+        """Return the motion resistance of the ground [N]; `direction` is the direction of travel in [-1, 1]."""
 
 
 for _step in ("force", "drag"):
@@ -84,11 +84,11 @@ for _step in ("force", "drag"):
 
 @kernel
 def slip_of_faster(slip: Slip) -> float:
-    """Return the longitudinal slip relative to the faster of rim and ground [-]: 0 for a rolling wheel, 1 for a locked
-    wheel or a wheel spinning at standstill.
+    """Return the longitudinal slip relative to the faster of rim and ground [-].
 
-    The slip follows from the bristle deflection. The current velocities only determine the faster of the two, because
-    a force that follows the rim speed directly would cause chatter of a driven wheel.
+    The slip is 0 for a rolling wheel, and 1 for a locked wheel or a wheel that spins at standstill. The slip follows
+    from the bristle deflection. The current velocities only determine whether rim or ground is faster: a force that
+    followed the rim speed directly would cause chatter of a driven wheel.
     """
     s = abs(slip.x)
     driving = -slip.travel if slip.x > 0.0 else slip.travel
@@ -101,8 +101,9 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
     The force is opposite to (m_x D_x, m_y D_y), with the peak forces `D` [N]. At a normalised slip `rho` below
     `ADHERES`, the contact patch acts like two springs with the slip stiffnesses `K` [N]. Above `SLIDES` the patch
-    slides, and the force opposes the sliding velocity (`a` = 0) or has the direction of maximum dissipation within the
-    ellipse of the peaks (`a` = 1) [Goyal1991]. In between, the direction changes linearly with `rho`.
+    slides: with `a` = 0 the force opposes the sliding velocity; with `a` = 1 it has the direction of maximum
+    dissipation within the ellipse of the peak forces [Goyal1991]. Between both limits, the direction changes linearly
+    with `rho`.
     """
     sliding = min(max((rho - ADHERES) / (SLIDES - ADHERES), 0.0), 1.0)
     ratio = D[1] / D[0]
@@ -116,8 +117,10 @@ def force_direction(slip: Slip, D: tuple[float, float], K: tuple[float, float], 
 
 @kernel
 def held_by_grip(rho: float, most: float, v_roll: float) -> float:
-    """Return the fraction of the bristle deflection [-] that friction holds at the normalised slip `rho`. At rest,
-    bristles break away above `rho` = `most`; this limit increases with the rolling speed `v_roll` [m/s]."""
+    """Return the fraction of the bristle deflection that friction holds at the normalised slip `rho` [-].
+
+    At rest, bristles break away at `rho` > `most`; this limit increases with the rolling speed `v_roll` [m/s].
+    """
     limit = most * (1.0 + v_roll / BREAKAWAY_SPEED)
     return 1.0 if rho < limit else limit / rho
 
@@ -132,18 +135,18 @@ class Structure(NamedTuple):
     length of 1.5 radii and scales with the relaxation length."""
     rolling_resistance: float = 0.0  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length_m: float | None = 0.0
-    """Half the contact length [m], 0 for no scrubbing moment, or None for a value from the static deflection."""
+    """Half the contact length [m]. 0: no scrubbing moment; None: computed from the static deflection."""
     trail_m: float = 0.0  # Pneumatic trail at small slip [m]
     cone_index_pa: float = 0.0  # Cone index where the ground has no value [Pa], or 0 for laws without a cone index
     carcass_share: tuple[float, float] = (0.0, 0.0)
-    """Longitudinal and lateral carcass stiffness divided by vertical stiffness [-]; 0 selects `relaxation_radii`."""
+    """Longitudinal and lateral carcass stiffness divided by vertical stiffness [-], or 0 to use `relaxation_radii`."""
     bearing: Bearing = FIRM  # Parameters of soil with plastic sinkage. Default: firm ground.
     load_follows: bool = False
-    """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
+    """Whether the load acts at the contact patch, which the lateral force displaces, instead of in the wheel plane."""
 
 
 class NativeContact(NamedTuple):
-    """Settings of MuJoCo's contact between wheels and ground."""
+    """Settings of MuJoCo's contact between wheel and ground."""
 
     friction: float = 0.8  # Sliding friction coefficient [-]
     impratio: float = 1.0  # Friction stiffness divided by normal contact stiffness [-]
@@ -159,12 +162,12 @@ class TyreBase(Spec):
 
     @property
     def native(self) -> NativeContact | None:
-        """MuJoCo contact that replaces the law, or None for a tyre with a force law."""
+        """Settings of MuJoCo contact, or None for a tyre with a force law."""
         return None
 
     @property
     def judged(self) -> bool:
-        """Whether validation checks have acceptance limits for this tyre, because a theory predicts its results."""
+        """Whether validation checks compare this tyre with a theory, by acceptance limits."""
         return self.native is None
 
     def structure(self) -> Structure:
@@ -172,16 +175,19 @@ class TyreBase(Spec):
         raise NotImplementedError
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each static load of a front or rear wheel [N] outside the valid range of the law. A
-        message begins with a key, relative to the table of the tyre. Default: no messages."""
+        """Yield a message for each static wheel load outside the valid range of the law.
+
+        `loads` are the loads of a front and of a rear wheel [N]. A message begins with a key, relative to the table of
+        the tyre. Default: no messages.
+        """
         yield from ()
 
     def of_implement(self) -> Self:
-        """Return the tyre for implement wheels, without data measured at the loads of the tractor."""
+        """Return the tyre for implement wheels, without parameters specific to the tractor's wheel loads."""
         return self
 
     def coefficients(self, tractor: TractorParameters) -> tuple[TyreLaw, TyreLaw]:
-        """Return the laws of one front and one rear tyre, of the same class."""
+        """Return the law of a front tyre and the law of a rear tyre; both have the same class."""
         raise NotImplementedError
 
 
@@ -198,14 +204,14 @@ class CarcassTyre(TyreBase):
     patch_half_length_m: NonNegative | None = None
     """Half the contact length [m]. 0: no scrubbing moment. Default: from radius and static deflection of the tyres."""
     load_follows_carcass: bool = True
-    """Whether the load acts at the contact patch as displaced by the side force, which reduces the tip-over angle. If
-    false, the load acts in the wheel plane."""
+    """Whether the load acts at the contact patch, which the lateral force displaces; this reduces the tip-over angle.
+    If false, the load acts in the wheel plane."""
     sliding_anisotropy: Fraction = 0.0
-    """Direction of the force of a sliding tyre [-]: 0 is opposite to the sliding velocity, 1 is the direction of
-    maximum dissipation, turned towards the higher friction. Assumed value; 1 is the limit for lugs [Goyal1991]."""
+    """Anisotropy of sliding friction [-]. 0: the force opposes the sliding velocity; 1: the force is rotated towards
+    the higher friction, to the direction of maximum dissipation. Assumed value; 1 is the limit for lugs [Goyal1991]."""
 
     def structure(self) -> Structure:
-        """Return the carcass and contact patch; subclasses add other parts."""
+        """Return the carcass and contact patch; subclasses add rolling resistance, trail or soil."""
         return Structure(
             bristle_damping_s=self.bristle_damping_s,
             patch_half_length_m=self.patch_half_length_m,

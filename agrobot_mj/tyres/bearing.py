@@ -30,13 +30,17 @@ from agrobot_mj.terrain.memory import HARDENING, LEVEL, SINKAGE, TILE, YIELD, An
 
 ITERATIONS = 8  # Maximum number of Newton steps for the pressure on yielding soil
 NEAR = 0.05
-"""Relative change of the yield pressure [-] below which one Newton step suffices (error 4e-4, corrected in the next
-physics step) and a cubic polynomial approximates the power function (error 2e-6)."""
+"""Relative change of the yield pressure below which approximations are used [-].
+
+One Newton step then has an error of 4e-4, which the next physics step corrects, and a cubic polynomial in place of the
+power function an error of 2e-6.
+"""
 REVERSAL = 2.0
-"""Pressure up to which reloaded soil is elastic, divided by the minimum pressure since the last plastic sinkage [-].
-Assumed value: a load that decreases by less than half and increases again is not a separate pass."""
+"""Maximum pressure of elastic reloading divided by the minimum pressure since the last plastic sinkage [-]. Assumed
+value: a load that decreases by less than half and increases again is not a separate pass."""
 MOST_SLIP = 0.8
-"""Slip above which the sinkage is constant [-], three times that at zero slip. Assumed value: end of known curves."""
+"""Slip above which the sinkage is constant [-], at three times the value without slip. Assumed value: end of known
+curves."""
 
 Cell = tuple[int, int, int]  # Tile, row and column of a stored cell
 
@@ -88,8 +92,10 @@ class Pressed(NamedTuple):
 
 @kernel
 def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before: SoilCell) -> SoilCell:
-    """Return the state of a soil cell under a wheel at depth `D` [m], from its state `before` in the previous step. `k`
-    [Pa/m^n] and `E` [Pa/m] are the moduli of the module docstring; `factor` multiplies the sinkage under slip [-]."""
+    """Return the state of a soil cell under a wheel at the depth `D` [m], from its state `before` in the previous step.
+
+    `k` [Pa/m^n] and `E` [Pa/m] are the moduli of the module docstring; `factor` multiplies the sinkage under slip [-].
+    """
     _, z, q, z_q, level = before
     trial = E * (D - z)
     if trial <= 0.0:
@@ -112,7 +118,7 @@ def load_cell(soil: Bearing, k: float, E: float, factor: float, D: float, before
 
 @kernel
 def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> tuple[float, float]:
-    """Return the yield pressure p [Pa] and the sinkage z = (p / k)^(1/n) [m] that satisfy p + E (z - z_q) = `trial`."""
+    """Return yield pressure p [Pa] and sinkage z [m] with p + E (z - z_q) = `trial` and z = (p / k)^(1/n)."""
     m, p = 1.0 / n, max(q, 1e-3 * trial)
     sunk = z_q if q > 0.0 else (p / k) ** m
     for _ in range(ITERATIONS):
@@ -132,7 +138,7 @@ def harden(n: float, k: float, E: float, trial: float, q: float, z_q: float) -> 
 
 @kernel
 def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a stored cell at depth `D` [m], or -1 if the cell yields, which is rare."""
+    """Return the pressure [Pa] on a stored cell at the depth `D` [m], or -1 if the cell yields or is not stored."""
     tile, y, x = at
     if tile < 0:
         return -1.0
@@ -147,7 +153,7 @@ def hold_cell(E: float, D: float, cells: AnyArray, at: Cell) -> float:
 
 @kernel
 def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells: AnyArray, at: Cell) -> float:
-    """Return the pressure [Pa] on a yielding cell and store its state. A cell that is not stored is untouched."""
+    """Return the pressure on a yielding cell [Pa] and store its state. A cell that is not stored is untouched."""
     tile, y, x = at
     if tile < 0:
         return load_cell(soil, k, E, factor, D, SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)).pressure
@@ -170,7 +176,7 @@ def yield_cell(soil: Bearing, k: float, E: float, factor: float, D: float, cells
 def press_cell(
     soil: Bearing, k: float, E: float, factor: float, D: float, memory: SoilMemory, row: int, column: int
 ) -> float:
-    """Load the soil cell at `row` and `column` of the grid to the depth `D` [m], and return its pressure [Pa]."""
+    """Press the soil cell at `row` and `column` of the grid to the depth `D` [m]; return its pressure [Pa]."""
     at = (tile_of(memory, row // TILE, column // TILE), row % TILE, column % TILE)
     pressure = hold_cell(E, D, memory.cells, at)
     return pressure if pressure >= 0.0 else yield_cell(soil, k, E, factor, D, memory.cells, at)
@@ -178,7 +184,7 @@ def press_cell(
 
 @kernel
 def window(middle: float, reach: float, cells: int) -> tuple[int, int]:
-    """Return the range (first, last + 1) of the cell numbers within `reach` of `middle`, both in units of cells."""
+    """Return the range (first, last + 1) of cells within `reach` of `middle` along an axis, both in cell widths."""
     return max(ceil(middle - reach - 0.5), 0), min(floor(middle + reach - 0.5) + 1, cells)
 
 
@@ -192,7 +198,7 @@ def press(
     d: float,
     slip: float,
 ) -> Pressed:
-    """Press a wheel `d` [m] deep into the soil, update the soil, and return the reaction.
+    """Press a wheel `d` [m] deep into the soil, update the soil cells, and return the reaction.
 
     `place` is the point of the untouched ground above the lowest point of the wheel. `frame` contains the ground normal
     and the forward and left vectors in world axes. `slip` is relative to the faster of rim and ground [-].

@@ -1,4 +1,4 @@
-"""Tyre model that uses MuJoCo's frictional contact, for comparison.
+"""Tyre model that uses MuJoCo's frictional contact, for comparison with tyre laws.
 
 The contact has no slip law: sliding is viscous, the cornering stiffness is proportional to speed and to `impratio`, and
 a tractor without brake creeps down slopes.
@@ -27,9 +27,9 @@ class Contact(TyreBase):
         return NativeContact(self.friction, self.impratio)
 
     def structure(self) -> Structure:
-        """Return a carcass without damping, rolling resistance and scrubbing moment."""
+        """Return a carcass without damping, rolling resistance or scrubbing moment."""
         return Structure(relaxation_radii=1.0, bristle_damping_s=0.0)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return laws without force, because MuJoCo computes the force."""
+        """Return laws with zero force, because MuJoCo computes the force."""
         return LinearLaw(0.0, 0.0), LinearLaw(0.0, 0.0)

@@ -1,15 +1,16 @@
 """Contact of a wheel with curved ground: the wheel bridges gaps that are narrower than the wheel.
 
 In the wheel plane the ground is a polyline with vertices where the plane crosses rows and columns of the height grid.
-The wheel touches the nearest point of the polyline to its centre: the foot of the perpendicular on smooth ground, a
-flank in a furrow, or an edge (the basic curve of a rigid wheel, [Pacejka2012] chapter 10). The penetration is the
-radius minus the distance D. The force has the direction in which D increases, including sideways, so that the elastic
-energy is a function of position: a wheel dragged without friction over any ground returns the received work.
+The wheel touches the point of the polyline nearest to its centre: the foot of the perpendicular on smooth ground, a
+flank in a furrow, or an edge (the basic curve of a rigid wheel, [Pacejka2012] chapter 10). With the distance D of this
+point from the wheel centre, the penetration is the radius minus D. The force has the direction in which D increases,
+including sideways, so that the elastic energy is a function of position: a wheel dragged without friction over any
+ground returns all work done on it.
 
 Two nearest points, as on both flanks of a furrow, share the load if their penetrations differ by less than a width w:
-the larger penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width is `BLEND`, but at most the depth
-below the second point of the ground between both points, so that a vanishing point has zero weight. On a plane the
-result is exactly the foot of the perpendicular.
+the larger penetration p_1 becomes p_1 + w / 4 (1 - (p_1 - p_2) / w)^2. The width is the minimum of `BLEND` and the
+depth of the ground between both points, relative to the second point; a vanishing second point therefore has zero
+weight. On a plane the result is exactly the foot of the perpendicular.
 """
 
 from math import ceil, floor, inf, sqrt
@@ -20,17 +21,17 @@ from agrobot_mj.core.vectors import Vector
 from agrobot_mj.terrain.grid import Ground, height_and_gradient
 
 REACH = 0.8
-"""Half the length of the evaluated ground divided by the wheel radius [-], for contact up to 53 degrees ahead."""
+"""Half the length of the evaluated ground divided by wheel radius [-]; contact is possible up to 53 degrees ahead."""
 BLEND = 0.005
-"""Difference of penetration below which two points share the load [m]. Assumed value: a third of the deflection."""
+"""Difference of penetrations below which two points share the load [m]. Assumed value: a third of the deflection."""
 ALONG = 0.01
-"""Minimum direction component of a line across grid lines [-]; a line below this limit is treated as parallel."""
+"""Minimum direction component across grid lines [-], below which a horizontal line is treated as parallel to them."""
 END, COLUMN, ROW = range(3)
 """Types of segment ends: end of the polyline, crossing of a column of nodes, crossing of a row of nodes."""
 
 
 class WheelPlane(NamedTuple):
-    """Plane of a wheel: height of the centre, directions, and the horizontal line on which the ground is evaluated."""
+    """Plane of a wheel, and the horizontal line below the wheel on which the ground is evaluated."""
 
     x: float  # East coordinate of the origin of the line, below the lowest point of the wheel [m]
     y: float  # North coordinate of the origin of the line [m]
@@ -60,7 +61,7 @@ class Spot(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Candidate contact points found so far along the polyline."""
+    """Candidates for the contact point, found so far along the polyline of the ground."""
 
     best: Spot  # Point nearest to the wheel centre
     beside: Spot  # Local minimum of the distance next to `best`, the second nearest to the wheel centre
@@ -74,7 +75,7 @@ NOWHERE = Spot(inf, 0.0, -1.0, 0.0)
 
 @kernel
 def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
-    """Return the segment end at the distance `s` ahead of the wheel centre [m]; `kind` is its type, such as `ROW`."""
+    """Return the segment end at the distance `s` ahead of the wheel centre [m]; `kind` is `END`, `COLUMN` or `ROW`."""
     h_x, h_y = plane.ahead
     height, dx, dy = height_and_gradient(ground, plane.x + s * h_x, plane.y + s * h_y)
     across = dy * h_x - dx * h_y
@@ -92,7 +93,7 @@ def node_at(ground: Ground, plane: WheelPlane, s: float, kind: int) -> Node:
 
 @kernel
 def spot_on(a: Node, b: Node, u: float) -> Spot:
-    """Return the point at fraction `u` of the segment from `a` to `b`."""
+    """Return the point at the fraction `u` of the segment from `a` to `b`."""
     s, w = a.s + u * (b.s - a.s), a.w + u * (b.w - a.w)
     D = sqrt(s * s + w * w)
     s_left, w_left = a.s_left + u * (b.s_left - a.s_left), a.w_left + u * (b.w_left - a.w_left)
@@ -101,7 +102,7 @@ def spot_on(a: Node, b: Node, u: float) -> Spot:
 
 @kernel
 def with_place(places: Places, found: Spot) -> Places:
-    """Return `places` with the next local minimum `found` included."""
+    """Return the candidates after adding `found`, the next local minimum of the distance."""
     best, beside, ridge, last, gap = places
     if found.distance < best.distance:
         return Places(found, last, gap, found, gap)
@@ -112,7 +113,7 @@ def with_place(places: Places, found: Spot) -> Places:
 
 @kernel
 def first_crossing(origin: float, ahead: float, first: float, spacing: float, reach: float) -> tuple[float, float]:
-    """Return the position of the first crossing of a grid line after `-reach`, and the distance of crossings [m]."""
+    """Return the position of the first crossing of a grid line after `-reach`, and the spacing of crossings [m]."""
     if abs(ahead) < ALONG:
         return inf, inf
     start = (origin - reach * ahead - first) / spacing
@@ -122,7 +123,7 @@ def first_crossing(origin: float, ahead: float, first: float, spacing: float, re
 
 @kernel
 def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
-    """Return the candidate contact points along the polyline of the ground."""
+    """Return the candidates for the contact point along the polyline of the ground."""
     x, step_x = first_crossing(plane.x, plane.ahead[0], ground.x0, ground.spacing, reach)
     y, step_y = first_crossing(plane.y, plane.ahead[1], ground.y0, ground.spacing, reach)
     places = Places(NOWHERE, NOWHERE, NOWHERE, NOWHERE, NOWHERE)
@@ -151,7 +152,7 @@ def places_on(ground: Ground, plane: WheelPlane, reach: float) -> Places:
 
 @kernel
 def envelope(ground: Ground, radius: float, centre: Vector, axle: Vector) -> tuple[Vector, float]:
-    """Return the direction of the force of the ground on a wheel, and the penetration in this direction [m]."""
+    """Return the direction of the ground force on a wheel, and the penetration in this direction [m]."""
     level = sqrt(axle[0] * axle[0] + axle[1] * axle[1])
     if level < 1e-6:  # the wheel lies on its side
         return (0.0, 0.0, 1.0), height_and_gradient(ground, centre[0], centre[1])[0] - centre[2]

@@ -1,4 +1,4 @@
-"""Parameters of the four tyres for the compiled kernel, and the physics step of one wheel with any tyre law."""
+"""Parameters of the four tyres for the compiled kernel, and the physics step of one wheel, common to all tyre laws."""
 
 from math import atan, exp, sqrt
 
@@ -40,10 +40,10 @@ ROLLING = 0.2  # Rolling speed at which the carcass damping has half of its valu
 LEAST_SHARE = 0.1
 """Minimum ground speed divided by the reference speed of the slip [-], which limits the reported slip ratio to 20."""
 SMALL, SHORTEST = 1e-6, 1e-3
-"""Slip at which the slip stiffness is evaluated [-], and minimum relaxation length [m], reached at almost no load."""
+"""Slip at which the slip stiffness is evaluated [-], and minimum relaxation length, for almost no load [m]."""
 Pair = tuple[float, float]
 RESTING = 0.001
-"""Speed [m/s] below which the reported slip ratio is the bristle deflection divided by the relaxation length."""
+"""Speed below which the reported slip ratio is the bristle deflection divided by the relaxation length [m/s]."""
 
 
 def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
@@ -97,12 +97,12 @@ def tyre_set(tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
 
 
 def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Return the stiffness of patches against turning [N m/rad] and the length over which rolling removes the twist
-    [m], for slip stiffnesses `K_x` [N], half lengths `a` and widths `b` [m].
+    """Return the torsional stiffness of patches [N m/rad], and the rolling distance in which a twist decays [m].
 
-    At rest, bristles of stiffness c on an area 2 a times b have the slip stiffness K_x = 2 c a^2 and the turning
-    stiffness 2 c a (a^2 / 3 + b^2 / 12). On a curved track, they deflect in proportion to the curvature and to the
-    distance from the wheel plane: the moment is K_x b^2 / 12 times the curvature.
+    `K_x` are the slip stiffnesses [N], `a` and `b` the half lengths and widths of the patches [m]. At rest, bristles of
+    stiffness c on an area 2 a times b have the slip stiffness K_x = 2 c a^2 and the torsional stiffness 2 c a (a^2 / 3
+    + b^2 / 12). On a curved path, they deflect in proportion to the curvature and to the distance from the wheel plane:
+    the moment is K_x b^2 / 12 times the curvature.
     """
     half = np.where(a > 0.0, a, 1.0)
     stiffness = np.where(a > 0.0, K_x * (half / 3 + b**2 / (12 * half)), 0.0)
@@ -110,7 +110,7 @@ def brush(K_x: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
-    """Return the ground, with an untouched soil memory if the soil yields. Raises ValueError naming the key."""
+    """Return the ground with a memory of untouched soil if the soil is plastic. Raises ValueError naming the key."""
     if bearing.k_phi <= 0.0:
         return ground
     try:
@@ -120,7 +120,7 @@ def with_soil_memory(ground: Ground, bearing: Bearing) -> Ground:
 
 
 def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
-    """Return geometry and carcass stiffness of a front and a rear tyre, from the static deflection on firm ground."""
+    """Return geometry and carcass stiffness of a front and a rear tyre, from the deflections on firm ground."""
     found = []
     for wheel in tractor.wheels:
         R, b, sunk, crown = wheel.radius, wheel.width, wheel.deflection, bearing.crown_share * wheel.width
@@ -132,8 +132,10 @@ def treads(bearing: Bearing, tractor: TractorParameters) -> tuple[Tread, Tread]:
 
 @kernel
 def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float, dt: float, bristle: Array) -> float:
-    """Return the scrubbing moment of the patch about the ground normal [N m], and update its twist `bristle[2]` [rad].
-    The patch slides at the moment mu N b / sqrt(8), with the friction mu, load N and patch width b [Eaton2006]."""
+    """Return the scrubbing moment about the ground normal [N m], and update the patch twist `bristle[2]` [rad].
+
+    The patch slides at the moment mu N b / sqrt(8), with the friction mu, load N and patch width b [Eaton2006].
+    """
     stiffness = float(tyres.twist_stiffness[i])
     if stiffness <= 0.0:
         return 0.0
@@ -145,7 +147,7 @@ def scrub(tyres: TyreSet, i: int, patch: ContactPatch, load: float, grip: float,
 
 @kernel
 def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
-    """Return the aligning moment [N m]: the lateral force times a pneumatic trail that decreases with the slip."""
+    """Return the aligning moment [N m]: the lateral force times the pneumatic trail, which decreases with the slip."""
     if tyres.trail <= 0.0:
         return 0.0
     return -tyres.trail * exp(-abs(slip_y) / TRAIL_SLIP) * f_y
@@ -153,7 +155,7 @@ def aligning(tyres: TyreSet, slip_y: float, f_y: float) -> float:
 
 @kernel
 def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footing, area: float, length: float) -> Pair:
-    """Return the longitudinal and the lateral slip stiffness [N] (force divided by slip, at small slip)."""
+    """Return the longitudinal and the lateral slip stiffness: force divided by slip, for small slip [N]."""
     # both directions in one call, because they are independent at small slip
     force = law.force(Slip(-SMALL, -SMALL, load, deflection, 1.0, footing, 1.0, area, length))
     return force.x / SMALL, force.y / SMALL
@@ -161,25 +163,27 @@ def slip_stiffness(law: TyreLaw, load: float, deflection: float, footing: Footin
 
 @kernel
 def adhering(slip: Slip, force: TyreForce, K: Pair) -> float:
-    """Return the fraction of the bristle deflection in the carcass [-]: secant stiffness divided by slip stiffness."""
+    """Return the elastic fraction of the bristle deflection [-]: secant stiffness divided by slip stiffness."""
     full = K[0] * slip.x * slip.x + K[1] * slip.y * slip.y
     return min(-(force.x * slip.x + force.y * slip.y) / full, 1.0) if full > 0.0 else 1.0
 
 
 @kernel
 def direction_of_travel(v_x: float, rim: float) -> float:
-    """Return 1 for forward and -1 for reverse travel, so that the slip ratio of a driven wheel is positive. A wheel
-    that spins at standstill travels in the direction of its rim speed `rim` [m/s]."""
+    """Return 1 for forward travel and -1 for reverse travel, so that the slip ratio of a driven wheel is positive.
+
+    A wheel that spins at standstill travels in the direction of its rim speed `rim` [m/s].
+    """
     on_the_spot = abs(v_x) < LEAST_SHARE * 0.5 * abs(rim)
     return -1.0 if (rim if on_the_spot else v_x) < -RESTING else 1.0
 
 
 @kernel
 def rut_share(patch: ContactPatch, s: float) -> float:
-    """Return the fraction of the motion resistance of the soil [-] that acts on a wheel that also slides sideways.
+    """Return the factor on the motion resistance of the soil for a wheel that also slides sideways [-].
 
-    For a rolling wheel (slip `s` = 0) the fraction is 1. A locked or spinning wheel (`s` = 1) forms no rut: the
-    fraction is the squared cosine of the angle between motion and heading.
+    The factor of a rolling wheel (slip `s` = 0) is 1. A locked or spinning wheel (`s` = 1) forms no rut: its factor is
+    the squared cosine of the angle between motion and heading.
     """
     ahead, aside = patch.v_x * patch.v_x, patch.v_y * s
     return ahead / max(ahead + aside * aside, 1e-12)
@@ -187,7 +191,7 @@ def rut_share(patch: ContactPatch, s: float) -> float:
 
 @kernel
 def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: Vector, slip: float) -> Pressed:
-    """Return the reaction of the ground on wheel `i` at a slip: a tyre spring on firm ground, or yielding soil."""
+    """Return the ground reaction on wheel `i` at a longitudinal slip, from a tyre spring or from yielding soil."""
     d = patch.penetration
     if d <= 0.0:
         return Pressed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -199,10 +203,10 @@ def carry(tyres: TyreSet, i: int, ground: Ground, patch: ContactPatch, centre: V
 
 @kernel
 def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: float) -> float:
-    """Return the fraction of the bristle deflection that is held [-]. The rest slides: a locked wheel does not wind up.
+    """Return the fraction of the bristle deflection that remains after sliding [-].
 
-    When the load increases, tread that has slid adheres again without deflection. With a deflection, the tread would
-    return more energy than it received.
+    Sliding limits the deflection of a locked wheel. When the load increases, tread that has slid adheres again without
+    deflection. With a deflection, the tread would return more energy than it received.
     """
     if slip.load <= last_load:
         return force.held
@@ -211,8 +215,10 @@ def held_share(slip: Slip, force: TyreForce, K: tuple[float, float], last_load: 
 
 @kernel
 def slip_ratio(v_x: float, rim: float, v_roll: float, slip: float) -> float:
-    """Return the slip ratio relative to the ground speed [-], positive when driving, from the `slip` relative to the
-    reference speed `v_roll`."""
+    """Return the slip ratio relative to the ground speed [-], positive when driving.
+
+    `slip` is relative to the reference speed `v_roll` [m/s].
+    """
     over = (v_roll + RESTING) / (max(abs(v_x), LEAST_SHARE * v_roll) + RESTING)
     return -direction_of_travel(v_x, rim) * slip * over
 
@@ -229,8 +235,10 @@ def wheel_step(
     report: Array,
     whole: bool = True,
 ) -> None:
-    """Advance wheel `i` by one step of `dt` [s]: update its bristle (3,), and write the wrench (6,) at its centre and
-    its report (6,). Unless `whole`, write only the load to the report."""
+    """Advance wheel `i` by one physics step of `dt` [s]; update its `bristle` (3,), `wrench` (6,) and `report` (6,).
+
+    The wrench acts at the wheel centre. If `whole` is false, only the load of the report is updated.
+    """
     patch = find_patch(ground, tyres.radius[i], wheel)
     slipped = min(abs(bristle[0]) / max(tyres.relaxation[i, 0], SHORTEST), 1.0)
     soil = carry(tyres, i, ground, patch, wheel.centre, slipped)

@@ -17,7 +17,10 @@ STIFFNESS_PER_LOAD = (2.0, 20.0)
 
 
 def unlike_a_tyre(key: str, C_alpha: float, load: float) -> str:
-    """Return a message that begins with `key` if `C_alpha` [N/rad] is implausible at a load [N], or an empty string."""
+    """Return a message about an implausible `C_alpha` [N/rad] at a load [N], or an empty string if it is plausible.
+
+    The message begins with `key`.
+    """
     low, high = STIFFNESS_PER_LOAD
     if low * load <= C_alpha <= high * load:
         return ""
@@ -32,7 +35,7 @@ class LinearLaw(NamedTuple):
     C_alpha: float  # Cornering stiffness [N/rad]
 
     def force(self, slip: Slip) -> TyreForce:
-        """Return the force for a slip. Friction is unlimited: the bristle keeps its deflection; used friction is 0."""
+        """Return the force for a slip. Friction is unlimited: bristles never slide, and the used friction is 0."""
         F_x = -self.C_x * slip.x
         F_l = -self.C_alpha * slip.y  # [agrobots: lateralforces]
         return TyreForce(F_x, F_l, 1.0, 0.0)
@@ -57,30 +60,30 @@ class Linear(TyreBase):
     rear_cornering_stiffness_n_rad: Positive = 15_000.0
     """Cornering stiffness C_alpha of one rear tyre [N/rad]. Assumed value (8.9e3-20e3), as for the front tyre."""
     front_slip_stiffness_n: Positive = 15_000.0
-    """Longitudinal force of one front tyre divided by slip ratio [N]. Assumed value: 10 times the load (5-15)."""
+    """Longitudinal slip stiffness of one front tyre [N]. Assumed value: 10 times the load (5-15)."""
     rear_slip_stiffness_n: Positive = 25_000.0
-    """Longitudinal force of one rear tyre divided by slip ratio [N]. Assumed value: 10 times the load (5-15)."""
+    """Longitudinal slip stiffness of one rear tyre [N]. Assumed value: 10 times the load (5-15)."""
     relaxation_radii: Relaxation = 1.5
     """Relaxation length divided by free radius [-]. Assumed value (0.4-2), not measured on a small tractor tyre."""
     rolling_resistance: NonNegative = 0.0
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value: 0; in the field 0.045-0.07."""
     bristle_damping_s: NonNegative = 0.02
-    """Damping of the carcass divided by its stiffness, for a relaxation length of 1.5 radii; proportional to this
-    length [s]. Assumed value (0.005-0.05)."""
+    """Damping of the carcass divided by its stiffness [s], for a relaxation length of 1.5 radii; the damping is
+    proportional to the relaxation length. Assumed value (0.005-0.05)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each stiffness outside the range of real tyres at these loads."""
+        """Yield a message for each cornering stiffness that is implausible at the wheel `loads` [N]."""
         given = self.front_cornering_stiffness_n_rad, self.rear_cornering_stiffness_n_rad
         for axle, load, C_alpha in zip(("front", "rear"), loads, given, strict=True):
             if line := unlike_a_tyre(f"{axle}_cornering_stiffness_n_rad", C_alpha, load):
                 yield line
 
     def structure(self) -> Structure:
-        """Return the carcass, without a contact patch."""
+        """Return the carcass; the tyre has no contact patch."""
         return Structure(self.relaxation_radii, self.bristle_damping_s, self.rolling_resistance)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[LinearLaw, LinearLaw]:
-        """Return the laws of one front and one rear tyre."""
+        """Return the law of a front tyre and the law of a rear tyre."""
         return (
             LinearLaw(self.front_slip_stiffness_n, self.front_cornering_stiffness_n_rad),
             LinearLaw(self.rear_slip_stiffness_n, self.rear_cornering_stiffness_n_rad),

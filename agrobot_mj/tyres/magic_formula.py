@@ -6,11 +6,11 @@ mu_load df) and K = F_z k (1 + k_load df). By default the reference load F_z0 is
 implements, since larger machines have larger tyres. The linear change is valid between `KNOWN_LOADS`. Camber, ply steer
 and conicity are zero.
 
-Combined slip uses similarity: each slip is normalised by D / K, and the length rho of the normalised slip enters both
-pure curves. The force has the direction m, in fractions of both peaks (`base.force_direction`), which turns from the
-direction of the stiffnesses to the direction against the sliding velocity. Its magnitude is m_x^2 F0_x / D_x + m_y^2
-F0_y / D_y. Therefore (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each force opposes its slip. The lateral
-slip enters rho as the angle s_y = atan(slip_y).
+Combined slip uses similarity: each slip is normalised by D / K, and the length rho of the normalised slip vector is the
+argument of both pure curves. The force has the direction m, in fractions of both peaks (`base.force_direction`), which
+changes with rho from the direction of the stiffnesses to the direction against the sliding velocity. The magnitude of
+the force is m_x^2 F0_x / D_x + m_y^2 F0_y / D_y. Therefore (F_x / D_x)^2 + (F_y / D_y)^2 <= 1 for every slip, and each
+force opposes its slip. The lateral slip enters rho as the angle s_y = atan(slip_y).
 """
 
 from collections.abc import Iterator
@@ -26,11 +26,11 @@ from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
 
 LEAST_SHARE = 0.2
-"""Lower limit of friction and stiffness [-] relative to their values at the reference load. Assumed value."""
+"""Lower limit of friction and stiffness, relative to their values at the reference load [-]. Assumed value."""
 LINEAR = 1e-4  # Normalised slip below which the force follows from the slip stiffness, within 1e-8 [-]
 KNOWN_LOADS = (0.5, 2.0)
-"""Minimum and maximum load divided by reference load [-] for the linear change with load. Assumed value: the range of a
-tyre of one size and pressure."""
+"""Range of load divided by reference load in which the linear change with load is valid [-]. Assumed value: the range
+of a tyre of one size and pressure."""
 
 
 class CurveLaw(NamedTuple):
@@ -97,14 +97,14 @@ class Curve(Spec):
     """Coefficients of the Magic Formula in one direction."""
 
     mu: Annotated[float, Field(ge=0.01, le=10)] = 0.75
-    """Peak force divided by load at the reference load [-]. Assumed value (0.6-0.9; laterally 0.5-0.6 on grass)."""
+    """Maximum force divided by load, at the reference load [-]. Assumed value (0.6-0.9; laterally 0.5-0.6 on grass)."""
     mu_load: float = -0.08
-    """Relative change of mu for a doubled load [-]. Assumed value (-0.2 to 0)."""
+    """Relative change of `mu` for a doubled load [-]. Assumed value (-0.2 to 0)."""
     stiffness_per_load: Positive = 5.5
     """Slip stiffness divided by load at the reference load, k [1/rad or 1]. Assumed value: laterally 3.5-6.6 at the
     front and 3.9-8.7 at the rear for cone indices of 450 to 1800 kPa [GeeCloughSommer1981]; longitudinally 5-15."""
     stiffness_load: float = -0.25
-    """Relative change of k for a doubled load [-]. Assumed value (-0.5 to 0)."""
+    """Relative change of `stiffness_per_load` for a doubled load [-]. Assumed value (-0.5 to 0)."""
     shape: Annotated[float, Field(gt=0.5, le=1.9)] = 1.3
     """Shape factor C [-]. Assumed value: 1.3 laterally, 1.3-1.65 longitudinally, 1.65 for road tyres [Pacejka2012]."""
     curvature: Annotated[float, Field(ge=-10, le=1)] = -0.3
@@ -112,7 +112,7 @@ class Curve(Spec):
 
     @property
     def peak(self) -> float:
-        """Normalised slip s K / D at the peak of the curve [-]."""
+        """Normalised slip s K / D at the maximum of the curve [-]."""
         C, E = self.shape, self.curvature
         if C <= 1.0:
             return 10.0
@@ -120,7 +120,7 @@ class Curve(Spec):
         return C * root(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4)
 
     def law(self) -> CurveLaw:
-        """Return the coefficients for the compiled kernel."""
+        """Return the coefficients as a tuple for the compiled kernel."""
         return CurveLaw(self.mu, self.mu_load, self.stiffness_per_load, self.stiffness_load, self.shape, self.curvature)
 
 
@@ -130,12 +130,12 @@ class AxleTyre(Spec):
     reference_load_n: Positive | None = None
     """Reference load F_z0 [N]. Default: the static load of a wheel of this axle."""
     lateral: Curve = Curve()
-    """Lateral curve [rad], as a function of the slip angle."""
+    """Curve of the lateral force as a function of the slip angle [rad]."""
     longitudinal: Curve = Curve(mu=0.8, stiffness_per_load=10.0, shape=1.4)
-    """Longitudinal curve [-], as a function of the slip ratio."""
+    """Curve of the longitudinal force as a function of the slip ratio [-]."""
 
     def clamped(self, df: float) -> str:
-        """Return a text with the coefficients clamped to their minimum at a relative load change `df`; may be empty."""
+        """Return a text that names the coefficients limited by `LEAST_SHARE` at a relative load change `df`, if any."""
         curves = (self.lateral, self.longitudinal)
         held = {
             "grip": any(1 + curve.mu_load * df < LEAST_SHARE for curve in curves),
@@ -145,7 +145,7 @@ class AxleTyre(Spec):
         return (f"; beyond it {names} per load stay at {LEAST_SHARE:g} times the reference") if names else ""
 
     def law(self, static_load: float, anisotropy: float = 0.0) -> MagicLaw:
-        """Return the coefficients of one tyre with the given static load [N]."""
+        """Return the law of one tyre with the static load `static_load` [N]."""
         along, across, given = self.longitudinal, self.lateral, self.reference_load_n
         reference = static_load if given is None else given
         return MagicLaw(reference, along.law(), across.law(), min(across.peak, along.peak), anisotropy)
@@ -158,9 +158,9 @@ class MagicFormula(CarcassTyre):
 
     kind: Literal["magic_formula"] = "magic_formula"
     front: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=5.3))
-    """Front tyres; the default stiffness equals the stiffness of the bicycle model at static load."""
+    """Coefficients of the front tyres. The default lateral stiffness at static load is as in the bicycle model."""
     rear: AxleTyre = AxleTyre(lateral=Curve(stiffness_per_load=6.6))
-    """Rear tyres; the default stiffness equals the stiffness of the bicycle model at static load."""
+    """Coefficients of the rear tyres. The default lateral stiffness at static load is as in the bicycle model."""
     rolling_resistance: NonNegative = 0.05
     """Rolling resistance moment divided by load times rolling radius [-]. Assumed value (0.045-0.07)."""
     trail_m: NonNegative = 0.03
@@ -171,12 +171,12 @@ class MagicFormula(CarcassTyre):
         return super().structure()._replace(rolling_resistance=self.rolling_resistance, trail_m=self.trail_m)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[MagicLaw, MagicLaw]:
-        """Return the laws of one front and one rear tyre."""
+        """Return the law of a front tyre and the law of a rear tyre."""
         a = self.sliding_anisotropy
         return self.front.law(tractor.front_wheel.load, a), self.rear.law(tractor.rear_wheel.load, a)
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each load far from the reference load."""
+        """Yield a message for each wheel load outside `KNOWN_LOADS`."""
         for load, tyre, wheel in zip(loads, (self.front, self.rear), tractor.wheels, strict=True):
             reference = tyre.law(wheel.load).F_z0
             if not KNOWN_LOADS[0] <= (share := load / reference) <= KNOWN_LOADS[1]:
@@ -185,6 +185,6 @@ class MagicFormula(CarcassTyre):
                 yield f"{wheel.axle}.reference_load_n: {at}; {known}{tyre.clamped(share - 1)}"
 
     def of_implement(self) -> Self:
-        """Return the tyre with the static load of the implement's wheel as the reference load."""
+        """Return the tyre with the static load of the implement's wheels as reference load."""
         own = {axle: getattr(self, axle).model_copy(update={"reference_load_n": None}) for axle in ("front", "rear")}
         return self.model_copy(update=own)

@@ -43,13 +43,13 @@ class TyreSet(NamedTuple):
     stiffness: Array  # Vertical stiffness [N/m], shape (4,)
     damping: Array  # Vertical damping [N s/m], shape (4,)
     relaxation: Array
-    """Longitudinal and lateral relaxation length, shape (4, 2) [m]: at static load, then updated by each step."""
+    """Longitudinal and lateral relaxation length [m], shape (4, 2): for the static load, then updated in each step."""
     springs: Array  # Longitudinal and lateral stiffness of the carcass, shape (4, 2) [N/m]
     twist_stiffness: Array  # Stiffness of the patch against turning [N m/rad], shape (4,), or 0 for no scrubbing moment
     twist_relaxation: Array  # Length over which rolling removes the twist of the patch [m], shape (4,)
     scrub_arm: Array  # Maximum scrubbing moment divided by grip times load [m], shape (4,)
     load_follows: bool
-    """Whether the load acts at the patch displaced by the side force, instead of below the wheel centre."""
+    """Whether the load acts at the contact patch, which the lateral force displaces, instead of in the wheel plane."""
     bristle_damping: float  # Damping time tau of the bristle, see the module docstring [s]
     rolling_resistance: float  # Rolling resistance moment divided by load times rolling radius [-]
     patch_half_length: Array  # Half the contact length [m], shape (4,)
@@ -78,7 +78,7 @@ class ContactPatch(NamedTuple):
     n: Vector  # Ground normal in world axes
     f: Vector  # Forward direction in the ground plane, in world axes
     l: Vector  # noqa: E741
-    """Left direction in the ground plane, in world axes."""
+    """Direction to the left in the ground plane, in world axes."""
     arm: Vector  # Vector from the wheel centre to the patch [m]
     v_x: float  # Forward velocity of the patch over the ground [m/s], without the spin of the wheel
     v_y: float  # Velocity of the patch to the left, the lateral sliding velocity [m/s]
@@ -88,7 +88,7 @@ class ContactPatch(NamedTuple):
 
 @kernel
 def down_in_wheel_plane(n: Vector, axle: Vector) -> Vector:
-    """Return the unit vector in a wheel plane that points into the ground with normal `n`."""
+    """Return the unit vector in the plane of a wheel that points towards ground with the normal `n`."""
     return unit(minus(scaled(dot(n, axle), axle), n))
 
 
@@ -106,7 +106,7 @@ def contact_plane(ground: Ground, radius: float, centre: Vector, axle: Vector) -
 
 @kernel
 def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatch:
-    """Return the contact between the ground and a wheel with the given free radius [m]."""
+    """Return the contact between the ground and a wheel with the free radius `radius` [m]."""
     axle, velocity, rotation = wheel.axle, wheel.velocity, wheel.rotation
     n, penetration = contact_plane(ground, radius, wheel.centre, axle)
     f = unit(cross(axle, n))
@@ -122,21 +122,21 @@ def find_patch(ground: Ground, radius: float, wheel: WheelMotion) -> ContactPatc
 
 @kernel
 def lowered(patch: ContactPatch, share: float) -> ContactPatch:
-    """Return the patch with its arm multiplied by `share`, as in a rut, where contact is below the untouched ground."""
+    """Return the patch with its lever arm multiplied by `share` [-], for contact at the bottom of a rut."""
     p, arm = patch, scaled(share, patch.arm)
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def moved_aside(patch: ContactPatch, by: float) -> ContactPatch:
-    """Return the patch displaced by `by` [m] to the left relative to the wheel."""
+    """Return the patch displaced to the left by `by` [m], relative to the wheel."""
     p, arm = patch, plus(patch.arm, scaled(by, patch.l))
     return ContactPatch(p.penetration, p.rate, p.n, p.f, p.l, arm, p.v_x, p.v_y, p.spin, p.turn)
 
 
 @kernel
 def footing_of(tyres: TyreSet, i: int, ground: Ground, x: float, y: float) -> Footing:
-    """Return the ground properties for wheel `i` at (x, y) [m]."""
+    """Return the ground properties below wheel `i`, at (x, y) [m]."""
     friction, cone_index = surface_at(ground.surface, x, y)
     soil = cone_index if cone_index > 0.0 else tyres.cone_index
     return Footing(friction * tyres.grip[i], soil, rolling_at(ground.surface, x, y))
@@ -155,7 +155,7 @@ def relax(z: float, v_slip: float, v_roll: float, sigma: float, dt: float) -> fl
 
 @kernel
 def soft_sign(v: float, width: float) -> float:
-    """Return tanh(v / width), a smooth sign of `v`, computed without tanh where the result rounds to 1."""
+    """Return tanh(v / width), a smooth sign of `v`; tanh is not evaluated if the result rounds to 1."""
     x = v / width
     if abs(x) > 20.0:
         return 1.0 if x > 0.0 else -1.0
@@ -164,8 +164,11 @@ def soft_sign(v: float, width: float) -> float:
 
 @kernel
 def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float, surface: float = 0.0) -> float:
-    """Return the torque of the rolling resistance [N m] of wheel `i` about the axle, against the spin. The coefficient
-    of a named `surface` replaces the coefficient of the tyre, except in laws with soil resistance."""
+    """Return the rolling resistance torque about the axle of wheel `i` [N m], which opposes the spin.
+
+    The coefficient `surface` of a named surface replaces the coefficient of the tyre, except in laws with soil
+    resistance.
+    """
     own = tyres.cone_index > 0.0 or tyres.bearing.k_phi > 0.0 or surface <= 0.0
     share = (tyres.rolling_resistance if own else surface) * float(tyres.carcass[i, 1])
     return -share * load * r_e * soft_sign(spin * r_e, CREEP_SPEED)
@@ -173,10 +176,10 @@ def rolling_torque(tyres: TyreSet, i: int, load: float, r_e: float, spin: float,
 
 @kernel
 def add_wrench(wrench: Array, patch: ContactPatch, axle: Vector, at_patch: Vector, extra: Vector) -> None:
-    """Write force and torque about the wheel centre into `wrench` (6,), in world axes.
+    """Write the force and the torque about the wheel centre into `wrench` (6,), in world axes.
 
-    `at_patch` contains the forces at the patch, forward, left and along the normal [N]; `extra` a forward force at the
-    wheel centre [N], a torque about the axle and a moment about the normal [N m].
+    `at_patch` contains the forces at the patch: forward, left and along the normal [N]. `extra` contains a forward
+    force at the wheel centre [N], a torque about the axle [N m] and a moment about the normal [N m].
     """
     n, f = patch.n, patch.f
     f_x, f_y, load = at_patch

@@ -2,7 +2,8 @@
 
 The vertical force follows from the pressure-sinkage law of the cells below the tyre [Bekker1969], see `bearing`; the
 compaction of the soil is the motion resistance. The shear force follows [JanosiHanamoto1961] with the Mohr-Coulomb
-strength. With contact area A, contact length L, combined slip s, load W, cohesion c and friction angle phi it is
+strength. With contact area A, contact length L, combined slip s, load W, cohesion c, friction angle phi and shear
+modulus K, the force is
 
     F = (A c + W tan phi) (1 - K / (s L) (1 - exp(-s L / K))).
 
@@ -24,23 +25,23 @@ from agrobot_mj.tyres.bearing import Bearing
 from agrobot_mj.tyres.soil import OWN_LOSS
 
 STIFFEST_MPA_M = 1e4
-"""Maximum soil stiffness [MPa/m]. On stiffer soil, load and resistance would depend on the physics step."""
+"""Maximum soil stiffness [MPa/m]; with stiffer soil, load and resistance would depend on the physics step."""
 DEEPEST = 1 / 3
-"""Maximum sinkage divided by radius of a rigid wheel for which its closed-form solution is valid [-] [Bekker1969]."""
+"""Maximum sinkage divided by radius for which the closed-form solution of a rigid wheel is valid [-] [Bekker1969]."""
 SHEARED = 20.0
-"""Shear displacement, divided by modulus K [-], at which bristles break away at rest: 95 % of the strength."""
+"""Shear displacement divided by the modulus K [-], at which bristles break away at rest with 95 % of the strength."""
 
 
 @kernel
 def sheared(j: float) -> float:
-    """Return the used fraction of the shear strength [-]. `j` is the displacement at the patch end divided by K."""
+    """Return the used fraction of the shear strength [-]; `j` is the displacement at the patch end divided by K."""
     if j < 1e-3:
         return 0.5 * j - j * j / 6.0
     return 1.0 - (1.0 - exp(-j)) / j
 
 
 def rebound_in_range(mpa_m: float) -> float:
-    """Return `mpa_m` unchanged. Raises ValueError for soil stiffer than the physics steps resolve."""
+    """Return the soil stiffness `mpa_m` [MPa/m] unchanged. Raises ValueError outside the accepted range."""
     if not 1.0 <= mpa_m <= STIFFEST_MPA_M:
         why = "stiffer soil rebounds within one physics step; use a tyre law for firm ground instead"
         raise ValueError(f"must be from 1 to {STIFFEST_MPA_M:g} MPa/m ({why}), got {mpa_m:g}")
@@ -48,7 +49,7 @@ def rebound_in_range(mpa_m: float) -> float:
 
 
 class RutsLaw(NamedTuple):
-    """Strength of the soil under one tyre, and tyre dimensions."""
+    """Soil strength and tyre dimensions for one tyre."""
 
     cohesion: float  # Cohesion c [Pa]
     tan_phi: float  # Tangent of the friction angle [-]
@@ -75,7 +76,7 @@ class RutsLaw(NamedTuple):
 
 
 class Ruts(CarcassTyre):
-    """Tyres on soil in which ruts remain."""
+    """Tyres on plastic soil, in which ruts remain."""
 
     fast_step_s: ClassVar[float] = 0.002
 
@@ -100,16 +101,16 @@ class Ruts(CarcassTyre):
     crown_share: Annotated[float, Field(ge=0.2, le=5)] = 1.0
     """Radius of the tread crown divided by the tyre width [-]. Assumed value (0.7-2)."""
     cell_m: Annotated[float, Field(ge=0.02, le=0.1)] = 0.05
-    """Side length of the soil cells [m]. Assumed value (0.025-0.06): four cells across a front tyre; halving the value
-    quadruples the computing time."""
+    """Side length of the soil cells [m]; half the length needs four times the computing time. Assumed value
+    (0.025-0.06): four cells across a front tyre."""
 
     @property
     def judged(self) -> bool:
-        """False, because theories for firm ground do not apply; validation has separate cases for ruts."""
+        """Whether theories for firm ground apply to this tyre: False; validation has separate cases for ruts."""
         return False
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each wheel that would sink deeper than the valid range of the sinkage law."""
+        """Yield a message for each wheel that would sink below the valid depth of the pressure-sinkage law."""
         n = self.exponent
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             R, b = wheel.radius, wheel.width
@@ -133,7 +134,7 @@ class Ruts(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, bearing=bearing)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[RutsLaw, RutsLaw]:
-        """Return the laws of one front and one rear tyre."""
+        """Return the law of a front tyre and the law of a rear tyre."""
         c, slope = 1e3 * self.cohesion_kpa, tan(radians(self.friction_deg))
         front, rear = (
             RutsLaw(c, slope, self.shear_m, wheel.radius, self.crown_share * wheel.width, self.sliding_anisotropy)

@@ -8,11 +8,12 @@ height, delta the deflection [m], CI the cone index [Pa].
     gross traction / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) + 0.04
     motion resistance / W = 1 / B_n + 0.04 + 0.5 s / sqrt(B_n)     (bias ply)
 
-The 0.04 in both is the internal loss of the tyre, here a rolling-resistance moment. The rest of the motion resistance
-acts on the wheel centre, against the motion. The slip s is relative to the faster of rim and ground, so that braking
-mirrors driving. Both curves are 1 - exp(-rho), with rho^2 = (7.5 s)^2 + (B alpha)^2 under combined slip. The direction
-of the force is in fractions of both peaks (`base.force_direction`): the force stays within the ellipse of the peaks,
-and a sliding tyre opposes its sliding. Sinkage is not modelled.
+The term 0.04 in both equations is the internal loss of the tyre, modelled as a rolling-resistance moment. The other
+terms of the motion resistance act at the wheel centre, against the motion. The slip s is relative to the faster of rim
+and ground, so that braking mirrors driving. The traction and lateral force curves are 1 - exp(-rho), with rho^2 = (7.5
+s)^2 + (B alpha)^2 under combined slip. The direction of the force is in fractions of both peaks
+(`base.force_direction`): the force stays within the ellipse of the peaks, and a sliding tyre opposes its sliding.
+Sinkage is not modelled.
 
 On soil softer than the range of the fits, the lateral peak would increase without bound while the traction vanishes.
 Below a mobility number M of `SOFTEST` the lateral force is therefore proportional to M.
@@ -28,10 +29,10 @@ from agrobot_mj.machine.tractor import AxleWheel, TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip, slip_of_faster
 
 SATURATED = 3.0
-"""Normalised slip rho [-] at which bristles break away at rest: 1 - exp(-3) = 95 % of the friction is used."""
+"""Normalised slip rho at which bristles break away at rest [-], with 1 - exp(-3) = 95 % of the friction used."""
 OWN_LOSS = 0.04  # Rolling resistance due to the internal loss of the tyre [-]. [Brixius1987].
 SOFTEST = 3.0
-"""Lateral mobility number M below which the lateral fit is not used [-]. Assumed value: at this number B_n is about 8,
+"""Minimum lateral mobility number M for which the lateral fit is used [-]. Assumed value: at this M, B_n is about 8,
 the pull of a driven tyre is half of the pull on firm soil, and the lateral peak is 0.84."""
 
 
@@ -61,7 +62,7 @@ def lateral_shape(
 
 
 class SoilLaw(NamedTuple):
-    """Dimensions and carcass of one tyre."""
+    """Dimensions and carcass type of one tyre."""
 
     b: float  # Section width [m]
     d: float  # Diameter [m]
@@ -82,7 +83,7 @@ class SoilLaw(NamedTuple):
         return TyreForce(-used * D_x * m.x, -used * D_y * m.y, held_by_grip(rho, SATURATED, slip.v_roll), used)
 
     def drag(self, slip: Slip, direction: float) -> float:
-        """Return the motion resistance of the soil [N], without the tyre's own loss."""
+        """Return the motion resistance of the soil [N], without the internal loss of the tyre."""
         s, W = slip_of_faster(slip), slip.load
         B_n = mobility_number(self.b, self.d, self.h, slip.footing.cone_index, W, slip.deflection)
         if self.radial > 0.5:
@@ -91,18 +92,18 @@ class SoilLaw(NamedTuple):
 
 
 class Soil(CarcassTyre):
-    """Tyres on soil without sinkage."""
+    """Tyres on soil of a given cone index, without sinkage."""
 
     kind: Literal["soil"] = "soil"
     cone_index_kpa: ConeIndex = 1200.0
-    """Cone index CI [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
+    """Cone index CI of the soil [kPa]. Assumed value: 450 tilled, 900 soft, 1200 medium, 1800 firm."""
     ply: Literal["bias", "radial"] = "bias"
     """Carcass type [-], which affects motion resistance and lateral force. Default: from the size code, if given."""
     section_height_share: Positive = 0.75
     """Section height divided by section width of tyres without a size code [-]. Assumed value (0.7-0.85)."""
 
     def hints(self, tractor: TractorParameters, loads: tuple[float, float]) -> Iterator[str]:
-        """Yield a message for each wheel on soil softer than the range of the fits."""
+        """Yield a message for each wheel on soil that is softer than the valid range of the fits."""
         for load, wheel in zip(loads, tractor.wheels, strict=True):
             d, b, h = 2 * wheel.radius, wheel.width, self.section_height(wheel)
             M = lateral_number(b, d, h, 1e3 * self.cone_index_kpa, load, load / wheel.stiffness)
@@ -115,7 +116,7 @@ class Soil(CarcassTyre):
         return super().structure()._replace(rolling_resistance=OWN_LOSS, cone_index_pa=1e3 * self.cone_index_kpa)
 
     def coefficients(self, tractor: TractorParameters) -> tuple[SoilLaw, SoilLaw]:
-        """Return the law of one front and one rear tyre."""
+        """Return the law of a front tyre and the law of a rear tyre."""
         front, rear = (
             SoilLaw(w.width, 2 * w.radius, self.section_height(w), self.radial(w), self.sliding_anisotropy)
             for w in tractor.wheels
@@ -123,11 +124,11 @@ class Soil(CarcassTyre):
         return front, rear
 
     def section_height(self, wheel: AxleWheel) -> float:
-        """Return the section height [m] of a wheel's tyre, from its size code or `section_height_share`."""
+        """Return the section height of a wheel's tyre [m], from its size code or from `section_height_share`."""
         return self.section_height_share * wheel.width if wheel.size is None else wheel.size.section_height
 
     def radial(self, wheel: AxleWheel) -> float:
-        """Return 1 for a radial and 0 for a bias carcass [-], from the key `ply` or the size code."""
+        """Return 1 for a radial and 0 for a bias carcass, from the key `ply` or from the size code."""
         if wheel.size is None or "ply" in self.model_fields_set:
             return float(self.ply == "radial")
         return float(wheel.size.radial)

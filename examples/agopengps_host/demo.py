@@ -1,7 +1,7 @@
-"""Runs of the small host over UDP on this computer: level ground, side slope, noise, and valve control.
+"""Closed-loop runs with the small guidance host over UDP: level ground, side slope, noise, and valve control.
 
-The program prints the table of link.md. Each row is a run of 80 s at 1.5 m/s, which starts 1 m beside the line of the
-host. An argument that is the first word of a row selects this row.
+The program prints the table of link.md. Each row is a run of 80 s at 1.5 m/s, which starts at a lateral offset of 1 m
+from the line of the host. With a row's first word as argument, such as `slope`, only the rows with this word are run.
 """
 
 import socket
@@ -46,7 +46,7 @@ ROWS = {
     "slope: 10 deg, roll, side hill 0.2": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--side-hill 0.2"),
     "slope: 10 deg, roll, integral": (SLOPE, {**TWO_ANTENNAS, **UNIT}, "--integral 0.02"),
 }
-"""Scenario, overrides, and command-line arguments of the host, by name of the row."""
+"""Scenario, overrides, and command-line arguments of the host, by row name."""
 
 
 def free_ports() -> tuple[int, int]:
@@ -58,7 +58,7 @@ def free_ports() -> tuple[int, int]:
 
 
 def row(name: str, scenario: str, overrides: dict[str, object], host: str, folder: Path) -> tuple[str, ...]:
-    """Simulate the run of one row and return the cells of the row."""
+    """Simulate the run of one table row; return its cells."""
     own, other = free_ports()
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": 1.5, "duration_s": 80.0}
     command = [sys.executable, str(HOST), f"--port={other}", f"--board-port={own}", *host.split()]
@@ -80,7 +80,7 @@ def row(name: str, scenario: str, overrides: dict[str, object], host: str, folde
 
 
 def main() -> None:
-    """Simulate the runs and print their table."""
+    """Simulate the selected runs and print the table."""
     heads = ("run", "host", "overshoot [cm]", "below 5 cm after [s]", "rms of the last 40 s [cm]", "mean [cm]")
     some = {name: parts for name, parts in ROWS.items() if len(sys.argv) < 2 or name.split(":")[0] == sys.argv[1]}
     with tempfile.TemporaryDirectory() as folder, tally(f"{len(some)} runs", len(some)) as advance:

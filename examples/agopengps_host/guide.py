@@ -1,12 +1,13 @@
-"""Small guidance program for tests and demos, without sockets and clock: converts positions to steering messages.
+"""Small guidance program for tests and demos, which converts position messages to steering messages.
 
-The position of the rear axle is computed from the antenna position with a correction for roll. The heading comes from
-two antennas, or from successive fixes; an inertial unit, if available, extrapolates the latter. The program engages
-some time after the heading is known, and follows one straight line.
+The program uses no sockets and no clock. The position of the rear axle is computed from the antenna position with a
+correction for roll. The heading comes from two antennas, or from successive fixes; an inertial unit, if available,
+extrapolates the heading between fixes. The program engages some time after the first heading, and follows one straight
+line.
 
-The laws are those of common guidance programs [Snider2009]: pure pursuit steers the rear axle towards a point of the
-line, Stanley turns the front axle towards the line. Both may add an integral of the offset. Angles are in rad, and the
-offset `off` from the line is in m, left positive.
+The guidance laws are common in such programs [Snider2009]: pure pursuit steers the rear axle towards a point of the
+line, Stanley steers the front axle towards the line. An integral of the lateral offset can be added to both laws.
+Angles are in rad. The lateral offset `off` from the line is in m, left positive.
 """
 
 from math import atan, atan2, cos, hypot, isnan, nan, sin
@@ -26,95 +27,95 @@ KMH = 3.6
 
 
 class AbLine(NamedTuple):
-    """Infinite straight line."""
+    """Straight guidance line of infinite length."""
 
     x: float
     """East coordinate of a point on the line [m]."""
     y: float
-    """North coordinate of the point [m]."""
+    """North coordinate of the same point [m]."""
     yaw: float
     """Direction of travel, from east, counter-clockwise [rad]."""
 
     def project(self, x: float, y: float) -> tuple[float, float]:
-        """Return the distances of a point along the line and to the left of the line [m]."""
+        """Return the distance of a point along the line and its lateral offset, left positive [m]."""
         return to_heading(self.yaw, x - self.x, y - self.y)
 
 
 class AxlePose(NamedTuple):
-    """Estimated pose of the rear axle, with roll and speed."""
+    """Estimated pose of the rear axle, with roll angle and speed."""
 
     x: float
-    """East coordinate [m]."""
+    """East coordinate of the rear axle [m]."""
     y: float
-    """North coordinate [m]."""
+    """North coordinate of the rear axle [m]."""
     yaw: float
     """Heading from east, counter-clockwise [rad]."""
     roll: float = 0.0
     """Roll angle, positive if the left side is up [rad]."""
     speed: float = 0.0
-    """Speed [m/s]."""
+    """Forward speed [m/s]."""
 
 
 class HostSettings(NamedTuple):
-    """Settings of the program. Each of them is an option of the command line."""
+    """Settings of the guidance program; each setting is a command-line option."""
 
     line: AbLine = AbLine(0.0, 0.0, 0.0)
     origin: Origin = Origin(AgOpenGps().origin_lat_deg, AgOpenGps().origin_lon_deg)
     law: Literal["pure_pursuit", "stanley"] = "pure_pursuit"
     wheelbase: float = 1.4
-    """Wheelbase [m]."""
+    """Wheelbase of the tractor [m]."""
     antenna_height: float = 2.0
-    """Height of the antenna above the ground [m]."""
+    """Height of the GNSS antenna above the ground [m]."""
     look_ahead: float = 2.0
-    """Look-ahead time of pure pursuit [s]. Assumed value."""
+    """Look-ahead time of pure pursuit [s], used if `hold` is not given. Assumed value."""
     hold: float | None = None
-    """Look-ahead distance at standstill, as in AgOpenGPS programs [m]. It replaces `look_ahead`."""
+    """Look-ahead distance at standstill, as in AgOpenGPS programs [m]; replaces `look_ahead`."""
     multiplier: float = 1.5
-    """Increase of the distance `hold` with the speed, in twentieths per km/h. Default of AgOpenGPS programs."""
+    """Relative increase of `hold` at a speed of 20 km/h [-], proportional to the speed. Default of AgOpenGPS."""
     integral: float = 0.0
-    """Integral gain: steering angle per offset and time [rad/(m s)]. Default: 0, as in common programs."""
+    """Integral gain of the lateral offset [rad/(m s)]. Default: 0, as in common programs."""
     side_hill: float = 0.0
-    """Steering angle towards the hill per roll angle [-]. Default: 0, as in common programs."""
+    """Uphill steering angle divided by roll angle [-]. Default: 0, as in common programs."""
     engage_after: float = 1.0
-    """Time from the first known heading to the engagement [s]."""
+    """Delay between the first valid heading and engagement [s]."""
     dialect: str = "agopengps"
     """Protocol of the messages: `agopengps` or `agopenweb`."""
     board: tuple[int, int, int] | None = None
-    """Proportional gain, high PWM and minimum PWM that are sent to the board at the start."""
+    """Proportional gain, high PWM and minimum PWM, sent to the steering board at the start; None sends no settings."""
 
 
 class LawState(NamedTuple):
-    """State of a guidance law between two positions."""
+    """State of a guidance law between two position messages."""
 
     integral: float = 0.0
     """Integral part of the steering angle [rad]."""
     off: float | None = None
-    """Last offset of the rear axle from the line [m]."""
+    """Last lateral offset of the rear axle from the line [m], left positive."""
     rate: float = 0.0
-    """Rate of the offset after a low-pass filter [m/s]."""
+    """Low-pass filtered rate of the lateral offset [m/s]."""
     correction: float = 0.0
-    """Offset term of Stanley after a low-pass filter [rad]."""
+    """Low-pass filtered offset term of the Stanley law [rad]."""
 
 
 LOOK_AHEAD_LEAST_M = 2.5
 """Minimum look-ahead distance [m]. Assumed value."""
 ACQUIRE, ON_LINE_M, OFF_LINE_M = 0.9, 0.1, 0.4
-"""Factor on the look-ahead distance [-] at offsets above the second distance [m], as in AgOpenGPS programs. It is 1 at
-offsets below the first distance [m]."""
+"""Factor on the look-ahead distance far from the line [-], and the lateral offsets between which the factor decreases
+from 1 to this value [m], as in AgOpenGPS programs."""
 HEADING_GAIN, DISTANCE_GAIN = 1.0, 0.8
-"""Gains of Stanley for heading [-] and offset [1/m]. Assumed values."""
+"""Gains of the Stanley law for heading error [-] and lateral offset [1/m]. Assumed values."""
 STEER_LIMIT = 0.785
-"""Maximum steering angle to either side [rad]."""
+"""Maximum steering angle in both directions [rad]."""
 YAW_RATE_LIMIT = 0.64
 """Maximum commanded yaw rate [rad/s]. Default value of common programs."""
 INTEGRAL_LIMIT = 0.2
-"""Maximum integral part of the steering angle [rad]."""
+"""Maximum magnitude of the integral part of the steering angle [rad]."""
 INTEGRAL_SPEED, INTEGRAL_RATE = 2.5 / KMH, 0.1
-"""Minimum speed [m/s] and maximum rate of the offset [m/s] at which the integral changes."""
+"""Minimum speed [m/s] and maximum rate of the lateral offset [m/s] at which the integral part is updated."""
 
 
 def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) -> tuple[LawState, float, float]:
-    """Return the new state, the steering angle [rad], and the offset from the line [m] after a step `dt` [s]."""
+    """Return the new law state, the steering angle [rad] and the lateral offset [m] after a time step `dt` [s]."""
     line = settings.line
     _, off = line.project(pose.x, pose.y)
     raw = 0.0 if state.off is None else (off - state.off) / dt
@@ -133,7 +134,7 @@ def steer(settings: HostSettings, state: LawState, pose: AxlePose, dt: float) ->
 
 
 def _look_ahead(settings: HostSettings, speed: float, off: float) -> float:
-    """Return the look-ahead distance [m]. With `hold` it is shorter by a tenth for a vehicle off the line."""
+    """Return the look-ahead distance [m]; with `hold`, the distance decreases by a tenth far from the line."""
     if settings.hold is None:
         return max(LOOK_AHEAD_LEAST_M, settings.look_ahead * speed)
     far = clip((abs(off) - ON_LINE_M) / (OFF_LINE_M - ON_LINE_M), 0.0, 1.0)
@@ -142,7 +143,7 @@ def _look_ahead(settings: HostSettings, speed: float, off: float) -> float:
 
 
 def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: float) -> float:
-    """Return the steering angle for the circle through rear axle and goal point [rad]."""
+    """Return the steering angle of the circle through rear axle and goal point [rad]."""
     ahead = _look_ahead(settings, pose.speed, off)
     goal_x, goal_y = ahead * cos(line.yaw) + off * sin(line.yaw), ahead * sin(line.yaw) - off * cos(line.yaw)
     _, left = to_heading(pose.yaw, goal_x, goal_y)
@@ -151,7 +152,7 @@ def _pure_pursuit(settings: HostSettings, line: AbLine, pose: AxlePose, off: flo
 
 
 def _stanley(settings: HostSettings, state: LawState, line: AbLine, pose: AxlePose, off: float) -> tuple[float, float]:
-    """Return the steering angle of Stanley, which is halved far from the line, and its filtered part [rad]."""
+    """Return the steering angle of the Stanley law, halved far from the line, and the filtered offset term [rad]."""
     _, front = line.project(pose.x + settings.wheelbase * cos(pose.yaw), pose.y + settings.wheelbase * sin(pose.yaw))
     slower = 1 + 0.277 * max(pose.speed * KMH - 1, 0.0)
     correction = 0.5 * state.correction + 0.5 * atan(-front * DISTANCE_GAIN / slower)
@@ -164,23 +165,23 @@ ENGAGED, WORKING, VALID = 0x01, 0x05, 0x18
 HELLO_S = 2.0
 """Period of the hello messages [s]."""
 CHORD_M = 1.0
-"""Distance between two fixes from which a heading is computed [m]. Assumed value."""
+"""Minimum distance between two fixes from which a heading is computed [m]. Assumed value."""
 TRUST = 0.05
-"""Weight of a new heading from fixes in the heading offset of the inertial unit [-]. Assumed value."""
+"""Weight of a new heading from fixes in the estimated heading offset of the inertial unit [-]. Assumed value."""
 JUMP_S = 1.0
-"""Gap between positions after which the state of the law is reset [s]. Assumed value."""
+"""Time between two positions above which the state of the law is reset [s]. Assumed value."""
 
 
 class GuideState(NamedTuple):
-    """State of the host between two positions."""
+    """State of the guidance program between two position messages."""
 
     law: LawState = LawState()
     t: float = nan
-    """Time of the last position [s]."""
+    """Time of the last position message [s]."""
     ready_since: float = nan
-    """Time at which the heading was first known [s]."""
+    """Time of the first valid heading [s]."""
     trail: tuple[tuple[float, float], ...] = ()
-    """Antenna positions for the next heading, oldest first: east and north [m]."""
+    """Antenna positions (east, north) for the next heading from fixes, oldest first [m]."""
     yaw: float = nan
     """Last heading from fixes [rad]."""
     offset: float = nan
@@ -189,16 +190,16 @@ class GuideState(NamedTuple):
     """Time of the last hello message [s]."""
     engaged: bool = False
     worst: float = 0.0
-    """Maximum distance from the line while engaged [m]."""
+    """Maximum absolute lateral offset while engaged [m]."""
 
 
 class Guide(NamedTuple):
-    """Small guidance program with its settings."""
+    """Small guidance program, without sockets and clock."""
 
     settings: HostSettings
 
     def receive(self, state: GuideState, datagram: bytes, t: float) -> tuple[GuideState, list[bytes]]:
-        """Process a datagram from the boards at time `t` [s]; return the new state and the replies."""
+        """Process a datagram from the boards at time `t` [s]; return the new state and the reply messages."""
         position = read(datagram)
         if position is None:
             return state, []
@@ -228,7 +229,7 @@ class Guide(NamedTuple):
         return state, SteerData(pose.speed, self._status(engaged), angle, cross_track_byte(off, self.settings.dialect))
 
     def _pose(self, state: GuideState, position: Position) -> tuple[GuideState, AxlePose]:
-        """Return the new state, and the pose of the rear axle that belongs to an antenna position."""
+        """Return the new state, and the rear-axle pose computed from an antenna position."""
         s, a = position.solution, position.attitude
         x, y = to_local(self.settings.origin, s.latitude, s.longitude)
         state, yaw = self._heading(state, position, x, y)

@@ -1,7 +1,7 @@
-"""Program that runs the small host on this computer: `python examples/agopengps_host/host.py --help`.
+"""Run the small guidance host on this computer: `python examples/agopengps_host/host.py --help`.
 
-The host listens on the port of AgOpenGPS programs and steers along one straight line. It ends a few seconds after the
-last position, or after --duration.
+The host listens on the UDP port of AgOpenGPS programs and steers along one straight line. It ends a few seconds after
+the last position, or after --duration.
 """
 
 import argparse
@@ -16,13 +16,13 @@ from agrobot_mj.core.geodesy import Origin
 from agrobot_mj.extensions.links.agopengps.udp import BOARD_PORT, HOST_PORT, UdpSockets
 
 IDLE_S = 5.0
-"""Time without positions after which the host exits [s]."""
+"""Default time without positions after which the host exits [s]."""
 SLICE_S = 0.2
-"""Period with which the host checks whether to exit [s]."""
+"""Period of the exit checks [s]."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser for the command line."""
+    """Return the command-line parser."""
     d = HostSettings()
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--law", choices=("pure_pursuit", "stanley"), default=d.law)
@@ -46,14 +46,17 @@ def parser() -> argparse.ArgumentParser:
 
 
 def settings_of(a: argparse.Namespace) -> HostSettings:
-    """Return the settings from the parsed command line."""
+    """Return the host settings in parsed command-line arguments."""
     x, y, heading_deg = a.line
     given = {name: value for name, value in vars(a).items() if name in HostSettings._fields}
     return HostSettings(**given)._replace(line=AbLine(x, y, radians(heading_deg)), origin=Origin(*a.origin))
 
 
 def serve(guide: Guide, sockets: UdpSockets, duration: float, idle: float) -> GuideState:
-    """Reply to positions until none arrives for `idle` [s] or until `duration` [s] is over; return the last state."""
+    """Reply to position messages; return the last state.
+
+    The function returns after `duration` [s], or `idle` [s] after the last position.
+    """
     state, end, heard = GuideState(), time.perf_counter() + duration, float("inf")
     while (now := time.perf_counter()) < min(end, heard + idle):
         for received in sockets.receive(now + SLICE_S):

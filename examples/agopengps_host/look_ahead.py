@@ -1,7 +1,8 @@
-"""Look-ahead of pure pursuit by speed. `python examples/agopengps_host/look_ahead.py` prints the table of link.md.
+"""Errors of pure pursuit by look-ahead and speed; `python examples/agopengps_host/look_ahead.py` prints the table.
 
-Each cell is a run on level ground that starts 1 m beside the line of the host, which runs in the same process:
-overshoot, and rms distance from 20 s before the end.
+The table is on the page link.md. Each cell contains the overshoot, and the rms lateral offset in the last 20 s, of a
+run on level ground. The run starts at a lateral offset of 1 m from the line of the host, which runs in the same
+process.
 """
 
 import sys
@@ -21,7 +22,7 @@ from agrobot_mj.extensions.links.agopengps.udp import Incoming
 
 ADDRESS = "127.0.0.1:9999"
 SPEEDS = (1.0, 2.0, 3.0, 4.0)
-"""Speeds [m/s]."""
+"""Path speeds of the table columns [m/s]."""
 LOOK_AHEADS = {
     "one antenna, default settings": "--hold 3",
     "one antenna, 6 m": "--hold 6 --multiplier 0",
@@ -30,11 +31,11 @@ LOOK_AHEADS = {
     "two antennas, 3 m": "--hold 3 --multiplier 0",
     "two antennas, 2 s": "--look-ahead 2",
 }
-"""Arguments of the host, by name of the row."""
+"""Command-line arguments of the host, by row name."""
 
 
 class Direct:
-    """Connection to a host in the same process, without sockets or clock. No message passes while `cut` is true."""
+    """Connection to a host in the same process, without sockets or clock; `cut` interrupts the connection."""
 
     pace = None
 
@@ -43,17 +44,17 @@ class Direct:
         self.answers: list[bytes] = []
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return no messages: all are answers."""
+        """Start a tick; return an empty iterator, because the host only sends replies."""
         self.turn = turn
         return iter(())
 
     def rest(self, turn: int, answered: object) -> Iterator[Incoming]:
-        """Return the answers of the host."""
+        """Return the replies of the host since the last call."""
         answers, self.answers = self.answers, []
         return (Incoming(turn * TICK_S, ADDRESS, answer) for answer in answers)
 
     def send(self, data: bytes, target: object = None) -> tuple[float, str]:
-        """Pass a message to the host."""
+        """Send a message to the host; return time [s] and address."""
         if not self.cut and target is None:
             self.state, answers = self.guide.receive(self.state, data, self.turn * TICK_S)
             self.answers += answers
@@ -61,7 +62,7 @@ class Direct:
 
 
 def cell(host: str, speed: float, overrides: dict[str, object]) -> str:
-    """Simulate a run and return overshoot and late rms distance from the line [cm]."""
+    """Simulate a run; return a table cell with overshoot and rms lateral offset in the last 20 s [cm]."""
     keys = {"guidance.kind": "agopengps", "path.start_offset_m": 1.0, "path.speed_m_s": speed, "duration_s": 60.0}
     scenario = load_scenario(LEVEL, {**keys, "terrain.half_size_m": 600.0, **overrides})
     log = run_link(scenario, Direct(Guide(settings_of(parser().parse_args(host.split())))), LinkOptions()).log
@@ -70,7 +71,7 @@ def cell(host: str, speed: float, overrides: dict[str, object]) -> str:
 
 
 def main() -> None:
-    """Simulate the runs and print their table."""
+    """Simulate all runs and print the table."""
     rows = []
     for name, host in LOOK_AHEADS.items():
         antennas = TWO_ANTENNAS if name.startswith("two") else {}

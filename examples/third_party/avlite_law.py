@@ -2,8 +2,8 @@
 
 agrobot-mj run side_slope_10 --plugin avlite_law.py --set guidance.kind=avlite --set guidance.law=pure_pursuit
 
-AVLite follows a list of points with the pose of the rear axle, here at the speed of the path. Vehicle data and gains
-are attributes of its controllers; their defaults are for a car.
+AVLite follows a list of points from the pose of the rear axle; the speed is the speed of the path. Vehicle data and
+gains are attributes of the controllers, with defaults for a car.
 """
 
 from typing import Annotated, Any, Literal
@@ -22,22 +22,22 @@ from agrobot_mj.core.spec import Positive
 
 
 class AvliteLaw(GuidanceLaw):
-    """Steering by a controller of AVLite."""
+    """Guidance law with a steering controller of AVLite."""
 
     kind: Literal["avlite"] = "avlite"
     law: Literal["stanley", "pure_pursuit"] = "stanley"
-    """Steering controller of AVLite."""
+    """Name of the AVLite steering controller."""
     gain_per_s: Positive = 5.0
-    """Gain of Stanley [1/s]. Default: that of AVLite."""
+    """Gain of Stanley [1/s]. Default: the default of AVLite."""
     ahead_m: Positive = 8.0
-    """Look-ahead distance of pure pursuit [m]. Default: that of AVLite."""
+    """Look-ahead distance of pure pursuit [m]. Default: the default of AVLite."""
     path_m: Positive = 150.0
-    """Length of the path that AVLite receives [m]. Assumed value: longer than a run."""
+    """Length of the path passed to AVLite [m]. Assumed value: longer than a run."""
     spacing_m: Annotated[float, Field(gt=0.01, le=5)] = 0.5
-    """Distance between path points [m]. Assumed value."""
+    """Distance between points of the path passed to AVLite [m]. Assumed value."""
 
     def update(self, state: Any, situation: Situation, dt: float) -> tuple[Any, Command]:
-        """Return the controller, which is created in the first tick, and the command."""
+        """Return the AVLite controller, which is created in the first tick, and the command."""
         controller = self._controller(situation) if state is None else state
         e, r = situation.estimate, situation.reference
         ego = EgoState(x=e.rear_x, y=e.rear_y, theta=e.yaw, velocity=e.speed)
@@ -45,7 +45,7 @@ class AvliteLaw(GuidanceLaw):
         return controller, Command(steer, to_heading(r.yaw, r.vx, r.vy)[0])
 
     def _controller(self, situation: Situation) -> Any:
-        """Create the controller for the machine and the path of a situation."""
+        """Return an AVLite controller for the machine and path of a situation."""
         places = [situation.route.ahead(s) for s in np.arange(0.0, self.path_m, self.spacing_m).tolist()]
         path = TrajectoryTracker(path=[(p.x, p.y) for p in places], velocity=[abs(p.speed) for p in places])
         controller = (StanleyController if self.law == "stanley" else PurePursuitController)(path)

@@ -1,7 +1,7 @@
 """Print the table of docs/third_party.md: controllers of other projects on the simulated tractor.
 
-Run it with `make third-party`. A cell contains the cross-track error of the CG, rms / 95th percentile [cm], or the
-outcome of an incomplete run. The supervisor is off.
+Run the script with `make third-party`. A cell contains the cross-track error of the CG, rms / 95th percentile [cm], or
+the outcome of an incomplete run. The supervisor is disabled.
 """
 
 import sys
@@ -18,14 +18,14 @@ TOY: dict[str, Any] = {
     **{"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0},
     **{"sensors.steering_pot.noise_sigma_deg": 0.01, "sensors.steering_pot.resolution_deg": 0.01},
 }
-"""Overrides for a linear bicycle model without noise, with a fast valve without dead band."""
+"""Overrides for the ideal plant: a linear bicycle model without noise, with a fast valve without dead band."""
 SURFACES: dict[str, tuple[str, dict[str, Any]]] = {
     "level line": ("straight_line", {"duration_s": 60.0}),
     "side slope 10 deg": ("side_slope_10", {"duration_s": 60.0}),
     "circle, radius 10 m": ("circle", {"duration_s": 60.0}),
     "level line, ideal plant": ("straight_line", {"duration_s": 60.0, **TOY}),
 }
-"""Scenario and overrides of each column."""
+"""Scenario and overrides of each table column."""
 LAWS: dict[str, dict[str, Any]] = {
     "AVLite Stanley, default (5 1/s)": {"guidance.kind": "avlite"},
     "AVLite Stanley, 0.5 1/s": {"guidance.kind": "avlite", "guidance.gain_per_s": 0.5},
@@ -41,7 +41,7 @@ LAWS: dict[str, dict[str, Any]] = {
 
 
 def cell(law: str, scenario: str, keys: dict[str, Any]) -> str:
-    """Simulate one run and return its cell."""
+    """Simulate one run and return its table cell."""
     if law.startswith("rox"):
         metrics = drive(scenario, keys)
     else:

@@ -16,7 +16,7 @@ HEADS = ("law", "speed [m/s]", "starts acquired", "overshoot [m]", "time, mean, 
 
 
 def acquisition(study: Study) -> Blocks:
-    """Return two tables: starts parallel to the line or away from it, and starts towards the line."""
+    """Return two tables of acquisition times: for starts parallel to the line or away from it, and towards the line."""
     rows = study.rows("acquisition")
     return {
         "acquisition": table([row for row in rows if row[HEADING] >= 0]),
@@ -34,7 +34,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ...], float]) -> tuple[str, ...]:
-    """Return the row of a law at a speed, with its acquisition time relative to that of the fastest law (`best`)."""
+    """Return the table row of a law at a speed; `best` contains the minimum time over all laws, by start."""
     times = {begin: seconds for row in some for begin, seconds in acquired(row).items()}
     overshoots = [row["acquisition.overshoot_m"] for row in some if not row["error"] and has_room(row)]
     counts = f"{len(times)} of {len(some)}", f"{max(overshoots):.2f}" if overshoots else "-"
@@ -46,16 +46,17 @@ def line(law: str, speed: float, some: Sequence[Row], best: dict[tuple[float, ..
 
 
 def has_room(row: Row) -> bool:
-    """Return whether a turn at full lock is possible before the line; the rear axle turns at R = L / tan(limit).
+    """Return whether the tractor can turn parallel to the line, at maximum steering angle, before it reaches the line.
 
-    In a turn by theta, the CG, l_r ahead of the rear axle, approaches the line by R (1 - cos theta) - l_r sin theta.
+    The rear axle turns at R = L / tan(limit). In a rotation by theta, the CG, l_r ahead of the rear axle, approaches
+    the line by R (1 - cos theta) - l_r sin theta.
     """
     theta, radius = radians(max(-row[HEADING], 0.0)), COMPACT.wheelbase_m / tan(COMPACT.steer_limit)
     return bool(radius * (1 - cos(theta)) - COMPACT.cg_to_rear_axle * sin(theta) <= row[OFFSET])
 
 
 def acquired(row: Row) -> dict[tuple[float, ...], float]:
-    """Return the acquisition time [s] of a run by its start (speed, offset, heading); empty without acquisition."""
+    """Return the acquisition time of a run [s], by start (speed, offset, heading); empty without acquisition."""
     seconds = error_of(row, "acquisition.acquired_s")
     return {} if seconds is None else {tuple(row[key] for key in START): seconds}
 

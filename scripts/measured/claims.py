@@ -5,7 +5,8 @@ effect. It is *qualified* if the null models show the effect or the claim holds 
 claim holds in no case.
 
 A row contains the study (name of the sweep after `claims`, or `paper`), plant, law, and `x`, the value of the varied
-factor. The laws are those of the paper, null models and a PI controller, all with the paper's kinematic law and filter.
+factor. The laws are the laws of the paper, null models and a PI controller, all with the paper's kinematic law and
+filter.
 """
 
 import json
@@ -25,15 +26,15 @@ PLANTS = ("bicycle", "mujoco")
 PD, ISGN, T1, T2, PI, LQR = "pd", "pd_isgn", "pd_t1fnn", "pd_t2fnn", "pi", "lqr"
 FASTER = "pd_t1fnn, faster"  # Type-1 network whose learning rate is close to the final rate of type 2
 STUDIES = {"paper": "claims", **{name: f"claims_{name}" for name in ("noise", "soil", "gain", "paths", "settling")}}
-"""Name of the sweep of each study."""
+"""Name of the sweep, by study."""
 SIGMAS: list[float] = shipped("claims_noise")["axes"]["sensors.gnss.sigma_m"]
-"""Standard deviations of the position in the study of noise [m]. The receiver of the paper has 0.02."""
+"""Standard deviations of the position in the noise study [m]. The paper's receiver has 0.02."""
 TURNS = range(1, 1 + shipped("claims_settling")["set"]["path.turns"])
-"""Numbers of the turns in the study of the settling of q."""
+"""Numbers of the turns in the study of the parameter q of the type-2 network."""
 CONFIRMED, QUALIFIED, REFUTED = "confirmed", "qualified", "refuted"
 PAPER_RATIO, ROBUST = 0.70, 1.5
-"""Ratio of the errors with network and with PD on the real tractor, and maximum ratio of the errors on the softest and
-the firmest soil for a robust law [-]."""
+"""Error with the network divided by the error with PD on the real tractor, as in the paper [-], and maximum error on
+the softest soil divided by the error on the firmest soil for a robust law [-]."""
 
 
 def path_name(path: dict[str, Any]) -> str:
@@ -42,11 +43,11 @@ def path_name(path: dict[str, Any]) -> str:
 
 PATHS = {"10 m, 1.2 m/s": ("paper", 0.0)}
 PATHS |= {(name := path_name(path)): ("paths", name) for path in shipped("claims_paths")["axes"]["path"]}
-"""Study and value `x` of each figure eight, first the figure eight of the paper."""
+"""Study and value `x` of each figure eight, by name; the first entry is the figure eight of the paper."""
 
 
 def claim_rows(study: Study) -> list[Row]:
-    """Return the rows of all studies, or an empty list if a study is incomplete."""
+    """Return the rows of all studies, or an empty list if runs are missing."""
     found = {name: study.rows(sweep) for name, sweep in STUDIES.items()}
     if not all(found.values()):
         return []
@@ -54,7 +55,7 @@ def claim_rows(study: Study) -> list[Row]:
 
 
 def claim_row(study: Study, name: str, row: Row) -> Row:
-    """Return a row with its study, its varied factor and, where needed, the travel of q."""
+    """Return a sweep row with its study, law and varied factor, and with the variation of q for type 2."""
     found = {**row, "study": name, "law": row["variant"], **plant_and_x(name, row)}
     if row["variant"] == T2 and name in ("paper", "settling"):
         run = study.kept(STUDIES[name], row)
@@ -63,7 +64,7 @@ def claim_row(study: Study, name: str, row: Row) -> Row:
 
 
 def plant_and_x(name: str, row: Row) -> Row:
-    """Return the plant and the value of the varied factor for a row."""
+    """Return the plant and the varied factor `x` of a row in the study `name`."""
     if name == "soil":
         plant = json.loads(row["plant"])
         stiffness = plant.get("front_cornering_stiffness_n_rad", 0) / Bicycle().front_cornering_stiffness_n_rad
@@ -74,7 +75,7 @@ def plant_and_x(name: str, row: Row) -> Row:
 
 
 def q_numbers(q: np.ndarray, turns: Sequence[RowChoice]) -> dict[str, list[float]]:
-    """Return the total variation of q in each turn, and the fraction of ticks in which q does not change."""
+    """Return the total variation of q per turn, and the fraction of ticks per turn in which q is constant."""
     steps = np.abs(np.diff(q, prepend=q[0]))
     return {
         "q_travel": [float(steps[rows].sum()) for rows in turns],
@@ -86,14 +87,14 @@ MSE, XTE = field("lateral_mse"), field("xte_rms")
 
 
 def turn(name: str, number: int, factor: float = 1.0) -> Value:
-    """Return a function that reads `name` in a turn (from 1) from a row; `lateral_mse` is the error in the turn."""
+    """Return a function that reads the value `name` in a turn (from 1) from a row, multiplied by `factor`."""
     if name == "lateral_mse":
         return lambda row: float(row["per_turn"][number - 1][name])
     return lambda row: factor * float(row[name][number - 1])
 
 
 class Claims:
-    """Runs of all studies, with the estimates that claims and figures use."""
+    """Rows of all studies, with the statistics for claims and figures."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.rows = rows
@@ -104,22 +105,22 @@ class Claims:
     def over(
         self, other: str, plant: str, law: str, study: str = "paper", x: Any = 0.0, value: Value = MSE
     ) -> Estimate:
-        """Return the ratio of a value (default: lateral mean square error) to the value of another law."""
+        """Return the value of a law (default: lateral mean square error) divided by the value of the law `other`."""
         return ratio(*(by_seed(self._runs(plant, each, study, x), value) for each in (law, other)))
 
     def second_turn(
         self, plant: str, law: str, study: str = "paper", x: Any = 0.0, name: str = "lateral_mse"
     ) -> Estimate:
-        """Return the ratio of a value in the second turn to the value in the first turn."""
+        """Return the value in the second turn divided by the value in the first turn."""
         runs = self._runs(plant, law, study, x)
         return ratio(*(by_seed(runs, turn(name, number)) for number in (2, 1)))
 
     def soils(self, plant: str) -> list[float]:
-        """Return the soils, softest first: cone indices [kPa], or relative stiffnesses on the bicycle [-]."""
+        """Return the soils, softest first: cone indices [kPa], or relative stiffnesses of the bicycle model [-]."""
         return sorted({row["x"] for row in select(self.rows, study="soil", plant=plant)})
 
     def softest(self, plant: str, law: str) -> Estimate:
-        """Return the ratio of the cross-track RMS on the softest soil to the RMS on the firmest soil."""
+        """Return the cross-track RMS of a law on the softest soil divided by its RMS on the firmest soil."""
         soils = self.soils(plant)
         return ratio(*(by_seed(self._runs(plant, law, "soil", x), XTE) for x in (soils[0], soils[-1])))
 
@@ -128,7 +129,7 @@ class Claims:
 
 
 class Judged(NamedTuple):
-    """Claim with its verdict."""
+    """Claim with its verdict and the results that support it."""
 
     claim: str
     verdict: str
@@ -163,7 +164,7 @@ def _better(claims: Claims) -> Judged:
 
 
 def _takes_over(claims: Claims) -> Judged:
-    """Evaluate the claim that PD dominates in the first turn, and the network in later turns."""
+    """Evaluate the claim that PD provides most of the command in the first turn, and the network in later turns."""
 
     def share(plant: str, law: str, number: int) -> Estimate:
         return claims.mean(turn("nn_share", number), plant, law)
@@ -196,7 +197,7 @@ def _settles(claims: Claims) -> Judged:
 
 
 def _type_2(claims: Claims) -> Judged:
-    """Evaluate the claim for type 2 at minimum and maximum noise; the null model is type 1 with a larger alpha."""
+    """Evaluate the claim about type 2 at minimum and maximum noise; the null model is type 1 with a larger alpha."""
 
     def over(other: str, law: str, plant: str, sigma: float) -> Estimate:
         return claims.over(other, plant, law, "noise", sigma)
@@ -214,7 +215,7 @@ def _type_2(claims: Claims) -> Judged:
 
 
 def _soil(claims: Claims) -> Judged:
-    """Evaluate the claim of robustness on soft soil: error ratio below `ROBUST`, also for the null models."""
+    """Evaluate the claim of robustness on soft soil: an error ratio below `ROBUST`, also for the null models."""
     holds = [claims.softest(plant, T2).below(ROBUST) for plant in PLANTS]
     null_too = all(claims.softest(*case).below(ROBUST) for case in product(PLANTS, (PD, ISGN)))
     null = ", ".join(f"{law} {claims.softest(PLANTS[1], law).text()}" for law in (PD, ISGN, PI, LQR))

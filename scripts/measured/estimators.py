@@ -1,7 +1,7 @@
 """Page estimators_tables: estimators in closed loop (sweeps `estimators`, `estimator_settings`) and on recorded drives.
 
-Parts: `loop`, both sweeps; `recorded`, drives of the paper's stack; `consistency`, `ekf_full` on varying ground;
-`speeds`, the same for speeds and machines. `--seeds` also limits the sensor seeds.
+Parts: `loop`, both sweeps; `recorded`, drives of the paper's stack; `consistency`, `ekf_full` on various grounds;
+`speeds`, consistency of `ekf_full` by speed and machine. `--seeds` also limits the number of sensor seeds.
 """
 
 import json
@@ -47,7 +47,7 @@ from agrobot_mj.core.signals import TICK_S
 
 KINDS = (PAPER, UKF, BIAS, FULL)
 RECORDED, SEEDS_FULL, SEEDS_OTHER = 4, 20, 4
-"""Number of recorded drives, and numbers of sensor seeds for `ekf_full` and for the other estimators."""
+"""Number of recorded drives, and numbers of sensor seeds for `ekf_full` and for other estimators."""
 COMMON = ("case", "estimator", "position [cm]", "heading [deg]", "course [deg]")
 GROUNDS: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
     "level": ({}, {}, nominal),
@@ -56,13 +56,13 @@ GROUNDS: dict[str, tuple[dict[str, Any], dict[str, Any], Day]] = {
     "side slope 10 deg, compensated": (SLOPE, TILT, nominal),
     "rough ground of class D, compensated": ({"terrain": {"kind": "rough", "iso_class": "D"}}, TILT, nominal),
 }
-"""Figure eights by name: overrides of the run, overrides of the estimator, and conditions as a function of time."""
+"""Cases of the figure eight: overrides of the run, overrides of the estimator, and conditions as a function of time."""
 LOSS_STARTS_S, HEADINGS_DEG = (25.0, 75.0), (0, 45, 90, 135, 180, -90)
-"""Start times of outages [s], at least 20 s before the end of an arc, and errors of the initial heading [deg]."""
+"""Start times of GNSS outages [s], at least 20 s before the end of an arc, and errors of the initial heading [deg]."""
 
 
 def loop(study: Study) -> Blocks:
-    """Return the closed-loop table with one row per case and estimator; values are means over the seeds."""
+    """Return the closed-loop table: means over the seeds, one row per case and estimator."""
     lines = []
     for name in ("estimators", "estimator_settings"):
         for (case, estimator), runs in groupby(study.rows(name), lambda row: (row["variant"], row["estimator"])):
@@ -76,7 +76,7 @@ def loop(study: Study) -> Blocks:
 
 
 def short(value: float) -> str:
-    """Return a number as text with three digits, without decimals from 1000, or an empty string for NaN."""
+    """Return a number as text with three significant digits, without decimals from 1000; NaN gives an empty string."""
     return "" if np.isnan(value) else f"{value:.3g}" if value < 1000 else f"{value:.0f}"
 
 
@@ -85,7 +85,7 @@ def setting(key: str, value: float) -> str:
 
 
 def loop_numbers(run: KeptRun) -> list[float]:
-    """Return the errors of a run after `BEGIN_S` in the order of the table. The `coast` error is NaN without outage."""
+    """Return the errors of a run after `BEGIN_S`, by table column; the error `coast` is NaN without an outage."""
     c, counts = run.column, run.column("t") > BEGIN_S
     error = np.hypot(c("rear_x_hat") - c("rear_x"), c("rear_y_hat") - c("rear_y"))
     course = np.arctan2(np.gradient(c("rear_y")), np.gradient(c("rear_x")))
@@ -101,14 +101,14 @@ def loop_numbers(run: KeptRun) -> list[float]:
 
 
 def of_interest(case: str, keys: Row) -> bool:
-    """Return whether a table has this row: tilt compensation only on slopes, sway filter only on rough ground."""
+    """Return whether the table has a row: tilt compensation only on slopes, `swing_filter_s` only on rough ground."""
     if "swing_filter_s" in keys:
         return "rough" in case
     return "slope" in case or ("terrain_compensation" not in keys and (len(keys) == 1 or "rough" not in case))
 
 
 def recorded(study: Study) -> Blocks:
-    """Return tables of estimators on recorded drives: steady state, outages, an outlier, and initial heading errors."""
+    """Return tables of estimators on recorded drives: steady state, outages, outliers, initial heading errors."""
     if study.only_draw:
         return {}
     seeds = study.seeds or SEEDS_FULL
@@ -120,7 +120,7 @@ def recorded(study: Study) -> Blocks:
     def runs(
         kind: dict[str, Any], case: str = "level", until: float = DURATION_S
     ) -> Iterator[tuple[RecordedDrive, int]]:
-        """Yield each drive with each sensor seed. Drives are cut at the time `until` [s]."""
+        """Yield recorded drives with sensor seeds; each drive ends at the time `until` [s]."""
         for k in range(seeds if kind is FULL else min(SEEDS_OTHER, seeds)):
             one = drives(case)[k % len(drives(case))]
             yield one._replace(truths=one.truths[: round(until / TICK_S)]), 100 + k
@@ -166,12 +166,12 @@ def recorded(study: Study) -> Blocks:
 
 
 def mean(values: Sequence[float]) -> str:
-    """Return the mean of values with its bootstrap interval as text."""
+    """Return the mean of values and its bootstrap interval as text."""
     return estimate(values, bootstrap_interval).text()
 
 
 def consistency(study: Study) -> Blocks:
-    """Return tables about the consistency of `ekf_full`."""
+    """Return tables about the consistency of `ekf_full` on various grounds."""
     if study.only_draw:
         return {}
     wholes, lost = list[tuple[str, ...]](), list[tuple[str, ...]]()
@@ -197,13 +197,13 @@ def consistency(study: Study) -> Blocks:
 
 
 SPEEDS_M_S, MACHINES, LOSS_S = (0.8, 1.2, 2.2, 3.0), {"compact": 1.0, "utility": 6.7, "row_crop": 12.5}, 11.0
-"""Speeds [m/s], masses of machines relative to the compact tractor, and duration of the outages [s]."""
+"""Speeds [m/s], masses of machines divided by the mass of the compact tractor [-], and duration of outages [s]."""
 CELLS = [(k, machine, speed) for k in range(len(CASES)) for machine in MACHINES for speed in SPEEDS_M_S]
-"""Cells of the tables in the order of the rows: case, machine and speed."""
+"""Cells of the tables (case, machine and speed), row by row."""
 
 
 def cell(job: tuple[int, str, float]) -> dict[str, str]:
-    """Return NEES of position and heading, and error and sigma after outages, with `physics = "fast"`."""
+    """Return NEES of position and heading, and error / reported sigma after outages, with `physics = "fast"`."""
     index, machine, speed = job
     case = CASES[index]
     with TemporaryDirectory() as folder:
@@ -225,7 +225,7 @@ def cell(job: tuple[int, str, float]) -> dict[str, str]:
 
 
 def speeds(study: Study) -> Blocks:
-    """Return tables about the consistency of `ekf_full` at other speeds and on other machines."""
+    """Return tables about the consistency of `ekf_full` by speed and machine."""
     cells = study.done("estimator_speeds", cell, CELLS)
     if len(cells) < len(CELLS):
         return {}

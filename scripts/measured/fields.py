@@ -1,6 +1,6 @@
-"""Tables of docs/extensions/fields/field_studies.md: turns on headlands, and the cost of guidance errors on fields.
+"""Tables of docs/extensions/fields/field_studies.md: headland turns, and area effects of guidance errors on fields.
 
-By default, sizes are those of the page's tables; `--full` runs the full size (days of one core).
+The default sizes are the sizes on the page; `--full` runs the full size (days on one core).
 """
 
 import json
@@ -49,7 +49,7 @@ VALVES: dict[str, Keys] = {
 RAISED: Keys = (("implement.kind", "mounted"), ("implement.lowered", False))
 DRAWN: Keys = (("implement.kind", "drawn"),)
 IMPLEMENTS = {"1.8 m": (1.8, ()), "3 m mounted": (3.0, RAISED), "3 m drawn": (3.0, DRAWN)}
-"""Width [m] and keys of each implement."""
+"""Working width [m] and overrides of each implement, by name."""
 PROBABILITY, CONFIDENCE = 0.95, 0.9  # Quantile of the distances, and confidence of all intervals [-]
 BEYOND_M = 20.0  # Distance that the plan may leave the swaths [m]
 
@@ -63,18 +63,18 @@ CONDITIONS: dict[str, tuple[Keys, Keys]] = {
     "slope of 6 deg": ((), SLOPE),
     "worn valve": ((), VALVES["worn"]),
 }
-"""Conditions on the rectangle: overrides included in the plan, and overrides applied only in the simulation."""
+"""Conditions on the rectangular field: overrides known to the plan, and overrides applied only in the simulation."""
 PUBLIC = {"Dutch, 3.59 ha": "test.json", "Estonian, three holes": "ee_field_130.wkt"}
-"""Files with fields in the source package of Fields2Cover."""
+"""Field files in the source package of Fields2Cover, by field name."""
 OWN = {
     "rectangle": shapely.box(-75, -50, 75, 50),
     "own, obstacle, slope": shapely.Polygon(
         [(-110, -70), (90, -85), (110, 20), (60, 75), (-95, 70)], [[(-8, -6), (8, -6), (8, 6), (-8, 6)]]
     ),
 }
-"""Fields of 1.5 and 2.9 ha without files [m]."""
+"""Boundaries of the other fields, 1.5 and 2.9 ha [m]."""
 OVERLAPS_M = (0.0, 0.05, 0.1, 0.2, 0.3)
-"""Planned overlaps, by which the implement is wider than the distance of the passes [m]."""
+"""Planned overlaps [m]: working width minus distance between passes."""
 LEAST_PERCENT = 0.05  # Minimum decrease of the missed area for which a break-even ratio is stated [percentage points]
 
 
@@ -96,11 +96,11 @@ FIELDS_SAID = (
     "planting and 7 % at tillage without guidance (Iowa, 2011), and 5 % by hand and 2.5 % with guidance at mowing "
     "(Wisconsin, 2011). Intervals have a confidence of 90 %. Failed runs are not averaged."
 )
-"""Descriptions of the tables."""
+"""Descriptions of the tables of headland turns and of fields."""
 
 
 class Drive(NamedTuple):
-    """Run of a study, with its labels and all that defines it."""
+    """Parameters of a simulated drive: table labels, implement, law, seed and size."""
 
     place: str  # Type of the turns, or name of the field
     valve: str
@@ -113,7 +113,7 @@ class Drive(NamedTuple):
 
 
 def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Log, FieldDrive]:
-    """Plan a field without the overrides `keys`, simulate the plan with these overrides, and return the drive."""
+    """Plan a field without the overrides `keys`, simulate the plan with them, and return log and evaluation."""
     known = dict(drive.keys)
     path = {"transition": "none" if options.turn == "omega" else "clothoid", "speed_m_s": 2.0}
     base = planning_scenario(field.name, path, known)
@@ -129,7 +129,7 @@ def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Lo
 
 
 def turned(drive: Drive) -> Row:
-    """Simulate parallel swaths with open ground at their ends, and return how far the turns extend beyond the ends."""
+    """Simulate turns between parallel swaths; return a row with the extent of the turns beyond the swaths."""
     count, length = drive.size
     body = shapely.box(0, 0, length, count * drive.width)
     field, shape = Field("swaths", body), drive.place
@@ -145,7 +145,7 @@ def turned(drive: Drive) -> Row:
 
 
 def headlands(study: Study) -> Blocks:
-    """Return the distances beyond a headland of the planned depth, and the time and area that turns take."""
+    """Return tables of headland turns: distance beyond the planned depth, and time and area per turn."""
     size, seeds = ((9, 40.0), 10) if study.full else ((3, 12.0), 2)
     cells = list(product(TURNS, VALVES, IMPLEMENTS, LAWS))
     jobs = [
@@ -178,7 +178,7 @@ def headlands(study: Study) -> Blocks:
 
 
 def public_fields(folder: Path) -> dict[str, Path]:
-    """Return the fields in a source package on PyPI, or an empty mapping if the package is not available."""
+    """Return the field files in a source package on PyPI by name; empty if the package is not available."""
     if not list(folder.glob("fields2cover-*.tar.gz")):
         pip, tools = [sys.executable, "-m", "pip", "-q"], folder / "tools"
         source = ("--no-deps", "--no-binary", ":all:", "--no-build-isolation", "--dest", str(folder), "fields2cover")
@@ -194,8 +194,10 @@ def public_fields(folder: Path) -> dict[str, Path]:
 
 
 def worked(job: tuple[Drive, str, Keys]) -> Row:
-    """Simulate the work on a scaled field with overrides that are not in the plan, and return the overlapped and missed
-    area for each planned overlap [%]."""
+    """Simulate the work on a scaled field; return overlapped and missed area for each planned overlap [%].
+
+    `job` is the drive, the file of the field (may be empty), and overrides unknown to the plan.
+    """
     drive, file, unknown = job
     field = read_field(Path(file)) if file else Field(drive.place, OWN[drive.place])
     field = replace(field, boundary=shapely.affinity.scale(field.boundary, *drive.size * 2, origin=(0.0, 0.0)))
@@ -219,7 +221,7 @@ def _shares(part: dict[str, float]) -> tuple[float, float]:
 
 
 def guidance(study: Study) -> Blocks:
-    """Return overlaps and gaps on four fields and in several conditions, and their change with the planned overlap."""
+    """Return tables of overlapped and missed areas on four fields and in several conditions, by planned overlap."""
     scale, seeds = (1.0, 10) if study.full else (0.35, 3)
     files = dict.fromkeys(OWN, "") | {name: str(file) for name, file in public_fields(study.runs / "public").items()}
     pairs = [(place, "reference") for place in files] + [("rectangle", each) for each in CONDITIONS]
@@ -266,7 +268,7 @@ def guidance(study: Study) -> Blocks:
 
 
 def _beyond(rows: Sequence[Row]) -> str:
-    """Return quantile and interval of the distance beyond the planned depth, with the number of failed runs."""
+    """Return a cell: quantile of the distance beyond the planned depth with its interval, and number of failed runs."""
     good = [reach - row["planned"] for row in rows if row["expected"] for reach in row["reach"]]
     done = sum(row["expected"] for row in rows)
     lost = f"{len(rows) - done} of {len(rows)} failed"
@@ -280,7 +282,7 @@ def _beyond(rows: Sequence[Row]) -> str:
 
 
 def _mean(values: Sequence[float]) -> str:
-    """Return mean and half width of the confidence interval of a mean."""
+    """Return a cell: mean and half width of its confidence interval."""
     if len(values) < 2:
         return "-"
     half = float(t.ppf((1 + CONFIDENCE) / 2, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)

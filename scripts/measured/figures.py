@@ -1,4 +1,4 @@
-"""Figures of the paper's claims: means over the seeds with 95 % intervals; a cross marks failed seeds."""
+"""Figures of the paper's claims: means over the seeds with 95 % intervals. A cross marks a mean with failed seeds."""
 
 from collections.abc import Callable, Mapping, Sequence
 from itertools import product
@@ -23,7 +23,7 @@ LOG, MSE_M2 = {"yscale": "log"}, "lateral MSE [m²]"
 
 
 class Panel(NamedTuple):
-    """Panel of a figure, with the curves of laws and plants."""
+    """Panel of a figure, with curves of laws and plants."""
 
     xlabel: str
     ylabel: str
@@ -36,7 +36,7 @@ class Panel(NamedTuple):
 
 
 def panels(claims: Claims) -> dict[str, list[Panel]]:
-    """Return the panels of each figure by its name, in the order of the claims."""
+    """Return the panels of each figure, by figure name in the order of the claims."""
     eights, gains, halves = list(PATHS), shipped("claims_gain")["axes"]["controller.kp"], ("turn 1", "turn 2")
 
     def settling(name: str, factor: float = 1.0) -> Callable[[str, str, Any], Estimate]:
@@ -79,13 +79,13 @@ def panels(claims: Claims) -> dict[str, list[Panel]]:
 
 
 def write_claim_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Draw all figures of the claims; write them to `folder` and return their files."""
+    """Draw all figures of the claims to files in `folder`; return the files."""
     with mpl.rc_context(STYLE):
         return [save(drawn(row), folder / f"claims_{name}.png") for name, row in panels(Claims(rows)).items()]
 
 
 def drawn(row: Sequence[Panel]) -> Figure:
-    """Return a figure with panels side by side and one legend: colours for laws, markers for plants."""
+    """Return a figure with panels side by side and a common legend: colours for laws, markers for plants."""
     figure = Figure((2 * PANEL_WIDTH_IN, 2.8), layout="constrained")
     for axes, panel in zip(figure.subplots(1, len(row), squeeze=False)[0], row, strict=True):
         draw(axes, panel)
@@ -98,7 +98,7 @@ def drawn(row: Sequence[Panel]) -> Figure:
 
 
 def draw(axes: Axes, panel: Panel) -> None:
-    """Draw the curves of a panel. Vertical lines are intervals, which a single seed does not have."""
+    """Draw the curves of a panel, with vertical lines for intervals."""
     named, curves = isinstance(panel.xs[0], str), list(product(panel.laws, panel.plants))
     for k, (law, plant) in enumerate(curves):
         shift = 0.6 * (k - (len(curves) - 1) / 2) / len(curves)
@@ -124,10 +124,10 @@ def draw(axes: Axes, panel: Panel) -> None:
 
 
 def log_x(values: Sequence[float]) -> dict[str, Any]:
-    """Return properties of a logarithmic x axis that has a tick at each value."""
+    """Return axes properties for a logarithmic x axis with a tick at each value."""
     return {"xscale": "log", "xticks": values, "xticklabels": [f"{x:g}" for x in values]}
 
 
 def face(plant: str, colour: str) -> str:
-    """Return the fill colour of a marker; markers of the bicycle are hollow."""
+    """Return the fill colour of a marker; markers of the bicycle model are hollow."""
     return colour if plant == "mujoco" else "white"

@@ -1,6 +1,6 @@
 """Page docs/findings.md with its tables: claims of the paper, laws, limits, importance of parameters, learning laws.
 
-The whole study takes a day on two cores. An interrupted study continues with the missing runs.
+The whole study takes a day on two cores. The same command continues an interrupted study.
 """
 
 import shutil
@@ -23,7 +23,7 @@ PRINTED = "as printed"  # Variant of the sweep `ablation` with which the other v
 
 
 def claims(study: Study) -> Blocks:
-    """Return the table of claims. Also draw the figures of the claims, and the lateral error of the first seed."""
+    """Return the table of claims; draw the figures of the claims, and the lateral error of the first seed."""
     rows = claim_rows(study)
     if not rows:
         return {}
@@ -36,7 +36,7 @@ def claims(study: Study) -> Blocks:
 
 
 def ablation(study: Study) -> Blocks:
-    """Return the table of lateral mean square errors in both turns, and their ratios to the network as printed."""
+    """Return a table of network variants: lateral mean square error per turn, and ratio to the network as printed."""
     rows = study.rows("ablation")
     lines = [
         (variant, *(cell for plant in PLANTS for cell in _ablated(select(rows, **{"plant.kind": plant}), variant)))

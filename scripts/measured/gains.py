@@ -1,6 +1,6 @@
 """Search for the shipped gains with `scenarios/tunings/gains.toml`, for docs/tuning/ and guidance_tables.md.
 
-The results are copied manually to `control/gains.py` and the defaults of the laws; a test compares them.
+The results are copied manually to `control/gains.py` and to the defaults of the laws; a test compares them.
 """
 
 import json
@@ -19,7 +19,7 @@ FILE = read_tuning("gains")
 
 
 def searched(study: Study, name: str) -> Blocks:
-    """Search for the gains of a law if they are missing; return the table when all laws are complete."""
+    """Search for the gains of the law `name` if the result is missing; return the table when all laws have results."""
     files = {law: study.images.parent / "tuning" / f"{law}.json" for law in FILE.laws}
     if not (files[name].exists() or study.only_draw):
         scenario = load_scenario("figure_eight", {**FILE.set, **FILE.laws[name].set})
@@ -30,7 +30,7 @@ def searched(study: Study, name: str) -> Blocks:
 
 
 def table(files: list[Path]) -> str:
-    """Return the table of the results with one row per law."""
+    """Return the table of the gain search with one row per law."""
     lines = []
     for found in (json.loads(file.read_text(encoding="utf-8")) for file in files):
         gains = ", ".join(f"`{key.split('.', 1)[1]}` {value:g}" for key, value in found["gains"].items())

@@ -1,4 +1,4 @@
-"""Learning laws compared with other laws: sweeps `learners` (wrong model), `learners_implement` (implement error)."""
+"""Comparison of learning laws with other laws: sweeps `learners` (model errors) and `learners_implement`."""
 
 import tomllib
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ def learners(study: Study) -> Blocks:
 
 
 def behind(study: Study) -> Blocks:
-    """Return tables of implement errors per lap or pass, and of the tractor error on the learned line."""
+    """Return tables of the implement error per lap or pass, and of the tractor error on the learned line."""
     return {
         case: compared(study, "learners_" + case.replace(",", "").replace(" ", "_"), "learners_implement", changes)
         for case, changes in CASES["behind"].items()
@@ -32,7 +32,7 @@ def behind(study: Study) -> Blocks:
 
 
 def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> str:
-    """Return the means of each law in a changed sweep, and paired differences of the learning law to the others."""
+    """Return a table of means per law in a modified sweep, and of paired differences to the learning law."""
     common, whole = shipped(sweep)["set"], sweep == "learners"
     if "base" in changes:
         common = {key: value for key, value in common.items() if not key.startswith(("path.", "implement."))}
@@ -44,7 +44,7 @@ def compared(study: Study, name: str, sweep: str, changes: dict[str, Any]) -> st
 
 
 def implement_numbers(run_row: Row, run: KeptRun) -> Row:
-    """Add the errors of implement and tractor to the row of a run: per lap, or on pairs of passes."""
+    """Return a row with added errors of implement and tractor: per lap, or per pair of passes."""
     view = RunView(run)
     there, ours = view.beside_path("implement_x", "implement_y").offset, view.cg_on_path.offset
     if hasattr(run.scenario.path, "passes_s"):
@@ -59,13 +59,13 @@ def implement_numbers(run_row: Row, run: KeptRun) -> Row:
 
 
 def compared_numbers(row: Row, run: KeptRun) -> Row:
-    """Add the errors per turn [cm] and the steering travel [deg] to the row of a run."""
+    """Return a row with added errors per turn [cm] and total steering travel [deg]."""
     travel = float(np.degrees(np.abs(np.diff(run.column("steer"))).sum()))
     errors = {f"turn {turn['turn']} [cm]": 100 * turn["xte_rms"] for turn in row["per_turn"]}
     return {**row, **errors, "steering travel [deg]": travel}
 
 
 def columns(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """Return the values of a case by quantity, by law and by seed."""
+    """Return the measured values of rows by quantity, by law and by seed."""
     measures = dict.fromkeys(name for row in rows for name in row if name.endswith(("[cm]", "[deg]")))
     return {name: by_law(rows, field(name)) for name in measures}

@@ -1,6 +1,7 @@
-"""Exceptions on docs/machines.md: every scenario on every machine, with the guidance law of the machine.
+"""Table of exceptions on docs/machines.md: scenarios with an unexpected outcome on a machine.
 
-Physics steps are 5 ms. `WHY` gives a reason for each outcome that differs from the expected outcome.
+Every scenario is simulated on every machine with the guidance law of the machine and `physics = "fast"`, except the
+scenarios in `STANDARD`. `WHY` contains a reason for each exception.
 """
 
 import tomllib
@@ -20,11 +21,11 @@ Pair = tuple[str, str]  # Name of a machine, and name of a scenario
 BLOCK = "exceptions"
 STANDARD = ("step_steer",)  # Scenarios whose tyres are too stiff for steps of 5 ms on a light machine
 WHY: dict[str, str] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-"""Physical reasons for the exceptions, by scenario."""
+"""Physical reason for an unexpected outcome, by scenario."""
 
 
 def drive(pair: Pair) -> Row:
-    """Simulate a scenario on a machine and return the row with its outcome."""
+    """Simulate a scenario on a machine; return a row with the outcome."""
     machine, name = pair
     physics = "standard" if name in STANDARD else "fast"
     try:
@@ -48,7 +49,7 @@ def exceptions(study: Study) -> Blocks:
 
 
 def listed() -> dict[Pair, str]:
-    """Return the outcomes of the exceptions that the page lists."""
+    """Return the outcomes in the table of exceptions on the page, by machine and scenario."""
     found = {}
     for line in block(page("machines").read_text(encoding="utf-8"), BLOCK).splitlines()[2:]:
         name, machines, ends, _ = (cell.strip() for cell in line.strip("|").split("|"))

@@ -1,4 +1,4 @@
-"""Blocks of the page docs/performance.md: cost of a run, and how costs depend on the size of the simulation."""
+"""Blocks of the page docs/performance.md: computing time of a run, and its dependence on the size of the simulation."""
 
 import os
 import subprocess
@@ -15,12 +15,12 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.tyres import MagicFormula
 
 NODES, LENGTHS_S, RUNS = (100, 300, 1000, 2000), (30.0, 120.0, 480.0), (1, 4, 16)
-"""Terrain nodes per side, durations of a run [s], and numbers of runs in a sweep."""
+"""Numbers of terrain nodes per side, durations of a run [s], and numbers of runs in a sweep."""
 SWEEP = 'base = "figure_eight"\nseeds = {n}\n[set]\n"plant.kind" = "bicycle"\n"duration_s" = 60.0\n'
 
 
 def by_terrain() -> dict[float, float]:
-    """Return the time of a physics step for each number of nodes per side of the height grid [us]."""
+    """Return the time of a physics step [us], by number of nodes per side of the height grid."""
     plants = {n: moving(MagicFormula(), ground=rough_ground(n)) for n in NODES}
     states = {n: plant.save() for n, plant in plants.items()}
 
@@ -34,7 +34,7 @@ def by_terrain() -> dict[float, float]:
 
 
 def by_length() -> dict[float, float]:
-    """Return the time of a tick for each duration of the run [us]."""
+    """Return the time of a tick [us], by duration of the run."""
     found = {}
     for length in LENGTHS_S:
         simulation = Simulation("figure_eight", {"duration_s": length, "path.turns": 4})
@@ -45,7 +45,7 @@ def by_length() -> dict[float, float]:
 
 
 def by_runs() -> dict[float, float]:
-    """Return the time per run for each number of one-minute bicycle runs in one process, including the start [s]."""
+    """Return the processor time per one-minute bicycle run [s], by number of runs in a process, with its start."""
     found = {}
     for n in RUNS:
         with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +61,7 @@ def by_runs() -> dict[float, float]:
 
 
 def growth() -> str:
-    """Return a table of costs as functions of the size of the simulation."""
+    """Return a table of computing times by size of the simulation."""
     curves = {
         "terrain nodes in each direction, per physics step": ("us", by_terrain()),
         "length of the run [s], per tick": ("us", by_length()),

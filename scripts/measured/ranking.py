@@ -1,8 +1,8 @@
-"""Rank of each law on each ground, from two independent sets of seeds.
+"""Rank of each guidance law on each ground, from two independent sets of seeds.
 
-A law ranks below laws that fail less often and, with equal failures, below laws that are significantly better: the 95 %
-interval of the paired difference of the cross-track RMS excludes 0. Other laws share a rank. The sets contradict each
-other on a pair of laws if both are significant with opposite signs.
+A law ranks below laws that fail less often. Among laws with equal failures, a law ranks below laws that are
+significantly better: the 95 % interval of the paired difference of the cross-track RMS excludes 0. Other laws share a
+rank. The sets of seeds contradict each other on a pair of laws if both differences are significant with opposite signs.
 """
 
 import json
@@ -18,11 +18,11 @@ from agrobot_mj.core.markdown import markdown_table
 
 AGAIN = list(range(21, 41))  # Seeds of the second set of runs of the sweep `controllers`
 SAME, OPPOSITE, OPEN = 1, -1, 0
-"""Comparison of two sets of seeds for a pair of laws: same order, opposite order, or not significant."""
+"""Results of comparing two sets of seeds for a pair of laws: same order, opposite order, or not significant."""
 
 
 def ranking(study: Study) -> Blocks:
-    """Return the ranks of the laws in the sweep `controllers`, from two sets of seeds."""
+    """Return the table of ranks of the laws in the sweep `controllers`, and a text that compares both sets of seeds."""
     sets = [study.rows("controllers"), study.rows("controllers_again", "controllers", seeds=AGAIN)]
     if not all(sets):
         return {}
@@ -31,7 +31,7 @@ def ranking(study: Study) -> Blocks:
 
 
 def by_ground(rows: Sequence[Row]) -> dict[str, dict[str, dict[int, float]]]:
-    """Return the cross-track RMS [cm] in the sweep `controllers`, by ground (tyre, terrain), by law and by seed."""
+    """Return the cross-track RMS in the sweep `controllers` [cm], by ground (tyre, terrain), by law and by seed."""
     found: dict[str, list[Row]] = {}
     for row in rows:
         terrain = " ".join(str(value) for value in json.loads(row["terrain"]).values())
@@ -49,12 +49,12 @@ def better(one: BySeed, other: BySeed) -> bool:
 
 
 def ranks(laws: Mapping[str, BySeed]) -> dict[str, int]:
-    """Return the rank of each law, which is 1 plus the number of better laws."""
+    """Return the rank of each law: 1 plus the number of better laws."""
     return {law: 1 + sum(better(laws[rival], laws[law]) for rival in laws if rival != law) for law in laws}
 
 
 def compare_sets(first: Columns, again: Columns) -> Counter[int]:
-    """Return the number of pairs of laws, on all terrains, for each result: `SAME`, `OPPOSITE` or `OPEN`."""
+    """Return the number of pairs of laws with the result `SAME`, `OPPOSITE` and `OPEN`, summed over the grounds."""
     return Counter(
         _sign(first[ground], *pair) * _sign(again[ground], *pair)
         for ground in first.keys() & again.keys()
@@ -63,7 +63,7 @@ def compare_sets(first: Columns, again: Columns) -> Counter[int]:
 
 
 def compared_text(found: Counter[int]) -> str:
-    """Return a sentence about the agreement of the two sets of seeds."""
+    """Return a sentence that summarises the agreement between the two sets of seeds."""
     return (
         f"Of {found.total()} pairs of laws (all terrains together) both sets rank {found[SAME]} in the same order "
         f"and {found[OPPOSITE]} in the opposite order; for {found[OPEN]} at least one set is inconclusive."
@@ -71,7 +71,7 @@ def compared_text(found: Counter[int]) -> str:
 
 
 def ranking_table(first: Columns, again: Columns) -> str:
-    """Return a Markdown table by law and terrain: mean cross-track RMS [cm], and ranks in both sets of seeds."""
+    """Return a Markdown table by law and ground: mean cross-track RMS [cm] and rank in each set of seeds."""
     ranked = {ground: [(found[ground], ranks(found[ground])) for found in (first, again)] for ground in first}
     laws = dict.fromkeys(law for found in first.values() for law in found)
     rows = [(law, *(" / ".join(_cell(*each, law) for each in sets) for sets in ranked.values())) for law in laws]
@@ -79,10 +79,10 @@ def ranking_table(first: Columns, again: Columns) -> str:
 
 
 def _cell(laws: Mapping[str, BySeed], rank: Mapping[str, int], law: str) -> str:
-    """Return the mean error [cm] and the rank of a law as a cell."""
+    """Return a table cell with the mean error [cm] and the rank of a law."""
     return f"{estimate(laws[law].values()).short(1)} ({rank[law]})" if law in rank else "-"
 
 
 def _sign(laws: Mapping[str, BySeed], a: str, b: str) -> int:
-    """Return 1 if `a` is better than `b`, -1 if it is worse, 0 if the difference is not significant."""
+    """Return 1 if law `a` is better than law `b`, -1 if `a` is worse, 0 if the difference is not significant."""
     return better(laws[a], laws[b]) - better(laws[b], laws[a])

@@ -1,6 +1,8 @@
-"""Generation of the page on safety from the sweeps `faults` (one failure of a sensor or actuator per run), `receivers`
-(failures recorded on a real tractor), `farthest` (maximum errors with a drifting position), and `sane` (runs without
-failure)."""
+"""Generation of the page on safety from four sweeps.
+
+Sweeps: `faults` (one failure of a sensor or actuator per run), `receivers` (failures recorded on a real tractor),
+`farthest` (maximum errors with a drifting position), and `sane` (runs without failure).
+"""
 
 import json
 from collections import Counter, defaultdict
@@ -15,7 +17,7 @@ from agrobot_mj.metrics.safety import OFF_M
 HEADS = ("failure", "runs", "stopped", "after [s]", "off the path at the end [m]", "largest [m]")
 HEADS += ("speed divided by command", "reason")
 FASTEST, LATE_S, FAR_M = 1.5, 5.0, 2.0
-"""Maximum speed per commanded speed [-]; time [s] or distance [m] off its path within which a tractor must stop."""
+"""Limits: speed divided by command [-]; time [s] and distance [m] off its path within which a tractor must stop."""
 BARS = {
     "fast": f"faster than {FASTEST} x its command",
     "far": f"farther off than {FAR_M:g} m and later than {LATE_S:g} s",
@@ -42,7 +44,7 @@ def _one(fault: Row) -> str:
 
 
 def beyond(row: Row) -> list[str]:
-    """Return the names of the requirements that a run violates."""
+    """Return the names of the acceptance limits that a run violates."""
     found = [] if row["safety.overspeed"] <= FASTEST else ["fast"]
     if row["safety.offset_max"] <= OFF_M:
         return found
@@ -56,12 +58,12 @@ def spread(values: Iterable[float | None]) -> str:
 
 
 def stops(rows: Iterable[Row]) -> Counter[str]:
-    """Return the number of runs that the supervisor stopped, by reason."""
+    """Return the number of runs stopped by the supervisor, by stop reason."""
     return Counter(str(row["stop_reason"]) for row in rows if row["outcome"] == "stopped")
 
 
 def failures_table(rows: list[Row], sane: list[Row]) -> str:
-    """Return a table with one row per fault, over all laws, terrains and seeds, and one row for runs without fault."""
+    """Return a table with one row per fault, over all laws, terrains and seeds, and one row without fault."""
     groups = defaultdict(list)
     for row in rows:
         groups[failure(row)].append(row)
@@ -78,7 +80,7 @@ def failures_table(rows: list[Row], sane: list[Row]) -> str:
 
 
 def receivers(study: Study) -> Blocks:
-    """Return the table of receiver failures, with stopping distance and maximum deviation."""
+    """Return a table of receiver failures with stopping distance and maximum deviation from the path."""
     groups = defaultdict(list)
     for row in study.rows("receivers"):
         groups[failure(row)].append(row)
@@ -93,7 +95,7 @@ def receivers(study: Study) -> Blocks:
 
 
 def farthest(study: Study) -> Blocks:
-    """Return a table of the maximum error of each law, for runs without and with a stop."""
+    """Return a table of the maximum deviation of each law, separately for runs without and with a stop."""
     rows = [row for row in study.rows("farthest") if row.get("safety.offset_max") is not None]
     lines = []
     for law in dict.fromkeys(row["guidance.kind"] for row in rows):
@@ -121,7 +123,7 @@ def farthest(study: Study) -> Blocks:
 
 
 def bars_table(rows: list[Row]) -> str:
-    """Return a table of the runs that violate a requirement, by fault and law."""
+    """Return a table of runs that violate an acceptance limit, by fault and law."""
     broken = Counter((bar, failure(row), row["variant"]) for row in rows for bar in beyond(row))
     lines = [(BARS[bar], name, law, n) for (bar, name, law), n in sorted(broken.items())]
     return (
@@ -132,7 +134,7 @@ def bars_table(rows: list[Row]) -> str:
 
 
 def sane_text(rows: list[Row]) -> str:
-    """Return sentences about the runs without fault, and about the stopped runs among them."""
+    """Return a text that counts the runs without fault and lists the stopped runs among them."""
     stopped = [row for row in rows if row["outcome"] == "stopped"]
     lines = [f"{len(rows)} runs without failures, of which {len(stopped)} were stopped."]
     for row in stopped:

@@ -1,6 +1,6 @@
-"""Limits of each guidance law: slope, soil, furrows, rough ground, valve, and GNSS outages.
+"""Limits of each guidance law: maximum slope, softest soil, furrows, rough ground, valve, and GNSS outages.
 
-Each law and condition is a search with `limit` on the first straight, arc and return of the figure eight, at 1.2 m/s
+Each limit is found by a search with `limit` on the first straight, arc and return of the figure eight, at 1.2 m/s
 without supervisor. A run fails if it does not complete, or if its cross-track error exceeds half a track width in more
 than 5 % of the time. Each search is compared with the same drive without the condition.
 """
@@ -26,14 +26,14 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, STYLE, save
 
 UNTIL = "xte_abs_p95 > 0.5 or outcome != completed"
 SEEDS = 3
-"""Maximum number of runs at an intermediate value. The two reported values have ten runs, as in every `limit`."""
+"""Maximum number of runs at an intermediate value of a search; the two reported values have ten runs."""
 COMMON = {"supervisor.enabled": False, "path.turns": 2, "duration_s": 75.0}
 FITTED = {
     "estimator.kind": "ekf_full",
     "estimator.terrain_compensation": True,
     **{f"sensors.{name}.enabled": True for name in ("gyro", "wheel_speed", "imu")},
 }
-"""Overrides that enable gyro, wheel speed and inertial unit, and the filter that uses them."""
+"""Overrides that enable gyro, wheel speed, inertial unit, and a filter with these sensors."""
 PAPER = "the paper's stack"
 LAWS = variants("controllers")
 DRIVEN = (
@@ -44,11 +44,11 @@ SURVIVORS: dict[str, dict[str, Any]] = {
     PAPER: LAWS["network as printed"],
     **{law: {**FITTED, **LAWS[law]} for law in DRIVEN},
 }
-"""Overrides by law. All laws except the paper's stack use the same sensors and filter."""
+"""Overrides of each law. All laws except the paper's stack have the same sensors and filter."""
 
 
 class Hardship(NamedTuple):
-    """Condition from survival.toml, under which the limits of the laws are searched."""
+    """Difficult condition from survival.toml, with the varied key and its range."""
 
     name: str
     unit: str
@@ -63,11 +63,11 @@ class Hardship(NamedTuple):
 
 HARDSHIPS = [Hardship(**each) for each in tomllib.loads(Path(__file__).with_suffix(".toml").read_text())["hardship"]]
 JOBS = [(law, hardship) for hardship in HARDSHIPS for law in SURVIVORS]
-"""All searches: one for each law under each condition."""
+"""Jobs of all searches: each law under each condition."""
 
 
 def survival(study: Study) -> Blocks:
-    """Draw the figure, and return the table of the limits of each law."""
+    """Return the table of limits by law, and draw the figure."""
     rows = study.done("survival", search, JOBS)
     if not rows:
         return {}
@@ -77,7 +77,7 @@ def survival(study: Study) -> Blocks:
 
 
 def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
-    """Search for the limit of a law under a condition; return the row of the result."""
+    """Search for the limit of a law under a condition; return a row with the result."""
     law, hard = job
     scenario = load_scenario("figure_eight", {**COMMON, **hard.set, **SURVIVORS[law]})
     question = Question(hard.key, hard.start, hard.stop, UNTIL, seeds=seeds, tolerance=hard.tolerance)
@@ -90,13 +90,13 @@ def search(job: tuple[str, Hardship], seeds: int = SEEDS) -> Row:
 
 
 def survived(row: Row) -> tuple[float | None, bool]:
-    """Return the most severe value without failure (or None), and whether it is the end of the range."""
+    """Return the most severe value without failure (None if there is none), and whether it is the end of the range."""
     held = list(takewhile(lambda tried: tried["holds"], row["tried"]))
     return held[-1]["value"] if held else None, len(held) == len(row["tried"])
 
 
 def survival_table(rows: Sequence[Row]) -> str:
-    """Return a Markdown table with one row per law: error without condition, and the limit under each condition."""
+    """Return a Markdown table with one row per law: error without any condition, and limit under each condition."""
     lines = []
     for law in SURVIVORS:
         cells = [_cells(select(rows, law=law, hardship=hard.name), hard) for hard in HARDSHIPS]
@@ -106,7 +106,7 @@ def survival_table(rows: Sequence[Row]) -> str:
 
 
 def _without(rows: Sequence[Row]) -> str:
-    """Return the median error without any condition, and the number of failed runs, as a cell."""
+    """Return a table cell with the median error without any condition, and the number of failed runs."""
     runs = [row["sound"]["tried"][0] for row in rows if (row.get("sound") or {}).get("verdict") == "fixed"]
     if not runs:
         return "-"
@@ -124,7 +124,10 @@ def _cells(found: Sequence[Row], hard: Hardship) -> str:
 
 
 def _cell(row: Row, hard: Hardship) -> str:
-    """Return the last value without and the first with failure; a star marks values at which runs differ."""
+    """Return a table cell with the last value without failure and the first value with failure.
+
+    A star marks values at which only some runs fail.
+    """
     value, whole = survived(row)
     if value is None:
         return f"not {hard.start - hard.offset:g}"
@@ -138,9 +141,9 @@ def _cell(row: Row, hard: Hardship) -> str:
 
 
 def survival_figure(rows: Sequence[Row]) -> Figure:
-    """Draw one panel per condition with the limit of each law; limits without the condition are grey.
+    """Draw a panel per condition with the limit of each law; grey bars are limits without the condition.
 
-    An arrow marks a law that reaches the end of the range, a cross a law that fails at the start.
+    An arrow marks a law without failure up to the end of the range, a cross a law that fails at the start.
     """
     figure = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     grid = figure.subplots(2, 3, sharey=True)

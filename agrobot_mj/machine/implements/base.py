@@ -1,8 +1,8 @@
-"""Base class of implements: each kind describes the body at the hitch as data from which a plant builds a model.
+"""Base class of implements, and the data from which a plant builds the model of the body at the hitch.
 
-`ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; kinds differ only in these data. Positions are
-relative to the hitch of the tractor (x ahead, y left, z up), with tractor and implement in line on level ground [m].
-The tyres of the implement have the law of the tractor's rear tyres, scaled to their size.
+`ImplementBase.hitched` returns mass, joints, wheels, tool and shapes; the kinds of implements differ only in these
+data. Positions are relative to the tractor's hitch (x ahead, y left, z up) [m], with tractor and implement in line on
+level ground. The tyres of the implement have the law of the tractor's rear tyres, scaled to their size.
 """
 
 from typing import ClassVar, Literal, NamedTuple
@@ -43,7 +43,7 @@ class DepthWheel(NamedTuple):
 
 
 class Unevenness(NamedTuple):
-    """Variation of the draught along the path."""
+    """Random variation of the draught along the path."""
 
     share: float = 0.0  # Standard deviation of the draught divided by its mean [-]
     length: float = 1.0  # Correlation length of the draught along the path [m]
@@ -78,7 +78,7 @@ class HitchedBody(NamedTuple):
 
 
 class TowedImplement(NamedTuple):
-    """Dimensions and state of the implement, as entered in the terminal of the tractor."""
+    """Dimensions and state of the implement, as entered by the operator in the terminal of the tractor."""
 
     length: float = 0.0
     """Distance of the implement axle behind the rear axle of the tractor [m], or 0 if there is no drawn implement."""
@@ -88,10 +88,10 @@ class TowedImplement(NamedTuple):
 
 
 class ImplementBase(Spec):
-    """Base class of implements; a kind overrides `hitched`."""
+    """Base class of implements; subclasses override `hitched`."""
 
     machine: ClassVar[bool] = True
-    """Whether the implement needs a plant with a body, such as MuJoCo; the bicycle plant has none."""
+    """Whether the implement requires a plant with rigid bodies, such as MuJoCo, instead of the bicycle plant."""
     fast_step_s: ClassVar[float] = 0.005
     """Physics step of `physics = "fast"` with this implement [s]."""
 
@@ -100,11 +100,11 @@ class ImplementBase(Spec):
     """Whether the GNSS antenna is on the implement, above the working point, instead of on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody | None:
-        """Return the body at the tractor's hitch, or None. Raises ValueError if the implement cannot be mounted."""
+        """Return the implement's body, or None without one. Raises ValueError if the implement cannot be mounted."""
         raise NotImplementedError
 
     def towed(self, tractor: TractorParameters) -> TowedImplement:
-        """Return dimensions and state of the implement, as entered in the terminal of the tractor."""
+        """Return dimensions and state of the implement, as entered by the operator in the terminal of the tractor."""
         hitched = self.hitched(tractor)
         if hitched is None:
             return TowedImplement()
@@ -119,13 +119,13 @@ class ImplementBase(Spec):
 
 
 def box_inertia(mass: float, size: Place) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw inertia [kg m2] of a uniform box, length by width by height [m], about its centre."""
+    """Return the roll, pitch and yaw inertia [kg m2] of a uniform box; `size` is length, width and height [m]."""
     l, w, h = size  # noqa: E741
     return mass / 12 * (w * w + h * h), mass / 12 * (l * l + h * h), mass / 12 * (l * l + w * w)
 
 
 def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -> float:
-    """Return the distance [m] by which a point of a rigid tractor on elastic tyres sinks under a `load` [N].
+    """Return the distance [m] by which a point of the tractor moves down when a vertical `load` [N] deflects its tyres.
 
     `at` and `behind` are the distances of the point and of the load behind the rear axle [m].
     """
@@ -136,7 +136,7 @@ def sinking(tractor: TractorParameters, load: float, behind: float, at: float) -
 
 
 def wheel_loads(tractor: TractorParameters, hitched: HitchedBody | None) -> tuple[float, float]:
-    """Return the static loads [N] of a front and a rear wheel on level ground, including the implement."""
+    """Return the static load [N] of a front wheel and of a rear wheel on level ground, including the implement."""
     down, behind = (0.0, 0.0) if hitched is None else _on_the_hitch(hitched)
     moved = down * (tractor.hitch_behind_m + behind) / tractor.wheelbase_m
     return (tractor.front_axle_load - moved) / 2, (tractor.rear_axle_load + down + moved) / 2
@@ -154,7 +154,7 @@ def _on_the_hitch(hitched: HitchedBody) -> tuple[float, float]:
 
 
 class NoImplement(ImplementBase):
-    """Tractor without implement."""
+    """Tractor without an implement."""
 
     machine: ClassVar[bool] = False
 

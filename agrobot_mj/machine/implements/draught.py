@@ -1,8 +1,9 @@
 """Soil-engaging tools, and their draught from ASABE D497: D = F_i (A + B S + C S^2) W T.
 
-F_i is the factor of the soil texture, S the speed [km/h], W the width [m] or the number of tools or rows, T the depth
-[cm], 1 for seeding machines. The standard gives the mean over soils of a texture; fields vary by `Draught.spread`
-around the mean. The numbers of `TOOLS` are quoted from memory: check them against your edition of the standard.
+F_i is the factor of the soil texture, S the speed [km/h], W the width [m] or the number of tools or rows. T is the
+depth [cm], or 1 for seeding machines. The standard gives the mean over soils of a texture; the draught of a field
+differs from this mean by up to `Draught.spread`. The numbers of `TOOLS` are quoted from memory: check them against your
+edition of the standard.
 """
 
 from math import degrees
@@ -20,11 +21,11 @@ ToolType = Literal[
 Texture = Literal["fine", "medium", "coarse"]
 TEXTURES = ("fine", "medium", "coarse")  # Soil textures in the order of the factors F_1, F_2, F_3 of D497
 DEEPEST = 2.0
-"""Ratio of depth to intended depth above which the draught is constant [-], because the frame slides. Assumed value."""
+"""Depth divided by intended depth above which the draught is constant [-]. Assumed value: the frame then slides."""
 
 
 class Draught(NamedTuple):
-    """Draught parameters of a tool, a row of the table in ASABE D497."""
+    """Draught parameters of a tool: a row of the table in ASABE D497."""
 
     a: float  # Coefficient A of the speed-independent draught [N per unit of width, for tillage also per cm of depth]
     b: float  # Coefficient B of the draught proportional to the speed [unit of A per km/h]
@@ -42,13 +43,16 @@ TOOLS: dict[str, Draught] = {
     "row_crop_planter": Draught(500.0, 0.0, 0.0, (1.0, 1.0, 1.0), False, 0.25),
     "grain_drill": Draught(400.0, 0.0, 0.0, (1.0, 1.0, 1.0), False, 0.25),
 }
-"""Draught parameters of each tool. W is in metres for plough and disc harrow (tandem, primary tillage), the number of
-tools for chisel plough (straight points, primary tillage) and field cultivator (secondary tillage), the number of rows
-for planter (mounted, seeding only) and drill (press wheels, below 2.4 m). Assumed value: ASABE D497, from memory."""
+"""Draught parameters of each tool.
+
+W is the width [m] of the plough and the tandem disc harrow (primary tillage), the number of tools of the chisel plough
+(straight points, primary tillage) and the field cultivator (secondary tillage), or the number of rows of the planter
+(mounted, seeding only) and the drill (press wheels, below 2.4 m). Assumed value: ASABE D497, from memory.
+"""
 
 
 class ToolLaw(NamedTuple):
-    """Coefficients of a tool in a given soil for the compiled function `draught`."""
+    """Coefficients of a tool in a given soil, for the compiled function `draught`."""
 
     a: float  # Speed-independent draught of the tool in its soil [N, per cm of depth for tillage]
     b: float  # Draught per speed of the tool in its soil [N h/km, per cm of depth for tillage]
@@ -63,13 +67,13 @@ class ToolLaw(NamedTuple):
 
 @kernel
 def engaged(law: ToolLaw, depth: float) -> float:
-    """Return the ratio of `depth` [m] to the intended depth of the tool [-], at most `DEEPEST`."""
+    """Return `depth` [m] divided by the intended depth of the tool [-], limited to the range from 0 to `DEEPEST`."""
     return min(max(depth / law.depth, 0.0), DEEPEST)
 
 
 @kernel
 def draught(law: ToolLaw, speed: float, depth: float) -> float:
-    """Return the draught [N] at a speed [m/s] and depth [m], without its random variation."""
+    """Return the mean draught [N] at a speed [m/s] and depth [m]."""
     S, share = 3.6 * abs(speed), engaged(law, depth)
     T = 100.0 * law.depth * share if law.by_depth > 0.5 else min(share, 1.0)
     return (law.a + law.b * S + law.c * S * S) * T
@@ -79,18 +83,18 @@ class Tool(Spec):
     """Tool of an implement (`[implement.tool]`): type, size, depth, soil and lateral force."""
 
     type: ToolType = "mouldboard_plough"
-    """Tool whose parameters in ASABE D497 determine the draught."""
+    """Tool type, which selects the draught parameters in ASABE D497."""
     size: Annotated[float, Field(gt=0, le=100)] = 0.25
-    """Width of ploughs and harrows [m], number of tools of cultivators, number of rows of seeders [-]. Assumed value
-    (0.2-0.35): one plough bottom."""
+    """Width of a plough or harrow [m], number of tools of a cultivator, or number of rows of a seeder [-]. Assumed
+    value (0.2-0.35): one plough bottom."""
     depth_m: Annotated[float, Field(ge=0.005, le=1)] = 0.12
-    """Depth on level ground [m]. Assumed value (0.1-0.2 for the plough of a compact tractor)."""
+    """Working depth on level ground [m]. Assumed value (0.1-0.2 for the plough of a compact tractor)."""
     texture: Texture = "medium"
-    """Texture of the soil, which selects the factor F_i of D497."""
+    """Soil texture, which selects the factor F_i in ASABE D497."""
     draught_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Draught of the field divided by the draught from D497 [-], which is accurate within 25 to 50 %."""
+    """Factor on the draught from ASABE D497 [-], which is accurate within 25 to 50 %."""
     noise_share: Spread = 0.15
-    """Standard deviation of the draught (log-normal) divided by its mean [-]. Assumed value (0.1-0.3)."""
+    """Standard deviation of the log-normal draught divided by its mean [-]. Assumed value (0.1-0.3)."""
     noise_length_m: Annotated[float, Field(ge=0.01, le=100)] = 0.5
     """Correlation length of the draught along the path [m]. Assumed value (0.2-2)."""
     cornering_stiffness_n_deg: NonNegative = 150.0
@@ -104,7 +108,7 @@ class Tool(Spec):
     """Downward force of the soil divided by the draught [-]. Assumed value (0-0.3)."""
 
     def law(self) -> ToolLaw:
-        """Return the coefficients for the kernel, in SI units except for the speed."""
+        """Return the coefficients for the compiled function `draught`."""
         row = TOOLS[self.type]
         scale = self.draught_scale * self.size * row.textures[TEXTURES.index(self.texture)]
         return ToolLaw(

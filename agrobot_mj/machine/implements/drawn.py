@@ -16,21 +16,21 @@ from agrobot_mj.machine.tractor import GRAVITY, AxleWheel, TractorParameters
 
 Length = Annotated[float, Field(gt=0, le=20)]
 YAW, SWING = radians(85.0), radians(25.0)
-"""Maximum angles of the pin [rad] in yaw, and in pitch and roll, in both directions. Assumed values."""
+"""Maximum angles of the drawbar pin in both directions [rad]: yaw; pitch and roll. Assumed values."""
 MIDDLE = (0.0, 0.0, 0.0)
 PIN = (
     Joint("hitch_yaw", (0.0, 0.0, 1.0), MIDDLE, YAW),
     Joint("hitch_pitch", (0.0, 1.0, 0.0), MIDDLE, SWING),
     Joint("hitch_roll", (1.0, 0.0, 0.0), MIDDLE, SWING),
 )
-"""Joints of the drawbar pin."""
+"""Hinges of the drawbar pin: yaw, pitch and roll."""
 
 
 class Springs(NamedTuple):
-    """Reference tyre of a trailer for scaling stiffness and damping to larger and smaller tyres.
+    """Vertical stiffness and damping of a reference tyre, from which other trailer tyres are scaled.
 
-    All tyres have the same shape and the same relative deflection: the stiffness scales with load divided by radius,
-    and the damping ratio at the carried load is constant.
+    All tyres have the same shape and the same relative deflection: the stiffness scales with load divided by radius.
+    The damping ratio at the static load is constant.
     """
 
     load: float  # Static load of the reference tyre [N]
@@ -39,7 +39,7 @@ class Springs(NamedTuple):
     damping: float  # Vertical damping of the reference tyre [N s/m]
 
     def under(self, load: float, radius: float, stiffness: float | None, damping: float | None) -> tuple[float, float]:
-        """Return `stiffness` [N/m] and `damping` [N s/m]; None is replaced by the value for load [N] and radius [m]."""
+        """Return stiffness [N/m] and damping [N s/m]; None is replaced by a value for `load` [N] and `radius` [m]."""
         k = self.stiffness * (load / self.load) * (self.radius / radius) if stiffness is None else stiffness
         c = self.damping * sqrt(k / self.stiffness * (load / self.load)) if damping is None else damping
         return k, c
@@ -60,11 +60,11 @@ class Drawn(ImplementBase):
     mass_kg: Annotated[float, Field(ge=20, le=100000)] = 500.0
     """Mass of the implement with wheels and load [kg]. Assumed value (300-1000 for this class)."""
     cg_behind_m: Length = 1.75
-    """Distance of the centre of mass behind the hitch [m]. Assumed value: 5-20 % of the weight on the drawbar."""
+    """Distance of the centre of mass behind the hitch [m]. Assumed value: the drawbar carries 5-20 % of the weight."""
     cg_height_m: Length = 0.65
     """Height of the centre of mass above level ground [m]. Assumed value (0.5-1)."""
     length_m: Length = 1.8
-    """Length of the body; with width and height it gives the inertia of a box [m]. Assumed value (1.5-3)."""
+    """Length of the body [m]; length, width and height determine the inertia of a box. Assumed value (1.5-3)."""
     width_m: Length = 1.1
     """Width of the body [m]. Assumed value (1-1.5)."""
     height_m: Length = 0.6
@@ -80,22 +80,22 @@ class Drawn(ImplementBase):
     wheel_mass_kg: Positive = 20.0
     """Mass of one wheel [kg]. Assumed value (15-30)."""
     tyre_stiffness_n_m: Positive | None = None
-    """Vertical stiffness of one tyre [N/m]. Default: from static load and radius, 1.8e5 with the other defaults."""
+    """Vertical stiffness of one tyre [N/m]. Default: from static load and radius; 1.8e5 for the default implement."""
     tyre_damping_n_s_m: NonNegative | None = None
     """Vertical damping of one tyre [N s/m]. Default: 15 % of critical damping for the load on the tyre."""
     slip_stiffness_scale: Annotated[float, Field(ge=0.05, le=10)] = 1.0
-    """Factor [-] on the slip stiffness of the tyres relative to the rear tyres of `plant.tyre`."""
+    """Slip stiffness of the tyres divided by the slip stiffness of the rear tyres of `plant.tyre` [-]."""
     rolling_scale: Annotated[float, Field(ge=0, le=10)] = 1.0
-    """Factor on the rolling resistance of the tyres relative to `plant.tyre` [-]."""
+    """Rolling resistance of the tyres divided by the rolling resistance of `plant.tyre` [-]."""
     tool: Tool = Tool()
-    """Tool of the implement, used if `lowered` is set."""
+    """Soil-engaging tool of the implement, used if `lowered` is true."""
     tool_behind_m: Length = 2.0
     """Distance of the tool centre behind the hitch [m]. Assumed value: at the axle."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground, used if `receiver` [m]. Assumed value: as on the tractor."""
+    """Height of the GNSS antenna above level ground [m], used with `receiver`. Assumed value: as on the tractor."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return a body with two wheels, hinged at the pin."""
+        """Return the body of the implement: two wheels, and hinges at the drawbar pin."""
         ground, wheels = -tractor.hitch_height_m, 2 * self.wheel_mass_kg
         body = self.mass_kg - wheels
         if body <= 0:
@@ -121,13 +121,13 @@ class Drawn(ImplementBase):
 
     @property
     def wheel(self) -> AxleWheel:
-        """Wheel with its static load on level ground."""
+        """Properties of each wheel, including its static load on level ground."""
         radius, load = self.wheel_radius_m, self.mass_kg * GRAVITY * self.cg_behind_m / self.axle_behind_m / 2
         springs = TYRE.under(load, radius, self.tyre_stiffness_n_m, self.tyre_damping_n_s_m)
         return AxleWheel("rear", radius, self.wheel_width_m, self.wheel_mass_kg, load, *springs)
 
     def _toolbar(self, ground: float) -> tuple[Shape, ...]:
-        """Return a toolbar with legs for images, or an empty tuple if the tool is lifted."""
+        """Return the shapes of a toolbar with legs, or an empty tuple if the tool is lifted."""
         if not self.lowered:
             return ()
         x, wide = -self.tool_behind_m, self.width_m / 2

@@ -1,9 +1,9 @@
 """Implement on the three-point hitch, fixed rigidly to the tractor or floating on a depth wheel.
 
-The check chains of the lower links are tight, so that the implement follows every yaw motion of the tractor. With the
-linkage `rigid` it also follows pitch, roll and heave; its weight, the suction of the soil and the draught load the
-tractor. With `float` it rotates in pitch about the intersection of the lines of the upper and lower links, ahead of the
-hitch in side view, and a depth wheel carries the remaining weight.
+The check chains of the lower links are tight: the implement follows every yaw motion of the tractor. With the linkage
+`rigid` it also follows pitch, roll and heave; its weight, the suction of the soil and the draught load the tractor.
+With `float` the implement pitches about its virtual hitch: the intersection of the lines of upper and lower links in
+side view, ahead of the hitch. The depth wheel carries the weight that the tractor does not carry.
 """
 
 from math import radians
@@ -34,7 +34,7 @@ class Mounted(ImplementBase):
 
     kind: Literal["mounted"] = "mounted"
     linkage: Literal["rigid", "float"] = "rigid"
-    """Mode of the lift: `rigid` holds the position; with `float` the depth wheel sets the depth."""
+    """Mode of the lift: `rigid` fixes the position of the implement; `float` lets the depth wheel set the depth."""
     lowered: bool = True
     """Whether the tool works in the soil."""
     mass_kg: Annotated[float, Field(ge=5, le=20000)] = 110.0
@@ -44,21 +44,21 @@ class Mounted(ImplementBase):
     cg_height_m: Length = 0.45
     """Height of the centre of mass above level ground [m]. Assumed value (0.3-0.6)."""
     length_m: Length = 0.9
-    """Length of the frame; with width and height it gives the inertia of a box [m]. Assumed value (0.6-1.5)."""
+    """Length of the frame [m]; length, width and height determine the inertia of a box. Assumed value (0.6-1.5)."""
     width_m: Length = 0.7
     """Width of the frame [m]. Assumed value (0.5-1.5)."""
     height_m: Length = 0.5
     """Height of the frame [m]. Assumed value (0.4-1)."""
     tool: Tool = Tool()
-    """Tool of the implement, used if `lowered` is set."""
+    """Soil-engaging tool of the implement, used if `lowered` is true."""
     tool_behind_m: Length = 0.7
     """Distance of the tool centre behind the hitch [m]. Assumed value (0.5-1.2)."""
     tool_left_m: Annotated[float, Field(ge=-10, le=10)] = 0.0
     """Lateral offset of the tool centre [m], left positive. An offset tool exerts a yaw moment."""
     antenna_height_m: Length = 2.0
-    """Height of the GNSS antenna above level ground, used if `receiver` [m]. Assumed value: as on the tractor."""
+    """Height of the GNSS antenna above level ground [m], used with `receiver`. Assumed value: as on the tractor."""
     virtual_hitch_ahead_m: Length = 1.0
-    """Distance [m] ahead of the hitch of the point about which a floating implement rotates. Assumed value (0.5-2)."""
+    """Distance of a floating implement's pitch axis (virtual hitch) ahead of the hitch [m]. Assumed value (0.5-2)."""
     depth_wheel_behind_m: Length = 0.6
     """Distance of the depth wheel behind the hitch [m]. Assumed value (0.3-1)."""
     depth_wheel_stiffness_n_m: Positive = 8e4
@@ -69,7 +69,7 @@ class Mounted(ImplementBase):
     """Rolling resistance of the depth wheel divided by its load [-]. Assumed value (0.05-0.2)."""
 
     def hitched(self, tractor: TractorParameters) -> HitchedBody:
-        """Return a body fixed rigidly to the tractor or hinged about a lateral axis."""
+        """Return the implement's body, fixed rigidly to the tractor or hinged about a lateral axis."""
         floating, ground = self.linkage == "float", -tractor.hitch_height_m
         x, y, weight = -self.tool_behind_m, self.tool_left_m, self.mass_kg * GRAVITY
         # position control is set for the working depth: the tractor's tyres deflect under the weight

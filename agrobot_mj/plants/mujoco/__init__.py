@@ -1,4 +1,4 @@
-"""MuJoCo tractor. Only this package uses MjModel and MjData."""
+"""MuJoCo tractor. Code outside this package does not use MjModel and MjData."""
 
 import mujoco
 

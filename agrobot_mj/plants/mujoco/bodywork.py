@@ -1,8 +1,8 @@
 """Visual body of a tractor, built from its dimensions: bonnet, seat or cab, fenders, mast and tyre lugs.
 
-The body has no mass and no contact. The operator station has the same dimensions on all machines; the other dimensions
-scale with wheelbase, track width and wheels. The bonnet does not touch the front wheels at any steering angle, and
-parts between the rear wheels do not touch the rear wheels. The proportions follow photographs of each class.
+The visual geoms have no mass and no contact. The operator station has the same dimensions on all machines; the other
+dimensions scale with wheelbase, track width and wheels. The bonnet does not touch the front wheels at any steering
+angle, and parts between the rear wheels do not touch the rear wheels. The proportions follow photographs of each class.
 """
 
 from collections.abc import Iterator
@@ -21,8 +21,8 @@ ACROSS = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)  # Quaternion that rotates the axis of
 SEAT_BEFORE, SEATED, STANDING = 0.58, 0.20, 1.23
 """Distance of the seat behind the dashboard, and heights of seat and roll bar above the floor [m]."""
 HEADROOM, LOW_ROOF, OVER_TYRE = 1.65, 1.35, 0.55
-"""Height of a cab roof above its floor [m], reduced below a low antenna, but to no less than the second value; minimum
-height of the roof above the rear tyres [m]."""
+"""Default and minimum height of a cab roof above the cab floor [m], and minimum height of the roof above the rear tyres
+[m]. A low antenna reduces the default height."""
 LOOK = {"contype": 0, "conaffinity": 0, "group": 1, "mass": 0}  # Attributes of a visual geom without contact
 HIDDEN = 3  # Group of geoms that are not drawn
 KINDS = {
@@ -33,18 +33,18 @@ KINDS = {
     "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
 }
 WHEEL_DISCS = (("rim", 0.6, 0.003, "rim"), ("disc", 0.48, 0.006, "iron"), ("hub", 0.2, 0.012, "rim"))
-"""Discs that form a wheel: radius divided by the tyre radius [-], width on both sides [m], material."""
+"""Discs of a drawn wheel: radius divided by tyre radius [-], protrusion on both sides of the tyre [m], material."""
 HOOD = np.array((0.50, 0.24, 0.30)), np.array((1.06, 0.0, 0.74))
 BAR, BAR_RADIUS = np.array((-0.16, -0.36, 1.85, -0.16, 0.36, 1.85)), 0.05
-"""Half sizes and centre of the contact box of the default bonnet; ends and radius of the contact roll bar [m]."""
+"""Half sizes and centre of the default tractor's bonnet contact box; ends and radius of its contact roll bar [m]."""
 LUGS, LEAN_DEG = 14.0, 25.0
-"""Half the number of lugs on a tyre of 1 m radius [-], and angle of the lugs to the axle direction [deg]."""
+"""Half the number of lugs on a tyre of 1 m radius [-], and angle between lugs and axle direction [deg]."""
 FENDER_DEG = (-62.0, -31.0, 0.0, 31.0, 62.0)
-"""Directions of the fender segments from the wheel centre [deg], positive forward of vertical."""
+"""Angular positions of the fender segments about the wheel centre [deg], from the vertical, positive forward."""
 
 
 class Panel(NamedTuple):
-    """Primitive shape in the chassis frame."""
+    """Primitive shape of the visual body, in the chassis frame."""
 
     name: str
     kind: str  # Type: box, cylinder, capsule, sphere or ellipsoid
@@ -56,14 +56,14 @@ class Panel(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Dimensions of the body in the chassis frame on level ground [m]."""
+    """Main dimensions of the visual body, in the chassis frame on level ground [m]."""
 
     gap: float  # Minimum distance between body and wheels [m]
     inside: float  # Half the free width between the rear wheels [m]
     narrow: float
-    """Half the free width [m] between the front wheels at full steering angle, negative without free width."""
+    """Half the free width between the front wheels at full steering angle [m], negative if there is no free width."""
     between: tuple[float, float]
-    """Rear and front end [m] of the x interval between the rear wheels and the steered front wheels."""
+    """Interval of x between the rear wheels and the steered front wheels: rear and front end [m]."""
     floor: float
     dash: float  # x coordinate of the bonnet's rear end [m]
     nose: float  # x coordinate of the bonnet's front end [m]
@@ -74,7 +74,7 @@ class Outline(NamedTuple):
 
 
 def undress(spec: mujoco.MjSpec) -> None:
-    """Remove the geoms of chassis and wheels that serve only for display."""
+    """Remove the visual geoms of chassis and wheels."""
     for name in bodies(COMPACT):
         for geom in list(spec.body(name).geoms):
             if not (geom.contype or geom.conaffinity):
@@ -95,7 +95,7 @@ def dress(spec: mujoco.MjSpec, t: TractorParameters) -> None:
 
 
 def touching(t: TractorParameters) -> tuple[Panel, Panel]:
-    """Return the contact geoms of bonnet and roll bar, scaled from the default tractor, for contact after a fall."""
+    """Return the contact geoms of bonnet and roll bar, for ground contact after a roll-over, scaled to the tractor."""
     o, default = outline(t), outline(COMPACT)
     shares = np.array((t.wheelbase_m / COMPACT.wheelbase_m, o.half / default.half, o.high / default.high))
     size, pos, ends = shares * HOOD[0], shares * HOOD[1], np.tile(np.array(o.bar) / default.bar, 2) * BAR
@@ -106,13 +106,13 @@ def touching(t: TractorParameters) -> tuple[Panel, Panel]:
 
 
 def bodies(t: TractorParameters) -> dict[str, list[Panel]]:
-    """Return the visual parts of chassis and wheels, each in the frame of its body."""
+    """Return the visual parts of chassis and wheels by body name, each in the frame of its body."""
     sizes = {"f": (t.front_wheel_radius_m, t.front_wheel_width_m), "r": (t.rear_wheel_radius_m, t.rear_wheel_width_m)}
     return {"chassis": list(parts(t))} | {f"wheel_{name}": list(wheel(name, *sizes[name[0]])) for name in WHEELS}
 
 
 def _size_axle(spec: mujoco.MjSpec, t: TractorParameters, top: float) -> None:
-    """Set the sizes of the front-axle beam and post, up to the height `top` [m], the steering arm and the kingpins."""
+    """Set the sizes of axle beam, axle post, steering arm and kingpins; `top` is the upper limit of the post [m]."""
     r, half = t.front_wheel_radius_m, t.track_m / 2
     k = r / COMPACT.front_wheel_radius_m
     beam, post, arm = (spec.geom(name) for name in ("axle_beam", "axle_post", "steering_arm"))
@@ -139,14 +139,14 @@ def wheel(name: str, radius: float, width: float) -> Iterator[Panel]:
 
 
 def draw(body: mujoco.MjsBody, part: Panel, **other: int) -> None:
-    """Add a visual part to a body; its field `other` overrides attributes of `LOOK`."""
+    """Add a visual part to a body as a geom; `other` overrides attributes of `LOOK`."""
     place = {"fromto": part.ends} if part.ends else {"pos": part.pos, "quat": part.quat}
     size = [*part.size, 0.0, 0.0][:3]
     body.add_geom(name=part.name, type=KINDS[part.kind], size=size, material=part.paint, **place, **LOOK | other)
 
 
 def outline(t: TractorParameters) -> Outline:
-    """Return the dimensions of the visual body for a tractor."""
+    """Return the main dimensions of the visual body of a tractor."""
     L, T, rf, rr, wf, wr = (
         *(t.wheelbase_m, t.track_m, t.front_wheel_radius_m, t.rear_wheel_radius_m),
         *(t.front_wheel_width_m, t.rear_wheel_width_m),
@@ -173,7 +173,7 @@ def outline(t: TractorParameters) -> Outline:
 
 
 def _above_the_wheels(room: float, radius: float, width: float) -> float:
-    """Return the height [m] above which a steered front wheel never reaches points `room` [m] inwards of its centre."""
+    """Return the maximum height that a steered front wheel reaches at the distance `room` inwards of its centre [m]."""
     if room >= sqrt(radius**2 + (width / 2) ** 2):
         return 0.0
     chord2 = max(room, width / 2) ** 2 - (width / 2) ** 2
@@ -199,7 +199,7 @@ def _box(name: str, x: tuple[float, float], y: float, z: tuple[float, float], pa
 
 
 def _both(part: Panel) -> Iterator[Panel]:
-    """Yield a part on the left side of the tractor and its mirror image on the right."""
+    """Yield a part on the left side of the tractor, and its mirror image on the right side."""
     for name, side in (("left", 1), ("right", -1)):
         x, y, z = part.pos
         ends = tuple(side * e if k in (1, 4) else e for k, e in enumerate(part.ends))

@@ -1,13 +1,12 @@
 """Compilation of the MuJoCo model of a scenario's tractor, with all feasibility checks.
 
-The running plant calls `build` first. Checks of plans with many runs call only `build`, without settling or kernels.
+The running plant calls `build` first. Studies call only `build` to check their runs, without settling or kernels.
 
-The checks include the numerical stability of tractor and implement, with limits of stiffness and damping by key.
-
-The integration is explicit in the forces of tyres and soil. A mass m on a spring k and a damper c is then stable if 2 c
-dt + k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia matrix
-M and the Jacobian J of all contact points in one direction. The constraints of the steering linkage are omitted, which
-is conservative.
+The checks include the numerical stability of tractor and implement; a message names the key and its limit. The
+integration is explicit in the forces of tyres and soil. A mass m on a spring k and a damper c is then stable if 2 c dt
++ k dt^2 < 4 m. For several bodies 1 / m is replaced by the maximum eigenvalue of J M^-1 J', with the inertia matrix M
+and the Jacobian J of all contact points in one direction. The constraints of the steering linkage are omitted, which is
+conservative.
 """
 
 from collections.abc import Iterator, Sequence
@@ -46,7 +45,7 @@ FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 
 
 class Part(NamedTuple):
-    """Springs or dampers at contact points whose constant is the value of one key."""
+    """Springs or dampers at contact points, with a constant given by one key."""
 
     key: str
     value: float | None  # Value of the key, or None if an external tyre or implement has no such key
@@ -55,7 +54,7 @@ class Part(NamedTuple):
 
 
 class Sprung(NamedTuple):
-    """All springs and dampers that act in one direction at the same attachment points."""
+    """All springs and dampers that act in one direction at a set of contact points."""
 
     axis: int  # Direction: 0 forward, 1 to the left, 2 up
     bodies: tuple[int, ...]  # MuJoCo id of the body to which each point is attached
@@ -64,14 +63,14 @@ class Sprung(NamedTuple):
 
 
 def check_stability(model: mujoco.MjModel, tyres: TyreSet, tractor: TractorParameters, tyre: TyreBase) -> None:
-    """Raise a ValueError that names the key and the limit if the tyres are unstable at the model's time step."""
+    """Raise ValueError, naming the key and its limit, if the tractor's tyres are unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, _tyres(model, data, tyres, tractor, tyre), "this tractor and tyre")
 
 
 def check_implement(model: mujoco.MjModel, spec: ImplementBase, hitched: HitchedBody, parts: Attached) -> None:
-    """Raise ValueError with key and limit if the implement is unstable at the model's time step."""
+    """Raise ValueError, naming the key and its limit, if the implement is unstable at the model's time step."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     _check(model, data, (*_soil(data, spec, hitched, parts), *_axle(data, spec, hitched, parts)), "this implement")
@@ -108,7 +107,7 @@ def _tyres(
 ) -> tuple[Sprung, ...]:
     """Return the springs of the tractor's tyres in the vertical, longitudinal and lateral directions.
 
-    The longitudinal carcass spring moves with the spinning wheel, the other springs with the carrier of the wheel.
+    The longitudinal carcass spring is attached to the rotating wheel, the other springs to the carrier of the wheel.
     """
     wheels = tuple(int(model.body(f"wheel_{name}").id) for name in WHEELS)
     carriers = tuple(int(model.body_parentid[body]) for body in wheels)
@@ -176,7 +175,7 @@ def _largest(mobility: Array, weights: Array) -> float:
 
 
 class Built(NamedTuple):
-    """Compiled MuJoCo model of a tractor on its ground."""
+    """Compiled MuJoCo model of a tractor on its ground, with tyres and implement."""
 
     model: mujoco.MjModel
     scene: Scene
@@ -186,13 +185,14 @@ class Built(NamedTuple):
 
 
 Payloads = Sequence[tuple[int, tuple[PointMass, ...]]]
-"""Sets of point masses carried by the chassis, each with the index of the fault that adds the set."""
+"""Sets of point masses on the chassis, each with the index of the fault that adds the set."""
 
 
 def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1, payloads: Payloads = ()) -> Built:
-    """Return the tractor on its ground for a physics step of `dt` [s]; `seed` determines the draught of the implement.
+    """Return the compiled tractor on its ground, for physics steps of `dt` [s].
 
-    Raise ValueError with the key if the tractor, also with one of the `payloads`, is impossible or unstable.
+    `seed` determines the variation of the implement's draught. Raises ValueError, naming the key, if the tractor is
+    physically impossible or numerically unstable, also with one of the `payloads`.
     """
     tyres = tyre_set(tyre, machine.tractor)
     parts = tractor_spec(machine)
@@ -211,21 +211,21 @@ def build(tyre: Tyre, machine: Machine, ground: Ground, dt: float, seed: int = 1
 
 
 LIGHT_STEP_S, FASTEST_TURN = 0.0025, 130.0
-"""Physics step of `physics = "fast"` for light wheels [s], and value of sqrt(2 k / m) above which this step is used:
-the angular frequency of a disc that rotates on its tyre [rad/s]. At 5 ms light wheels vibrate, and a parked tractor
-creeps by 0.2 mm/s. The threshold measured on a slope of 10 deg is between 121 and 138."""
+"""Physics step of `physics = "fast"` for light wheels [s], and minimum angular frequency sqrt(2 k / m) of a light wheel
+[rad/s]: a disc that rotates on its tyre. With steps of 5 ms light wheels vibrate, and a parked tractor creeps by 0.2
+mm/s. The threshold measured on a slope of 10 deg is between 121 and 138."""
 
 
 class Mujoco(Spec):
-    """MuJoCo model of the tractor on its tyres, selected by `[plant] kind = "mujoco"`."""
+    """MuJoCo model of the tractor on its tyres (`[plant] kind = "mujoco"`)."""
 
     kind: Literal["mujoco"] = "mujoco"
     tyre: Tyre = MagicFormula()
     """Tyre model, selected by `plant.tyre.kind`."""
     settle_s: Annotated[float, Field(ge=0, le=120)] = 3.0
-    """Minimum time of settling on the tyres before the run [s], or 0 for no settling. Assumed value (1-10)."""
+    """Minimum duration of settling on the tyres before the run [s], or 0 for no settling. Assumed value (1-10)."""
     settle_limit_s: Annotated[float, Field(ge=0, le=600)] = 60.0
-    """Maximum settling time [s], after which the run starts with a warning. Assumed value (20-120)."""
+    """Maximum duration of settling [s], after which the run starts with a warning. Assumed value (20-120)."""
 
     def fast_step_s(self, tractor: TractorParameters) -> float:
         """Return the duration of a physics step with `physics = "fast"` [s]."""
@@ -233,8 +233,10 @@ class Mujoco(Spec):
         return min(self.tyre.fast_step_s, LIGHT_STEP_S if turn > FASTEST_TURN else inf)
 
     def hints(self, machine: Machine, speed: float) -> Iterator[str]:
-        """Yield a message, beginning with the key, for each value that is implausible for the machine's weight, or for
-        its power at the path `speed` [m/s]. Raise ValueError or ScenarioError for an impossible machine or tyre."""
+        """Yield a message for each value that is implausible for the machine's weight or for the path `speed` [m/s].
+
+        Messages begin with the key. Raises ValueError or ScenarioError for an impossible machine or tyre.
+        """
         tyre = self.tyre
         structure = check_type(tyre.structure(), Structure, "the tyre", tyre.kind, "structure")
         yield from fit_warnings(machine, structure.patch_half_length_m != 0.0, speed)

@@ -1,4 +1,4 @@
-"""C functions of MuJoCo, callable from compiled kernels.
+"""C functions of MuJoCo that compiled kernels can call.
 
 All physics steps of a tick run in one compiled loop (`mj_step1`, tyres, `mj_step2`) without returning to Python. Models
 and data are passed as addresses. Each function returns 1 if MuJoCo has reported an error, else 0. With
@@ -28,7 +28,7 @@ _PATH = _library()
 _C = ctypes.CDLL(_PATH)
 llvm.load_library_permanently(_PATH)
 clock = ctypes.c_void_p.in_dll(_C, "mjcb_time")
-"""Clock of MuJoCo's profiler `mjData.timer`, installed by the Python package; its calls take 6 % of a step."""
+"""Clock callback of MuJoCo's profiler (`mjData.timer`), disabled here because its calls take 6 % of a physics step."""
 INSTALLED = clock.value  # Address of the profiler clock, which is disabled here for the whole process
 clock.value = None
 

@@ -1,7 +1,7 @@
-"""Clearance between the tractor's body and the ground; above a minimum, steps need no contact detection.
+"""Clearance between the tractor's chassis and the ground; physics steps with enough clearance skip contact detection.
 
 The chassis parts that can touch the ground are above `lowest` and within `reach` of the z axis of the chassis. With the
-angle a between this axis and the ground normal, the height of all parts above the ground is at least height of the
+angle a between this axis and the ground normal, the height of all parts above the ground is at least the height of the
 chassis origin + lowest cos(a) - reach sin(a). The ground is a plane or, for a height grid, the level of its highest
 node.
 """
@@ -21,17 +21,17 @@ SPARE_M = 0.01  # Clearance below which contacts are detected [m]; large compare
 
 
 class Clearance(NamedTuple):
-    """Extent of the parts of the chassis that can touch the ground, and the plane of the ground."""
+    """Extent of the chassis parts that can touch the ground, and plane of the ground."""
 
     lowest: float  # Height of the lowest part in the chassis frame [m]
     reach: float  # Maximum distance of a part from the z axis of the chassis [m]
     normal: Vector  # Normal of the ground [-]
     level: float
-    """Height of the ground along the normal [m], or infinity if bodies other than the chassis can touch the ground."""
+    """Height of the ground along its normal [m], or infinity if bodies other than the chassis can touch the ground."""
 
 
 def clearance_of(model: mujoco.MjModel) -> Clearance:
-    """Return the clearance of a compiled tractor with the geom `ground`."""
+    """Return the clearance parameters of a compiled tractor on the geom `ground`."""
     touching = [k for k in range(model.ngeom) if model.geom_contype[k] or model.geom_conaffinity[k]]
     parts = [k for k in touching if model.geom_bodyid[k] > 0]
     corners = np.concatenate([_corners(model, k) for k in parts])
@@ -70,7 +70,7 @@ def quat_of(rotation: Array) -> Array:
 
 @kernel
 def is_clear(c: Clearance, qpos: Array) -> bool:
-    """Return whether a tractor at `qpos` (position and quaternion first) cannot touch the ground, or False for NaN."""
+    """Return whether a tractor with the generalised positions `qpos` cannot touch the ground; False for NaN."""
     w, x, y, z = qpos[3], qpos[4], qpos[5], qpos[6]
     n = c.normal
     cosine = n[0] * 2 * (x * z + w * y) + n[1] * 2 * (y * z - w * x) + n[2] * (1 - 2 * (x * x + y * y))

@@ -1,6 +1,7 @@
 """Clutches of front-wheel drive and differential lock, which engage and release during a run, at most once per tick.
 
-MuJoCo couples angles. When a clutch closes, the offset of its coupling is set to the current angles to avoid a jump.
+In MuJoCo an engaged clutch couples two angles. When a clutch engages, the offset of its coupling is set to the current
+angles to avoid a jump.
 """
 
 from math import degrees
@@ -13,13 +14,13 @@ from agrobot_mj.plants.mujoco.stepping import TractorMotion
 
 CLOSES_BELOW_DEG = 3.0  # Difference between the steering angles of release and engagement [deg]. Assumed value (2-5).
 RELEASES_AT = 0.5
-"""Slip at which the front-wheel drive is released, divided by the slip of engagement [-]. Assumed value (0.3-0.7)."""
+"""Slip at release of the front-wheel drive divided by slip at its engagement [-]. Assumed value (0.3-0.7)."""
 LEAST_M_S = 0.1  # Rim speed below which slip is not evaluated [m/s]
 LOCK, FRONT = "differential_lock", "front_wheel_drive"
 
 
 class Clutches:
-    """Clutches of a running tractor; their state consists of `eq_active` of MjData and the offsets."""
+    """Clutches of a running tractor. Their state consists of `eq_active` in MjData and the offsets of the couplings."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, machine: Machine) -> None:
         self.model, self.data, self.drive = model, data, machine.driveline
@@ -34,7 +35,7 @@ class Clutches:
 
     @property
     def memories(self) -> tuple[Array, ...]:
-        """Offsets of the couplings, written in place, shape (1,) [rad]."""
+        """Offset of each coupling [rad], shape (1,), modified in place; empty if no clutch switches."""
         return tuple(self.model.eq_data[i, :1] for i in self.ids.values()) if self.switched else ()
 
     def reset(self) -> None:
@@ -43,7 +44,7 @@ class Clutches:
             offset[:] = 0.0
 
     def update(self, motion: TractorMotion) -> None:
-        """Engage or release each switched clutch according to the steering angle and the slip of the current motion."""
+        """Engage or release each clutch according to the steering angle and the slip of the current motion."""
         steer, drive = abs(degrees(motion.steer)), self.drive
         if drive.differential_lock:
             self._set(LOCK, self._straight(LOCK, steer, drive.lock_release_deg))
@@ -52,7 +53,7 @@ class Clutches:
             self._set(FRONT, straight and self._slips(motion, drive.front_engage_slip))
 
     def engaged(self, name: str) -> bool:
-        """Return whether a clutch is closed."""
+        """Return whether a clutch is engaged."""
         return bool(self.data.eq_active[self.ids[name]])
 
     def _straight(self, name: str, steer: float, release: float | None) -> bool:

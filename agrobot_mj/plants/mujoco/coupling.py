@@ -1,13 +1,13 @@
-"""Steps in which the coupling of the knuckles is the only constraint: its force in closed form, without the solver.
+"""Closed-form force of the coupling between crank and steering knuckles, for steps in which it is the only constraint.
 
 MuJoCo computes constraint forces f from a quadratic problem. With couplings only, which act in both directions, the
 problem is linear: with the inertia M, the Jacobian J, the acceleration a_0 without constraints and the regularisation R
 
   (J M^-1 J' + R) f = a_ref - J a_0.
 
-The two equations are solved with MuJoCo's factor of M = L' D L; the motion is that of the solver up to rounding. Other
-constraints (contacts, stops, friction, closed clutches) need the solver. The wrenches on the bodies enter as sums over
-the tree, with MuJoCo's motion axes `cdof` at the centre of mass.
+These two equations are solved with MuJoCo's factorisation M = L' D L; the motion is equal to the motion computed by the
+solver up to rounding. Other constraints (contacts, stops, friction, engaged clutches) need the solver. The wrenches on
+the bodies enter as sums over the tree, with MuJoCo's motion axes `cdof` at the centre of mass.
 """
 
 from agrobot_mj.core.kernels import kernel
@@ -20,7 +20,7 @@ LEFT, RIGHT = 0, 1
 
 @kernel
 def is_alone(c: Coupling) -> bool:
-    """Return whether the coupling is the only constraint: no joint friction and no other equality constraint acts."""
+    """Return whether the knuckle couplings are the only constraints: no joint friction and no other equality acts."""
     if c.rows.size == 0:
         return False
     active = 0
@@ -44,20 +44,20 @@ def is_within_stops(c: Coupling, qpos: Array) -> bool:
 
 @kernel
 def set_coupled(c: Coupling, coupled: bool) -> None:
-    """Enable or disable MuJoCo's coupling of the knuckles; if disabled, `accelerate` computes its force."""
+    """Enable or disable MuJoCo's constraints between crank and knuckles. `accelerate` replaces disabled constraints."""
     c.eq_active[c.rows[LEFT]] = coupled
     c.eq_active[c.rows[RIGHT]] = coupled
 
 
 @kernel
 def power(x: float, p: float) -> float:
-    """Return `x` raised to the power `p`."""
+    """Return `x` to the power `p`, without a call of `pow` for p = 1 and 2."""
     return x * x if p == 2.0 else x if p == 1.0 else float(x**p)
 
 
 @kernel
 def impedance(solimp: Array, error: float) -> float:
-    """Return MuJoCo's impedance [-] of a constraint with the parameters `solimp` (5,) at a position error."""
+    """Return MuJoCo's impedance of a constraint with the parameters `solimp` (5,) at a position `error` [-]."""
     low, high, width, middle, p = solimp[0], solimp[1], solimp[2], solimp[3], solimp[4]
     if low == high or width <= 1e-15:
         return float(0.5 * (low + high))
@@ -75,7 +75,7 @@ def impedance(solimp: Array, error: float) -> float:
 
 @kernel
 def coupled(v: Views, side: int) -> Vector:
-    """Return, for the coupling of one side, the gear ratio from crank to knuckle, a_ref and the regularisation R."""
+    """Return gear ratio from crank to knuckle, a_ref and regularisation R of the left or right coupling."""
     c, i = v.coupling, v.coupling.rows[side]
     p, delta, knuckle = c.eq_data[i], v.qpos[v.steer_q], c.knuckles_v[side]
     square = delta * delta
@@ -93,7 +93,7 @@ def coupled(v: Views, side: int) -> Vector:
 
 @kernel
 def add_forces(v: Views) -> None:
-    """Write the sum of all forces except the force of the coupling to `qfrc_smooth`."""
+    """Write the sum of all forces without the coupling forces to `qfrc_smooth`."""
     c, com = v.coupling, v.root_com
     for b in range(1, c.body_parent.size):
         x, force = v.xipos[b], (v.xfrc[b, 0], v.xfrc[b, 1], v.xfrc[b, 2])
@@ -116,7 +116,7 @@ def add_forces(v: Views) -> None:
 
 @kernel
 def accelerate(v: Views) -> None:
-    """Compute the acceleration `qacc` and the force of the coupling `qfrc_constraint` from all other forces."""
+    """Compute the acceleration `qacc` and the coupling force `qfrc_constraint`."""
     add_forces(v)
     c, steer, left, right = v.coupling, v.steer_v, v.coupling.knuckles_v[LEFT], v.coupling.knuckles_v[RIGHT]
     ratio_l, reference_l, soft_l = coupled(v, LEFT)

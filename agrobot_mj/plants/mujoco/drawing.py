@@ -1,6 +1,6 @@
-"""Conversion of a compiled MuJoCo model to a `Scene` for images, and poses of the bodies.
+"""Conversion of a compiled MuJoCo model to a `Scene` for images, and poses of its bodies.
 
-`Ghost` computes the poses for the bicycle plant, which has no bodies.
+`Ghost` computes the poses of a MuJoCo tractor for the bicycle plant, which has no bodies.
 """
 
 from math import cos, sin
@@ -20,7 +20,7 @@ _SHAPES = {kind: name for name, kind in KINDS.items()} | {mujoco.mjtGeom.mjGEOM_
 
 
 def scene_of(model: mujoco.MjModel) -> Scene:
-    """Return the visible bodies and geoms of a compiled model without the world body."""
+    """Return the bodies of a compiled model, except the world, and their visible geoms."""
     bodies = tuple(model.body(i).name for i in range(1, model.nbody))
     shown = (model.geom_bodyid > 0) & (model.geom_group < HIDDEN) & np.isin(model.geom_type, [int(k) for k in _SHAPES])
     return Scene(bodies, tuple(_geom(model, int(i)) for i in np.flatnonzero(shown)))
@@ -48,12 +48,12 @@ def _mesh(model: mujoco.MjModel, i: int) -> Mesh:
 
 
 def poses_of(data: mujoco.MjData) -> tuple[Array, Array]:
-    """Return views of the positions (bodies, 3) and quaternions w x y z (bodies, 4) of all bodies except the world."""
+    """Return views of the positions (n, 3) and quaternions w x y z (n, 4) of all bodies except the world."""
     return data.xpos[1:], data.xquat[1:]
 
 
 class Ghost:
-    """Poses of the MJCF tractor on level ground for a planar state, used only for images."""
+    """MuJoCo tractor on level ground that shows a planar state in images."""
 
     def __init__(self, tractor: TractorParameters) -> None:
         self.model = tractor_spec(Machine(tractor)).compile()
@@ -64,7 +64,7 @@ class Ghost:
         self.at = [int(self.model.joint(name).qposadr[0]) for name in joints]
 
     def poses(self, x: float, y: float, yaw: float, steer: float, travelled: float) -> Array:
-        """Return the poses (bodies, 7) for the CG at (x, y) [m], yaw and steering [rad] and travelled distance [m]."""
+        """Return the body poses (bodies, 7) for CG position (x, y) [m], yaw and steering [rad] and distance [m]."""
         back_x, back_y = from_heading(yaw, -self.tractor.cg_to_rear_axle, 0.0)
         q = self.data.qpos
         q[:7] = x + back_x, y + back_y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)

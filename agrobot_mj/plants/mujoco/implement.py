@@ -1,4 +1,4 @@
-"""Implement of a running tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna."""
+"""Implement of a running tractor: MuJoCo model, inputs of the compiled loop, log columns, and antenna motion."""
 
 from collections.abc import Sequence
 from math import exp, log1p, nan, radians, sqrt
@@ -27,7 +27,7 @@ IMPLEMENT_WHEELS = ("il", "ir")
 
 
 def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorParameters, native: bool) -> None:
-    """Attach the implement `hitched` to the tractor of `spec`; if `native`, its tyres use MuJoCo contact."""
+    """Attach the body `hitched` to the tractor of `spec`. If `native` is true, MuJoCo contact supports its wheels."""
     hitch = [-tractor.hitch_behind_m, 0.0, tractor.hitch_height_m]
     body = spec.body("chassis").add_body(name=IMPLEMENT, pos=hitch)
     body.explicitinertial = True
@@ -44,7 +44,7 @@ def add_implement(spec: mujoco.MjSpec, hitched: HitchedBody, tractor: TractorPar
 
 
 def _antenna(hitched: HitchedBody) -> tuple[Shape, ...]:
-    """Return the mast and the antenna if the antenna is mounted on the implement."""
+    """Return the shapes of mast and antenna, or an empty tuple if the antenna is on the tractor."""
     if hitched.antenna is None:
         return ()
     x, y, z = hitched.antenna
@@ -77,9 +77,9 @@ def _add_wheel(body: mujoco.MjsBody, axle: Axle, name: str, side: int, native: b
 
 
 STEPS_A_LENGTH, LENGTHS = 5, 2000
-"""Number of draught samples per correlation length, and correlation lengths until the draught repeats [-]."""
+"""Number of draught samples per correlation length, and number of correlation lengths until the draught repeats [-]."""
 AT_THE_STOP = radians(2.0)
-"""Angle between drawbar and yaw stop below which the tractor has jackknifed [rad]. Assumed value: a pushed implement
+"""Margin to the yaw stop of the drawbar below which the tractor has jackknifed [rad]. Assumed value: a pushed implement
 does not return from this angle, and a towed implement does not reach this angle in a turn."""
 NO_TOOL = ToolLaw(0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0)
 
@@ -105,9 +105,9 @@ COLUMNS = (
 
 
 def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameters) -> TyreSet:
-    """Return the two tyres of an implement's axle (law of the rear tyres), or the tractor's tyres without an axle.
+    """Return the parameters of the two tyres of an implement's axle, or of the tractor's tyres if there is no axle.
 
-    The parameters are those of the rear tyres of a tractor on four such wheels with the static wheel load of the axle.
+    The parameters are computed as for the rear tyres of a tractor with four equal wheels of this size and load.
     """
     if axle is None:
         return tyre_set(tyre, tractor)
@@ -127,7 +127,7 @@ def implement_tyres(axle: Axle | None, tyre: TyreBase, tractor: TractorParameter
 
 
 def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
-    """Return log-normal samples (n,) of the draught along the path, divided by its mean [-], and their spacing [m]."""
+    """Return the log-normal variation of the draught: samples (n,) divided by the mean [-], and their spacing [m]."""
     if unevenness.share <= 0.0:
         return np.ones(1), 1.0
     whites = stream(seed, "implement.draught").standard_normal(STEPS_A_LENGTH * LENGTHS).tolist()
@@ -141,7 +141,7 @@ def draught_pattern(unevenness: Unevenness, seed: int) -> tuple[Array, float]:
 def attached(
     hitched: HitchedBody | None, model: mujoco.MjModel, tyre: TyreBase, tractor: TractorParameters, seed: int
 ) -> Attached:
-    """Return the inputs of the compiled loop for an implement, or for a tractor without one if None."""
+    """Return the implement data for the compiled loop; `hitched` is None for a tractor without an implement."""
     axle = hitched.axle if hitched else None
     names = IMPLEMENT_WHEELS if axle else ()
     uneven, step = draught_pattern(hitched.unevenness if hitched else Unevenness(), seed)
@@ -164,14 +164,14 @@ def attached(
 
 
 class Motion(NamedTuple):
-    """Position and velocity of a point, ENU."""
+    """Position and velocity of a point in ENU coordinates."""
 
     place: tuple[float, float, float]  # Position of the point, ENU [m]
     velocity: tuple[float, float, float]  # Velocity of the point, ENU [m/s]
 
 
 def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float] | None:
-    """Return the index of the drawbar yaw in qpos and the jackknife angle [rad], or None if there is no drawbar."""
+    """Return the index of the drawbar's yaw angle in qpos and the jackknife angle [rad], or None without a drawbar."""
     for joint in hitched.joints if hitched.axle else ():
         if joint.axis == (0.0, 0.0, 1.0):
             return int(model.joint(joint.name).qposadr[0]), joint.limit - AT_THE_STOP
@@ -179,7 +179,7 @@ def fold_joint(hitched: HitchedBody, model: mujoco.MjModel) -> tuple[int, float]
 
 
 class RunningImplement:
-    """Implement in an MjModel and MjData."""
+    """Implement of a running MuJoCo tractor."""
 
     def __init__(self, hitched: HitchedBody, model: mujoco.MjModel, data: mujoco.MjData, parts: Attached) -> None:
         self.hitched, self.model, self.data, self.parts = hitched, model, data, parts
@@ -187,14 +187,14 @@ class RunningImplement:
         self.fold = fold_joint(hitched, model)
 
     def finish_tick(self) -> None:
-        """Compute the hitch force and the body velocities after the last step of a tick."""
+        """Compute the hitch force and the body velocities after the last physics step of a tick."""
         mujoco.mj_rnePostConstraint(self.model, self.data)
         self.pull[:] = self.data.cfrc_int[self.body, 3:]
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_comVel(self.model, self.data)
 
     def motion(self, at: tuple[float, float, float]) -> Motion:
-        """Return the motion of a point, given relative to the hitch in the frame of the implement [m]."""
+        """Return the motion of the point `at`, relative to the hitch in the frame of the implement [m]."""
         data, body = self.data, self.body
         place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ at
         velocity = data.cvel[body, 3:] + np.cross(data.cvel[body, :3], place - data.subtree_com[CHASSIS])
@@ -214,23 +214,23 @@ class RunningImplement:
 
     @property
     def jackknifed(self) -> bool:
-        """Whether an implement with a drawbar is at its stop against the tractor."""
+        """Whether an implement with a drawbar has reached its yaw stop."""
         return self.fold is not None and abs(float(self.data.qpos[self.fold[0]])) > self.fold[1]
 
     @property
     def arrays(self) -> tuple[Array, ...]:
-        """Arrays outside MjData modified in place by a tick."""
+        """Arrays that a tick modifies in place, except the arrays of MjData."""
         parts = self.parts
         return parts.bristles, parts.wheel_report, parts.tyres.relaxation, parts.memory, parts.report, self.pull
 
     def forget(self) -> None:
-        """Reset all forces and the working distance to zero, after the tractor has been placed."""
+        """Reset forces, soil deflections and working distance to zero."""
         for array in self.arrays:
             array[:] = 0.0
 
     @property
     def working_place(self) -> tuple[float, float]:
-        """East and north position of the working point, tool or axle [m]."""
+        """East and north position [m] of the working point: the tool, or the axle without a tool."""
         return self.motion(self.hitched.point).place[:2]
 
     def report(self) -> Sequence[float]:

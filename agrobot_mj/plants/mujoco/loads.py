@@ -1,8 +1,8 @@
 """Loads on the chassis from the faults `drawbar` (pull of an implement at the hitch) and `side_force`.
 
-The side force acts horizontally at the tractor's centre of mass, positive to the left of the heading. The implement
-resists every motion of the hitch in the x-y plane of the chassis: forward, backward and sideways. The resistance builds
-up over a short distance, and only a larger pull overcomes the resistance. The deflection vector z of the soil follows
+The side force acts horizontally at the tractor's centre of mass, positive to the left of the heading. The soil
+resistance of the implement opposes every motion of the hitch in the x-y plane of the chassis: forward, backward and
+sideways. The resistance builds up over a short distance. The deflection vector z of the soil follows
 
   dz/dt = v - (|v| / GIVE + 1 / EASE) z,        force = -pull z / GIVE,
 
@@ -22,17 +22,19 @@ from agrobot_mj.tyres.patch import relax
 
 GIVE = 0.03  # Distance over which the soil resistance of a tool builds up [m]. Assumed value.
 EASE = 10.0
-"""Time constant of the decay of the resistance at rest [s]. Assumed value; stuck tractors creep at 3 mm/s or less."""
+"""Time constant with which the resistance decays at rest [s]. Assumed value: stuck tractors creep at 3 mm/s or less."""
 PULL, SIDE, BEHIND, HEIGHT, AHEAD, LEFT, CENTRE = range(7)
 HUNG = CENTRE + 3
-"""Indices of the loads, shape (10,): pull and side force (left positive) [N]; position of the hitch behind the rear
-axle and above the ground [m]; deflection z ahead and to the left in the chassis frame [m]; centre of mass of the
-chassis in its frame, three coordinates [m]; mass of the implement divided by mass of the tractor [-]. A single array is
-faster than several arguments of the compiled loop."""
+"""Last of the indices of the load array, shape (10,), in which the loads are a single argument of the compiled loop.
+
+The elements are: pull and side force (left positive) [N]; distance of the hitch behind the rear axle and above the
+ground [m]; deflection z ahead and to the left in the chassis frame [m]; centre of mass of the chassis in its frame (3
+elements) [m]; mass of the implement divided by mass of the tractor [-].
+"""
 
 
 def no_loads(behind: float, height: float) -> Array:
-    """Return the load array (10,) without forces for a hitch `behind` the rear axle and `height` above ground [m]."""
+    """Return a load array (10,) without forces, for a hitch `behind` the rear axle and `height` above ground [m]."""
     loads = np.zeros(10)
     loads[BEHIND], loads[HEIGHT] = behind, height
     return loads
@@ -40,7 +42,7 @@ def no_loads(behind: float, height: float) -> Array:
 
 @kernel
 def apply_loads(v: Views, loads: Array, dt: float) -> None:
-    """Write the wrench of the loads on the chassis into `xfrc_applied`, and advance the implement's deflection."""
+    """Write the wrench of the loads on the chassis to `xfrc_applied`, and advance the soil deflection at the hitch."""
     wrench = v.xfrc[CHASSIS]
     wrench[:] = 0.0
     R = v.xmat[CHASSIS]
@@ -63,7 +65,7 @@ def apply_loads(v: Views, loads: Array, dt: float) -> None:
 
 @kernel
 def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
-    """Add the soil resistance of the implement to the wrench (6,) on the chassis."""
+    """Add the soil resistance of the implement to the wrench on the chassis (6,), and advance the soil deflection."""
     R, w, x, z = v.xmat[CHASSIS], v.qvel, -loads[BEHIND], loads[HEIGHT]
     # velocity of the hitch in the chassis frame: R^T v + omega x r; qvel already has omega in this frame
     ahead = R[0] * w[0] + R[3] * w[1] + R[6] * w[2] + w[4] * z
@@ -77,7 +79,7 @@ def pull_back(v: Views, loads: Array, dt: float, wrench: Array) -> None:
 
 @kernel
 def push(R: Array, loads: Array, place: Vector, force: Vector, wrench: Array) -> None:
-    """Add a force [N] at a position relative to the chassis origin [m] to the wrench (6,), all in world axes."""
+    """Add a force [N] at `place`, relative to the chassis origin [m], to the wrench (6,), all in world axes."""
     # xfrc_applied acts at the chassis' own centre of mass, which a payload moves
     c = loads[CENTRE:]
     torque = cross(

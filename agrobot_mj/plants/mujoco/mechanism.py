@@ -1,4 +1,4 @@
-"""Steering and drive mechanism that is added to a user-defined body with wheels and knuckles.
+"""Steering and drive mechanism, added to a user-defined body that has wheels and steering knuckles.
 
 The parts are the same as in `models/tractor.xml`: the crank of the virtual front wheel, its coupling to both knuckles,
 the differentials and both actuators. `model` sets the values that depend on the scenario.
@@ -11,19 +11,19 @@ import mujoco
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
 CRANK_KG, CRANK_ARMATURE, CRANK_DAMPING = 1e-6, 1.0, 5.0
-"""Mass of the crank, included in the mass of the body [kg]; inertia [kg m2] and damping [N m s/rad] of the parts
-rotating with the cylinder on the compact tractor, which scale with mass and squared track."""
+"""Mass of the crank, which is part of the mass of the body [kg]; inertia [kg m2] and damping [N m s/rad] of the parts
+that rotate with the cylinder of the compact tractor. Inertia and damping scale with mass times squared track width."""
 STIFF = (0.004, 1.0)  # Time constant [s] and damping ratio of the coupling between crank and knuckles
 LIMITED = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def in_unit_of(element: mujoco.MjsBody | mujoco.MjsJoint, angle: float) -> float:
-    """Convert an angle [rad] to the angle unit of the MJCF file that contains an element."""
+    """Convert an angle [rad] to the angle unit of the MJCF file that contains `element`."""
     return degrees(angle) if element.compiler.degree else angle
 
 
 def add_mechanism(spec: mujoco.MjSpec, carrier: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Add steering and drive to the model `spec`, whose front knuckles are attached to the body `carrier`."""
+    """Add steering and drive to the model `spec`; `carrier` is the body to which the front knuckles are attached."""
     if spec.joint("steer") is None:
         _add_crank(carrier, tractor)
     for name, knuckle in (("ackermann_fl", "steer_fl"), ("ackermann_fr", "steer_fr")):

@@ -1,8 +1,8 @@
-"""Conversion of `models/tractor.xml` and the parameters to a compiled MuJoCo model.
+"""Conversion of `models/tractor.xml` and the scenario's parameters to a compiled MuJoCo model.
 
-The XML file contains the shape of the tractor and default values; this module sets all values of the scenario through
-`MjSpec`. Wheel masses are parameters. Axle, knuckles and crank of the XML file are scaled with the tractor. The chassis
-has the remaining mass and inertia, so that the complete tractor has exactly the values of `TractorParameters`.
+The XML file contains the structure of the tractor and default values; this module sets all values of the scenario
+through `MjSpec`. Axle, knuckles and crank of the XML file are scaled with the tractor; wheel masses are parameters.
+Chassis mass and inertia are computed so that the complete tractor has exactly the values of `TractorParameters`.
 """
 
 from functools import cache
@@ -27,12 +27,12 @@ from agrobot_mj.terrain import Ground
 from agrobot_mj.tyres.base import NativeContact
 
 SPIN_GYRATION_2, DIAMETER_GYRATION_2 = 0.58, 0.32
-"""Squared radius of gyration divided by squared radius, about the spin axis and about a diameter [-]. Assumed value:
-half of the mass is in the tread."""
+"""Squared radius of gyration of a wheel divided by its squared radius [-], about the spin axis and about a diameter.
+Assumed value: half of the mass is in the tread."""
 
 
 def ackermann_coefficients(tractor: TractorParameters) -> Array:
-    """Return the coefficients (5,) of a quartic from virtual angle to left wheel angle, fitted with slope 1 at zero."""
+    """Return the coefficients (5,) of a quartic from virtual to left wheel angle, fitted to the Ackermann geometry."""
     delta = np.linspace(-tractor.steer_limit, tractor.steer_limit, 501)
     t_2L = tractor.track_m / (2 * tractor.wheelbase_m)
     left = np.arctan2(np.tan(delta), 1 - t_2L * np.tan(delta))
@@ -42,15 +42,15 @@ def ackermann_coefficients(tractor: TractorParameters) -> Array:
 
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Solver impedance of dry friction in kingpins and brake; with the default, joints creep by a degree in seconds."""
+"""Solver impedance of dry friction in kingpins and brake. With MuJoCo's default, joints creep by 1 deg in seconds."""
 QUICK = (0.004, 1.0)
-"""Time constant [s] and damping ratio [-] of the brake friction, small enough to take effect in one step."""
+"""Time constant [s] and damping ratio [-] of the brake friction, chosen so that friction acts within one step."""
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0)
-"""Factors on typical inertias, tested in turn to find a physically possible chassis [-]."""
+"""Factors on typical inertias, tried in this order to find a physically possible chassis [-]."""
 
 
 def tractor_spec(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor without its implement, with all parameters set. Raise ValueError for impossible values."""
+    """Return the tractor without its implement, with all parameters set. Raises ValueError for impossible values."""
     tractor, oil = machine.tractor, machine.cylinder.column(machine.tractor, machine.linkage)
     spec = _sized(machine) if tractor.mjcf is None else _own(machine)
     _couple_knuckles(spec, tractor)
@@ -64,7 +64,7 @@ def tractor_spec(machine: Machine) -> mujoco.MjSpec:
 
 
 def _sized(machine: Machine) -> mujoco.MjSpec:
-    """Return the tractor of `models/tractor.xml` with the sizes and masses of the machine."""
+    """Return the tractor of `models/tractor.xml` with the sizes and masses of a machine."""
     spec, tractor = _default().copy(), machine.tractor
     _size_front_axle(spec, tractor)
     _place_wheels(spec, tractor)
@@ -78,15 +78,17 @@ def _sized(machine: Machine) -> mujoco.MjSpec:
 
 @cache
 def _default() -> mujoco.MjSpec:
-    """Return the tractor of `models/tractor.xml` without visual geoms, to be copied. The result is cached, because
-    MuJoCo needs longer to remove geoms than to compile the tractor."""
+    """Return the tractor of `models/tractor.xml` without visual geoms, as a template for copies.
+
+    The result is cached, because MuJoCo needs more time to remove geoms than to compile the tractor.
+    """
     spec = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     undress(spec)
     return spec
 
 
 def _own(machine: Machine) -> mujoco.MjSpec:
-    """Return a user-defined body with its own kingpins. Raise ValueError if the scenario cannot steer this body."""
+    """Return the tractor with a user-defined body. Raises ValueError for a conflict with steering keys."""
     if machine.linkage.moved:
         given = "kingpin_offset_m, kingpin_inclination_deg and caster_deg"
         raise ValueError(f"steering.linkage: the body of tractor.mjcf has its own kingpins; omit {given}")
@@ -103,8 +105,9 @@ def _own(machine: Machine) -> mujoco.MjSpec:
 
 
 def _size_front_axle(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Scale axle, knuckles and crank: masses with the tractor's mass, inertias and dampings with mass times squared
-    track width. The stiff cylinder of a large machine would otherwise cause vibrations of a small crank.
+    """Scale axle, knuckles and crank: masses with the tractor's mass, inertias and dampings with mass times track^2.
+
+    Without scaling, the stiff cylinder of a large machine would cause vibrations of a small crank.
     """
     mass = tractor.mass_kg / COMPACT.mass_kg
     moment = mass * (tractor.track_m / COMPACT.track_m) ** 2
@@ -136,7 +139,7 @@ def _place_wheels(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def wheel_inertia(wheel: AxleWheel) -> Array:
-    """Return the moments of inertia [kg m2] of a wheel about roll, spin and yaw axis, shape (3,)."""
+    """Return the moments of inertia of a wheel about its roll, spin and yaw axes [kg m2], shape (3,)."""
     inertia: Array = (
         wheel.mass * wheel.radius**2 * np.array([DIAMETER_GYRATION_2, SPIN_GYRATION_2, DIAMETER_GYRATION_2])
     )
@@ -155,7 +158,7 @@ def _couple_knuckles(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
 
 
 def _lay_kingpins(spec: mujoco.MjSpec, tractor: TractorParameters, linkage: Linkage) -> None:
-    """Set the kingpin axes; the positions of the wheels at zero steering angle are unchanged."""
+    """Set the kingpin axes without moving the wheels at zero steering angle."""
     front = tractor.front_wheel
     for wheel, side in (("fl", 1), ("fr", -1)):
         joint, axis = spec.joint(f"steer_{wheel}"), np.array(linkage.axis(side))
@@ -196,7 +199,7 @@ def _set_differentials(spec: mujoco.MjSpec, tractor: TractorParameters, drivelin
 
 
 def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -> None:
-    """Connect the drive to all wheels: one motor per wheel, with equal torques on an axle."""
+    """Connect the drive to one motor per wheel; both motors of an axle have the same torque."""
     gear = tractor.front_wheel_radius_m / tractor.rear_wheel_radius_m
     motors = spec.add_tendon(name="motors")
     for wheel in WHEELS:
@@ -205,7 +208,7 @@ def _add_motors(spec: mujoco.MjSpec, tractor: TractorParameters, share: float) -
 
 
 def _complete_chassis(spec: mujoco.MjSpec, chassis: mujoco.MjsBody, tractor: TractorParameters) -> None:
-    """Set mass, centre and inertia of the chassis: the values of the complete tractor minus all other bodies."""
+    """Set mass, centre of mass and inertia of the chassis: complete tractor minus all other bodies."""
     cg = np.array([tractor.cg_to_rear_axle, 0, tractor.cg_height_m])
     whole = np.diag([tractor.roll_inertia_kg_m2, tractor.pitch_inertia_kg_m2, tractor.yaw_inertia_kg_m2])
     inertia = whole
@@ -242,7 +245,7 @@ def _fitting_inertia(tractor: TractorParameters, others: Array) -> str:
 
 
 def _offset(body: mujoco.MjsBody) -> Array:
-    """Return the position of a body in the chassis frame with all joints at zero (no body in between is rotated)."""
+    """Return the position of a body in the chassis frame with all joints at zero, if its parents have no rotation."""
     position = np.array(body.pos)
     while (body := body.parent).name != "chassis":
         position = position + body.pos
@@ -250,12 +253,12 @@ def _offset(body: mujoco.MjsBody) -> Array:
 
 
 def steiner(mass: float, d: Array) -> Array:
-    """Return the inertia of a point mass at the position `d` (3,) about the origin, shape (3, 3)."""
+    """Return the inertia about the origin of a point mass at the position `d` (3,), shape (3, 3)."""
     return mass * (d @ d * np.eye(3) - np.outer(d, d))
 
 
 def is_physical_inertia(inertia: Array) -> bool:
-    """Return whether an inertia (3, 3) is physical: positive moments, each at most the sum of the other two."""
+    """Return whether an inertia (3, 3) has positive principal moments, each at most the sum of the other two."""
     low, middle, high = np.linalg.eigvalsh(inertia)
     return bool(low > 0 and high <= low + middle)
 
@@ -263,11 +266,11 @@ def is_physical_inertia(inertia: Array) -> bool:
 def simulation_model(
     spec: mujoco.MjSpec, ground: Ground, physics_dt: float, native: NativeContact | None, drawn: bool = True
 ) -> mujoco.MjModel:
-    """Return the compiled tractor on its ground. If `native` is None, tyre laws replace the MuJoCo contact of the
-    wheels.
+    """Return the compiled tractor on its ground.
 
-    If not `drawn`, visual geoms are omitted, because MuJoCo would update a hundred lugs and panels in every step. The
-    physics is the same, because bodies have explicit masses.
+    If `native` is None, the wheels have no MuJoCo contact, and tyre laws support them. If `drawn` is false, visual
+    geoms are omitted: MuJoCo would update a hundred lugs and panels in every step. Bodies have explicit masses, so that
+    visual geoms do not affect the physics.
     """
     contact = native or NativeContact()
     spec.option.timestep = physics_dt

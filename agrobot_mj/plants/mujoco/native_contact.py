@@ -1,4 +1,4 @@
-"""MuJoCo contact as a tyre model: ground friction under each wheel, and the same tyre report as from other laws."""
+"""MuJoCo contact as a tyre model: friction under each wheel, and a tyre report with the quantities of the tyre laws."""
 
 from math import atan2, hypot
 
@@ -14,7 +14,7 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, LOAD, SLIP_AN
 
 
 class NativeContacts:
-    """Four wheels of a model with MuJoCo contact."""
+    """Contacts of the four wheels in a model with MuJoCo contact."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, ground: Ground, tyres: TyreSet, native: NativeContact
@@ -26,7 +26,7 @@ class NativeContacts:
         self.velocity = np.zeros(6)
 
     def set_friction(self) -> None:
-        """Set the friction of each wheel geom, which has priority over the ground geom, from the ground below it."""
+        """Set the friction of each wheel geom from the ground below the wheel; wheel geoms override the ground geom."""
         for i, (body, geom) in enumerate(zip(self.bodies, self.geoms, strict=True)):
             x, y, _ = self.data.xpos[body]
             scale, _ = surface_at(self.ground.surface, x, y)
@@ -45,7 +45,7 @@ class NativeContacts:
             report[i, SLIP_ANGLE], report[i, SLIP_RATIO] = self._slip(i, forward, left)
 
     def _frame(self, body: int) -> tuple[Array, Array, Array]:
-        """Return the forward and left directions in the ground plane below a wheel, and the ground normal."""
+        """Return the forward direction and left direction in the ground plane below a wheel, and the ground normal."""
         _, dx, dy = height_and_gradient(self.ground, *self.data.xpos[body, :2])
         n = np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0)
         forward = np.cross(self._axle(body), n)

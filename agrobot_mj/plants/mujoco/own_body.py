@@ -1,4 +1,4 @@
-"""User-defined body, `tractor.mjcf`. Derives the values of `[tractor]` and builds the model for the simulation.
+"""User-defined body (`tractor.mjcf`): derivation of the values of `[tractor]`, and model for the simulation.
 
 The masses, joints, springs and visual geoms of the file are kept. Its actuators, sensors, keyframes and couplings of
 wheel and knuckle joints are removed, because the simulator provides steering, drive and tyres.
@@ -36,12 +36,12 @@ PLAIN = {
     "tendon": ("limited", "range", "stiffness", "damping", "frictionloss", "armature", "springlength", "actfrclimited"),
     "actuator": ("gear", "delay", "nsample", "armature", "damping", "actearly", "inheritrange", "group"),
 }
-"""Attributes that `_forget_defaults` resets, by element: the default class of a file may change them."""
+"""Attributes of each element that `_forget_defaults` resets, because the default class of a file may change them."""
 DIGITS = 10  # Number of significant digits of values derived from a body
 
 
 def measures(name: str, springs: dict[str, float]) -> dict[str, float]:
-    """Return the keys of `[tractor]` with their values derived from the body in the file `name`."""
+    """Return the values of keys in `[tractor]` that are derived from the body in the file `name`."""
     files = own_files(name)
     return dict(_measured(str(files.main), tuple(stamp(str(f)) for f in (files.main, *files.others)), *springs.items()))
 
@@ -96,7 +96,7 @@ def _loaded(name: str) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
 
 
 def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
-    """Return the user-defined body of a tractor with steering and drive. Raise ValueError as `measures` does."""
+    """Return a tractor with user-defined body, steering and drive. Raises ValueError for an invalid body."""
     spec, model = _loaded(tractor.mjcf or "")
     default = mujoco.MjSpec.from_file(str(MODELS / "tractor.xml"))
     _keep_masses(spec, model)
@@ -118,7 +118,7 @@ def own_spec(tractor: TractorParameters) -> mujoco.MjSpec:
 
 
 def _forget_defaults(spec: mujoco.MjSpec) -> None:
-    """Reset the default class to MuJoCo's defaults for added elements; elements of the file keep their values."""
+    """Reset the default class to MuJoCo's defaults for added elements; existing elements keep their values."""
     plain = mujoco.MjSpec().default
     for kind, keys in PLAIN.items():
         ours, theirs = getattr(plain, kind), getattr(spec.default, kind)
@@ -129,7 +129,7 @@ def _forget_defaults(spec: mujoco.MjSpec) -> None:
 
 
 def _keep_masses(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """Store masses computed from geoms in their bodies, because visual geoms are removed for the simulation."""
+    """Store masses computed from geoms in the bodies, because visual geoms are removed for the simulation."""
     always = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     for body in spec.bodies[1:]:
         body.gravcomp = 0.0
@@ -166,7 +166,7 @@ def _joints_of(model: mujoco.MjModel, tendon: int) -> set[int]:
 
 
 def _sort_geoms(spec: mujoco.MjSpec, tractor: TractorParameters) -> None:
-    """Classify each geom as tyre, contact or visual; add default visual and contact geoms if there are none."""
+    """Classify geoms as tyre, contact or visual geoms; add default contact and visual geoms where the body has none."""
     drawn, touching_bodies = set[str](), set[str]()
     for geom in spec.geoms:
         touches, tyre = geom.name.endswith(CONTACT), geom.name in TYRES

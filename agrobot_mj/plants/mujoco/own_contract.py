@@ -1,4 +1,4 @@
-"""Requirements for a user-defined body (names, axes and positions), its parameters, and one message per error.
+"""Requirements for a user-defined body (names, axes and positions), and an error message for each violation.
 
 docs/bodies.md describes the requirements. Vectors are in the chassis frame with all joints at zero: x forward, y left,
 z up, origin on the ground below the centre of the rear axle.
@@ -22,13 +22,13 @@ OURS = (*SPINS, *STEERS, CRANK)  # Joints driven and coupled by the simulator
 RESERVED = ("implement", "wheel_il", "wheel_ir")  # Names of bodies added by the simulator
 ALONG, UPRIGHT = 0.999, 0.7  # Minimum cosines of the errors of axes: wheels and axle (2.5 deg), kingpins (45 deg) [-]
 PLACE_M, SHARE = 0.01, 0.05
-"""Maximum error of a position [m], and maximum error of the height of a wheel centre divided by the free radius [-]."""
+"""Maximum position error [m], and maximum error of a wheel centre's height divided by the free radius [-]."""
 ASIDE = 0.1  # Maximum distance of the centre of mass from the centre line, divided by the track width [-]
 HINGE, FREE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_FREE)
 
 
 class Posed:
-    """Compiled body with all joints at zero."""
+    """User-defined body in its initial position: all joints at zero."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model, self.data = model, mujoco.MjData(model)
@@ -57,7 +57,7 @@ class Posed:
         return radius, 2 * half
 
     def above(self, body: int) -> tuple[int, ...]:
-        """Return a body and its ancestors up to the chassis or the world."""
+        """Return the ids of a body and its ancestors, up to the chassis or the world."""
         found = [body]
         while found[-1] not in (0, self.chassis):
             found.append(int(self.model.body_parentid[found[-1]]))
@@ -73,7 +73,7 @@ class MassProperties(NamedTuple):
 
 
 def inertial_of(posed: Posed) -> MassProperties:
-    """Return mass, centre and inertia of the chassis with all attached bodies."""
+    """Return mass, centre of mass and inertia of the chassis with all attached bodies."""
     model, data = posed.model, posed.data
     com, total = data.subtree_com[posed.chassis], np.zeros((3, 3))
     for body in range(1, model.nbody):
@@ -85,7 +85,7 @@ def inertial_of(posed: Posed) -> MassProperties:
 
 
 def contract_faults(model: mujoco.MjModel) -> list[str]:
-    """Return a message for each requirement that a compiled body does not fulfil."""
+    """Return a message for each requirement that a compiled body violates."""
     found = [*_missing(model), *_more_wheels(model), *_beside(model)]
     if found:
         return found
@@ -112,7 +112,7 @@ def _missing(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _more_wheels(model: mujoco.MjModel) -> Iterator[str]:
-    """Yield a message for each additional joint with unlimited rotation: a wheel or sprocket without a tyre model."""
+    """Yield a message for each additional joint with unlimited rotation, such as a fifth wheel or a sprocket."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     for i in range(model.njnt):

@@ -1,4 +1,4 @@
-"""Files of a user-defined body, checked before MuJoCo opens them.
+"""Files of a user-defined body, checked before MuJoCo reads them.
 
 A body is an MJCF file with its included files, attached models, meshes and textures in one folder. A run copies these
 files to the folder of its `scenario.toml`.
@@ -13,14 +13,14 @@ from xml.parsers import expat
 from agrobot_mj.core.resources import checked, refuse
 
 MOST_BYTES, MOST_ASSET_BYTES, MOST_FILES = 5_000_000, 50_000_000, 500
-"""Maximum size of an MJCF file and of an asset [bytes], and maximum number of files."""
+"""Maximum size of an MJCF file [bytes], maximum size of an asset [bytes], and maximum number of files."""
 MOST_ELEMENTS = 20_000  # Maximum number of elements of a body after expanding replicates and attached models [-]
 LARGEST = 5_000  # Maximum value of an attribute that determines memory allocated by MuJoCo [-]
 SIZES = {"count", "height", "ncol", "nkey", "nrow", "width"}
-"""Names of size attributes, in addition to names that begin with `nuser_`."""
+"""Attributes that determine the memory allocated by MuJoCo, in addition to attributes with the prefix `nuser_`."""
 FOLDERS = {"assetdir", "meshdir", "texturedir"}  # Attributes of `compiler` that contain names of asset folders
 NOT_OURS = {"plugin", "extension", "flexcomp", "flex", "composite", "skin", "deformable"}
-"""Elements that a body must not contain: plugins and deformable bodies."""
+"""MJCF elements that a body must not contain: plugins and deformable bodies."""
 
 
 class OwnFiles(NamedTuple):
@@ -31,7 +31,7 @@ class OwnFiles(NamedTuple):
 
 
 def own_files(name: str) -> OwnFiles:
-    """Return the files of the body `name`. Raise ValueError with a line per error."""
+    """Return the files of the user-defined body `name`. Raises ValueError with one line per error."""
     main = checked(name, (".xml", ".mjcf"), MOST_BYTES)
     reader = _Reader(main)
     if reader.model(main) > MOST_ELEMENTS:
@@ -42,7 +42,7 @@ def own_files(name: str) -> OwnFiles:
 
 
 class _Element(NamedTuple):
-    """Element of an XML file with the names used by MuJoCo, which ignores namespaces."""
+    """XML element with tag and attributes, without namespaces (MuJoCo ignores namespaces)."""
 
     tag: str
     given: dict[str, str]
@@ -50,19 +50,19 @@ class _Element(NamedTuple):
 
 
 class _Size:
-    """Size of a model with its included files."""
+    """Number of elements of a model with its included files."""
 
     def __init__(self) -> None:
         self.elements, self.attached, self.largest = 0, 0, 0
 
     @property
     def expanded(self) -> int:
-        """Number of elements; each attached model counts with the size of the largest model."""
+        """Upper limit of the number of elements: each attached model has the size of the largest attached model."""
         return self.elements + self.attached * self.largest
 
 
 class _Reader:
-    """Reader of a model with its included files and attached models."""
+    """Reader of an MJCF model with its included files and attached models."""
 
     def __init__(self, main: Path) -> None:
         self.main = main
@@ -72,7 +72,7 @@ class _Reader:
         self._sizes: dict[Path, int] = {}
 
     def model(self, path: Path) -> int:
-        """Read the file of a model; return its number of elements after expansion."""
+        """Read a model file; return the number of elements after expansion."""
         if path not in self._sizes:
             size = _Size()
             self._read(path, size)

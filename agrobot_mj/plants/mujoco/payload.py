@@ -1,6 +1,7 @@
-"""Point masses added to or removed from the chassis of a running model: new mass, centre and inertia.
+"""Payload: point masses added to or removed from the chassis of a running model.
 
-Derived quantities of MuJoCo (`mj_setConst`) are computed with a separate MjData, so that the state is unchanged.
+A payload changes mass, centre of mass and inertia. Derived quantities of MuJoCo (`mj_setConst`) are computed with a
+separate MjData, so that the state is unchanged.
 """
 
 from collections.abc import Iterable
@@ -26,7 +27,7 @@ class Inertial(NamedTuple):
 
 
 def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
-    """Return the mass properties of `bare` with its payload. Raise ValueError if they are physically impossible."""
+    """Return the mass properties of a body with a payload. Raises ValueError if they are physically impossible."""
     mass = bare.mass + sum(load.kg for load in payload)
     if mass < LEAST_KG:
         raise ValueError(f"mass_kg: only {mass:.0f} of {bare.mass:.0f} kg of the chassis remain; remove less mass")
@@ -41,7 +42,7 @@ def with_payload(bare: Inertial, payload: tuple[PointMass, ...]) -> Inertial:
 
 
 def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
-    """Return the maximum fraction of a payload [-], in steps of 0.01, for which the body is physically possible."""
+    """Return the maximum fraction of a payload for which the body is physically possible [-], in steps of 0.01."""
     for share in (percent / 100 for percent in range(99, 0, -1)):
         some = tuple(load._replace(kg=share * load.kg) for load in payload)
         if is_physical_inertia(_joined(bare, some, bare.mass + sum(load.kg for load in some)).inertia):
@@ -50,7 +51,7 @@ def _fitting_share(bare: Inertial, payload: tuple[PointMass, ...]) -> float:
 
 
 def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Inertial:
-    """Return the body with its payload and the total `mass` [kg], without checks."""
+    """Return the mass properties of a body with its payload, without checks; `mass` is the total mass [kg]."""
     places = [np.array(load[1:]) for load in payload]
     moments = [load.kg * place for load, place in zip(payload, places, strict=True)]
     centre = (bare.mass * bare.centre + sum(moments, np.zeros(3))) / mass
@@ -61,7 +62,7 @@ def _joined(bare: Inertial, payload: tuple[PointMass, ...], mass: float) -> Iner
 
 
 def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass, ...]]]) -> None:
-    """Raise ValueError naming the fault if the chassis with one of these payloads is physically impossible."""
+    """Raise ValueError, naming the fault, if one of the payloads makes the chassis physically impossible."""
     for k, payload in loadings:
         try:
             with_payload(bare, payload)
@@ -70,7 +71,7 @@ def check_payloads(bare: Inertial, loadings: Iterable[tuple[int, tuple[PointMass
 
 
 class Chassis:
-    """Chassis of a running model, with the point masses that it carries (payload)."""
+    """Chassis of a running model with its payload."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
@@ -96,7 +97,7 @@ class Chassis:
         self.payload = payload
 
     def _values(self, payload: tuple[PointMass, ...]) -> list[Array]:
-        """Return mass, centre, principal moments and principal axes (quaternion) of the chassis with a payload."""
+        """Return mass, centre of mass, principal moments and axes (quaternion) of the chassis with a payload."""
         if not payload:
             return self.written
         mass, centre, inertia = with_payload(self.bare, payload)

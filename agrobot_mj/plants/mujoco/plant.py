@@ -1,4 +1,4 @@
-"""Plant that simulates the tractor in MuJoCo and owns the MjModel and MjData of the run."""
+"""Plant that simulates the tractor with MuJoCo."""
 
 import sys
 from collections.abc import Sequence
@@ -45,10 +45,13 @@ from agrobot_mj.tyres.laws import with_soil_memory
 CLOCK = Clock()
 CONTACTLESS = int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
 ROLLOVER_COSINE = cos(radians(60))
-"""Cosine of the tilt, 60 deg, above which the tractor has rolled over [-]. Assumed value above all tip-over angles."""
+"""Cosine of the tilt, 60 deg, above which the tractor has rolled over [-]. Assumed value, above all tip-over angles."""
 STICKING_SPIN, STICKING_CONTACT = 0.03, 1e4
-"""Factors, while the brake is applied, on `dof_invweight0` of the wheels (softens their dry friction) and on `impratio`
-[-]. Friction in MuJoCo creeps under load: with these factors by 0.2 um/s (`contact`: 0.15 um/s) on 10 deg."""
+"""Factors on `dof_invweight0` of the wheels and on `impratio` while the brake is applied [-].
+
+The factors reduce the creep of MuJoCo's dry friction under load. On a slope of 10 deg the creep is 0.2 um/s, or 0.15
+um/s with the tyre `contact`.
+"""
 OFFSET_M, PLACINGS = 0.001, 3
 """Distance from the start above which a settled tractor is placed again [m], and maximum number of placements [-]."""
 NOWHERE = (nan, nan)  # Position of the working point of a tractor without implement
@@ -57,7 +60,7 @@ DIVERGED_SPEED = 100.0  # Speed above which the simulation has diverged [m/s]. A
 
 
 class MujocoPlant(RunningPlant):
-    """Running MuJoCo tractor."""
+    """Running plant with a tractor in MuJoCo."""
 
     def __init__(
         self,
@@ -105,10 +108,11 @@ class MujocoPlant(RunningPlant):
         self._look()
 
     def reset(self, start: Reference, conditions: Conditions = NOMINAL) -> Truth:
-        """Place the tractor with its CG above the start of the path, and let it settle to rest under these conditions.
+        """Place the tractor with its CG above the start of the path, let it settle to rest, and return the true state.
 
-        On a slope the tractor moves downhill while its tyres deflect, and is then placed again, uphill by this
-        distance. A tractor that does not come to rest, or has rolled over, starts in this state, with a warning.
+        On a slope the tractor moves downhill while its tyres deflect; the tractor is then placed again, uphill by the
+        distance of this motion. If the tractor does not come to rest or has rolled over, a warning is printed, and the
+        run starts in this state.
         """
         self._apply_conditions(conditions)
         place = start
@@ -145,9 +149,10 @@ class MujocoPlant(RunningPlant):
         self._update_bodies()
 
     def _settle(self) -> RecentMotion:
-        """Simulate with valves in neutral until the tractor rests, has rolled over or rolled away; return its motion.
+        """Simulate with valves in neutral until the tractor rests, has rolled over or moved away; return its motion.
 
-        The brake is applied with MuJoCo contact, or if the hydrostat cannot hold the tractor. The duration is limited.
+        The brake is applied with MuJoCo contact, or if the hydrostat cannot hold the tractor. `settle_limit_s` limits
+        the duration.
         """
         brake, recent = float(self.contacts is not None), RecentMotion(self.tick_s)
         tilt, gravity = Tilt(self.data.xmat[CHASSIS][2::3], self.tick_s), self.option.gravity.copy()
@@ -173,7 +178,7 @@ class MujocoPlant(RunningPlant):
         return fetched(self.advanced(drive, conditions))
 
     def advanced(self, drive: Drive, conditions: Conditions = NOMINAL) -> Held[Truth]:
-        """Advance one tick as `advance` does, but return the true state by reference (`Held`)."""
+        """Advance one tick at constant voltages and conditions; return a reference (`Held`) to the true state."""
         if conditions != self.conditions:
             self._apply_conditions(conditions)
         if self.clutches.switched:
@@ -184,7 +189,7 @@ class MujocoPlant(RunningPlant):
         return self.seen
 
     def step_through(self, drive: Drive) -> None:
-        """Simulate the physics steps of one tick at constant voltages, without reading the new state."""
+        """Simulate the physics steps of one tick at constant voltages, without computing the true state."""
         if self.contacts:
             self.contacts.set_friction()
         if drive.brake != self.braking:
@@ -202,11 +207,11 @@ class MujocoPlant(RunningPlant):
             self.implement.finish_tick()
 
     def _update_bodies(self) -> None:
-        """Compute the poses of the bodies, and whether they are clear of the ground, from the positions."""
+        """Compute the body poses from the generalised positions, and whether the chassis is clear of the ground."""
         _, self.clear = self._run(self.rig, (NEUTRAL_V, NEUTRAL_V), self.samples.shape[1], False)
 
     def _brake(self, share: float) -> None:
-        """Apply the fraction `share` of the brake torque [-], modelled as dry friction without creep or chatter."""
+        """Apply a fraction of the brake torque, `share` [-], as dry friction without creep or chatter."""
         self.braking, stands = share, share > 0.0
         self.model.dof_frictionloss[self.spins_v] = share * self.brake_torques
         self.model.dof_invweight0[self.spins_v] = self.spin_weights * (STICKING_SPIN if stands else 1.0)
@@ -251,7 +256,7 @@ class MujocoPlant(RunningPlant):
         return *own, *valve, *drive, *hung, *self.clutches.memories
 
     def save(self) -> MujocoState:
-        """Return the state between two ticks: a few kilobytes, plus 33 kB for each tile of soil with ruts."""
+        """Return a copy of the state between two ticks: a few kilobytes, plus 33 kB per tile of soil with ruts."""
         physics = np.empty(mujoco.mj_stateSize(self.model, INTEGRATION))
         mujoco.mj_getState(self.model, self.data, physics, INTEGRATION)
         return MujocoState(
@@ -281,22 +286,22 @@ class MujocoPlant(RunningPlant):
         return fetched(self.seen)
 
     def poses(self) -> Array:
-        """Return the pose of every body of the scene, shape (bodies, 7): x y z, quaternion w x y z."""
+        """Return the position x y z [m] and quaternion w x y z of every body in the scene, shape (bodies, 7)."""
         return np.concatenate(self._poses, axis=1)
 
     def configuration(self) -> Array:
-        """Return the generalised positions, shape (nq,)."""
+        """Return the generalised positions `qpos`, shape (nq,)."""
         return np.array(self.data.qpos)
 
     def wheels(self) -> Array:
-        """Return the tyre report, shape (24,): four wheels for each quantity in the order of `tyres.patch`."""
+        """Return the tyre reports in the order of `tyres.patch`, shape (24,), with four wheels per quantity."""
         if self.contacts:
             self.contacts.read(self.tyred.report)
         return self.tyred.report.T.ravel()
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the implement, if present."""
+        """Log columns of the implement; empty without an implement."""
         return COLUMNS if self.implement else ()
 
     def report(self) -> Sequence[float]:
@@ -304,11 +309,11 @@ class MujocoPlant(RunningPlant):
         return self.implement.report() if self.implement else ()
 
     def ruts(self) -> RutMap | None:
-        """Return the ruts on the field, or None on ground without ruts."""
+        """Return the ruts on the field, or None if the ground has no plastic soil."""
         return rut_map(self.ground.memory) if self.ground.memory.tiles.size else None
 
     def actuation(self) -> tuple[float, float, float]:
-        """Return oil flow to the cylinder [m3/s], its pressure [Pa] and the torque on the driven wheels [N m]."""
+        """Return steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
         return self.motion.actuation
 
     def warnings(self) -> int:
@@ -316,7 +321,7 @@ class MujocoPlant(RunningPlant):
         return int(self.data.warning.number.sum())
 
     def trouble(self) -> str | None:
-        """Return the outcome that ends the run: rolled_over, jackknifed, left_terrain or diverged; otherwise None."""
+        """Return the outcome that ends the run (rolled_over, jackknifed, left_terrain or diverged), or None."""
         if self.motion.fastest > DIVERGED_SPEED:
             return "diverged"
         if self._fallen:

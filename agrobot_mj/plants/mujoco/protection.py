@@ -1,8 +1,9 @@
-"""Error handling of MuJoCo calls in compiled kernels: errors give a return value and do not end the process.
+"""Error handling of MuJoCo functions in compiled kernels: an error gives a return value instead of ending the process.
 
 MuJoCo reports an error through `mju_error`, which does not return. MuJoCo's Python package converts errors of its own
 calls to `mujoco.FatalError`, but an error in a kernel would end the process. Each C function is wrapped in a few lines
-of LLVM code that store a position with `setjmp`, to which the error handler jumps. Each thread has a separate position.
+of LLVM code that store a jump target with `setjmp`; the error handler jumps to this target. Each thread has a separate
+target.
 """
 
 import ctypes
@@ -15,7 +16,7 @@ import llvmlite.binding as llvm
 Calls = Mapping[str, tuple[str, ...]]  # Names of the C functions that each sequence calls
 NOTED = 1000  # Maximum length of a stored error message [bytes]
 PROTECTED = sys.platform in ("linux", "darwin")
-"""Whether errors of MuJoCo are caught on this platform; otherwise errors end the process."""
+"""Whether MuJoCo errors are caught on this platform. On other platforms an error ends the process."""
 _HEAD = """
 @message = global [{size} x i8] zeroinitializer
 declare i32 @_setjmp(ptr) returns_twice
@@ -62,7 +63,10 @@ define i32 @agrobot_{name}(i64 %model, i64 %data) {{
 
 
 class Protected:
-    """Sequences of C functions void f(const mjModel*, mjData*), which return 1 after an error of MuJoCo, else 0."""
+    """Wrappers of sequences of C functions void f(const mjModel*, mjData*).
+
+    A wrapper returns 1 after an error of MuJoCo, else 0.
+    """
 
     def __init__(self, library: ctypes.CDLL, calls: Calls) -> None:
         self._engine = _compiled(_text(calls))
@@ -74,7 +78,7 @@ class Protected:
             handler.value = self._engine.get_function_address("agrobot_on_error")
 
     def message(self) -> str:
-        """Return the message of the last error."""
+        """Return the message of the last MuJoCo error."""
         if not PROTECTED:
             return ""
         return ctypes.string_at(self._engine.get_global_value_address("message")).decode(errors="replace")

@@ -1,4 +1,4 @@
-"""Bit-exact state of a MuJoCo tractor between two ticks.
+"""Bit-exact state of a MuJoCo tractor between two ticks, for saving and restoring.
 
 The state consists of MuJoCo's integration state (`mjSTATE_INTEGRATION`: positions, velocities, actuators, applied
 forces, warm start of the solver) and of results of the last step used by the log: actuator forces, contact sensors,
@@ -21,13 +21,13 @@ class MujocoState(NamedTuple):
     physics: Array
     left: tuple[AnyArray, ...]  # Results of the last step in MjData, and friction of the geoms
     memories: tuple[AnyArray, ...]
-    """Copies of the arrays that a tick modifies in place: tyres, loads, valve, drive, samples."""
+    """Copies of arrays outside MjData that a tick modifies in place: tyres, loads, valve, drive, samples."""
     conditions: Conditions
     ticks: int
     soil: SavedSoil
 
 
 def step_results(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[AnyArray, ...]:
-    """Return views of the results of a step that the log reads, or that the next step reads before updating them."""
+    """Return views of step results that the log uses, or that the next step uses before it updates them."""
     found = data.actuator_force, data.sensordata, data.cvel, data.subtree_com
     return *found, model.geom_friction, data.warning.number

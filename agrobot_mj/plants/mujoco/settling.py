@@ -1,4 +1,4 @@
-"""Start of a run: initial position of the tractor, settling, and the reason why a tractor does not come to rest."""
+"""Start of a run: initial pose of the tractor, settling, and reason why a tractor does not come to rest."""
 
 from math import atan, atan2, ceil, cos, degrees, hypot, isfinite, sin
 from typing import NamedTuple
@@ -18,7 +18,7 @@ PASSES = 3  # Number of fits of the ground plane; each fit uses the wheel positi
 
 
 def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tuple[Array, float]:
-    """Return the chassis pose (7,) on the ground with the CG above the start, and the roll of the front axle [rad]."""
+    """Return the chassis pose (7,) on the ground with the CG above `start`, and the roll of the front axle [rad]."""
     _, dx, dy = height_and_gradient(ground, start.x, start.y)
     rotation = _facing(np.array([-dx, -dy, 1.0]) / hypot(dx, dy, 1.0), start.yaw)
     l_r, half = tractor.cg_to_rear_axle, tractor.track_m / 2
@@ -40,46 +40,46 @@ def pose_on(ground: Ground, start: Reference, tractor: TractorParameters) -> tup
 
 
 def _facing(normal: Array, yaw: float) -> Array:
-    """Return the rotation matrix (3, 3) of a tractor on a plane with a given normal; `yaw` [rad] is seen from above."""
+    """Return the rotation matrix (3, 3) of a tractor with the heading `yaw` [rad] on a plane with a given normal."""
     forward = np.cross([-np.sin(yaw), np.cos(yaw), 0.0], normal)
     forward /= np.linalg.norm(forward)
     return np.stack([forward, np.cross(normal, forward), normal], axis=1)
 
 
 REST_M_S, REST_S = 0.0005, 1.0
-"""Criterion of standstill: maximum speed of the CG and of points 1 m from the CG [m/s], and its minimum duration [s].
+"""Criterion of standstill: maximum speed of the CG and of points 1 m from the CG [m/s], over a minimum duration [s].
 Assumed values; the duration exceeds the period of oscillations on the tyres."""
 AT_THE_LIMIT = 0.99
-"""Fraction of the hydrostat's relief torque [-] above which the hydrostat does not hold the tractor alone."""
+"""Drive torque divided by relief torque above which the hydrostat does not hold the tractor without the brake [-]."""
 TRAVELLING, ROLLING = 0.5, 0.5
-"""Ratio of mean to maximum velocity above which a tractor moves away instead of rocking, and ratio of rear rim speed to
-mean velocity above which the tractor rolls instead of sliding [-]."""
+"""Minimum ratio of mean velocity to maximum speed of a tractor that moves away instead of rocking [-], and minimum
+ratio of rear rim speed to mean velocity of a tractor that rolls instead of sliding [-]."""
 GONE_M = 5.0  # Distance above which settling ends for a tractor that moves away [m]. Assumed value.
 SLIDING = 0.02
-"""Mean velocity [m/s] above which a tractor with locked wheels slides instead of creeping. Assumed value."""
+"""Mean velocity above which a tractor with locked wheels slides instead of creeping [m/s]. Assumed value."""
 GRIPPING = 0.95
-"""Used fraction of friction [-] below which locked tyres do not slide but creep numerically. Assumed value."""
+"""Used fraction of friction below which locked tyres creep numerically instead of sliding [-]. Assumed value."""
 
 
 TILT_DEG_S = 2.0
-"""Mean rate at which gravity rotates from the ground normal to the vertical [deg/s]. Assumed value; inertia then
-reduces the tip-over angle by 0.1 deg."""
+"""Mean rotation rate of gravity from the ground normal to the vertical [deg/s]. Assumed value; inertia then reduces the
+tip-over angle of the tractor by 0.1 deg."""
 
 
 class Tilt:
-    """Gravity that rotates slowly from the ground normal to the vertical, as on a tilting platform.
+    """Gravity vector that rotates slowly from the ground normal to the vertical, as on a tilting platform.
 
     Under sudden gravity the tractor would overshoot its equilibrium on the tyres, and could roll over on a slope on
-    which the tractor is stable.
+    which it is stable.
     """
 
     def __init__(self, up: Array, tick_s: float) -> None:
-        """Create the rotation from the ground normal `up` (3,). Level ground needs no rotation."""
+        """Create the rotation from the ground normal `up` (3,); on level ground the rotation takes 0 ticks."""
         horizontal = hypot(up[0], up[1])
         self.lean = atan2(horizontal, up[2])
         self.ticks = ceil(degrees(self.lean) / TILT_DEG_S / tick_s)
         self.away = up[:2] / horizontal if self.ticks else np.zeros(2)
-        """Horizontal direction of the ground normal."""
+        """Horizontal direction of the ground normal: unit vector, shape (2,)."""
 
     def up(self, tick: int) -> Array:
         """Return the unit vector (3,) against gravity after `tick` ticks, which is vertical after `ticks`."""
@@ -89,7 +89,7 @@ class Tilt:
 
 
 class RecentMotion:
-    """Motion during the last `REST_S` seconds, from displacements per tick, which exclude vibrations within a tick."""
+    """Motion in the last `REST_S` seconds, from displacements per tick, which exclude vibrations within a tick."""
 
     def __init__(self, tick_s: float) -> None:
         ticks = max(1, round(REST_S / tick_s))
@@ -97,7 +97,7 @@ class RecentMotion:
         self.begin, self.place, self.yaw = np.zeros(2), np.zeros(3), 0.0
 
     def add(self, motion: TractorMotion) -> None:
-        """Add the motion at the end of a tick."""
+        """Add the displacement in a tick, from the `motion` at the end of the tick."""
         at, place, yaw = self.ticks % len(self.speeds), np.array(motion.cg.place), motion.attitude[0]
         if not self.ticks:
             self.begin, self.place, self.yaw = place[:2], place - self.tick_s * np.array(motion.cg.velocity), yaw
@@ -109,22 +109,22 @@ class RecentMotion:
 
     @property
     def greatest(self) -> float:
-        """Maximum speed of the CG or of a point 1 m from it [m/s], or NaN if the motion is not finite."""
+        """Maximum speed of the CG and of points 1 m from the CG [m/s], or NaN if the motion is not finite."""
         return float(self.speeds.max())
 
     @property
     def gone(self) -> bool:
-        """Whether the tractor has moved at least `GONE_M` from its initial position, or its motion is not finite."""
+        """Whether the tractor has moved at least `GONE_M` from its initial position, or the motion is not finite."""
         return not float(np.abs(self.place[:2] - self.begin).max()) < GONE_M
 
     @property
     def drift(self) -> float:
-        """Magnitude of the mean velocity [m/s]."""
+        """Magnitude of the mean velocity of the CG [m/s]."""
         return float(np.linalg.norm(self.velocities.mean(axis=0)))
 
 
 class Settled(NamedTuple):
-    """Tractor at the end of settling."""
+    """State of the tractor at the end of settling."""
 
     truth: Truth
     recent: RecentMotion  # Motion in the last `REST_S` of settling
@@ -134,13 +134,16 @@ class Settled(NamedTuple):
 
 
 def drive_holds(oil: Oil, connected: bool, torque: float) -> bool:
-    """Return whether the hydrostat with the current `torque` [N m] holds the tractor without the brake."""
+    """Return whether the hydrostat holds the tractor without the brake; `torque` is the current drive torque [N m]."""
     return connected and abs(torque) < AT_THE_LIMIT * oil.drive_torque
 
 
 def start_warning(found: Settled, settled_s: float, machine: Machine, ground: Ground) -> str:
-    """Return a warning with the reason why the tractor is not at rest on four wheels after `settled_s` [s], and the
-    keys to change, or an empty string for a tractor at rest and for a diverged simulation."""
+    """Return a warning for a tractor that is not at rest on four wheels after `settled_s` [s].
+
+    The warning contains the reason and the keys to change. The text is empty for a tractor at rest, and for a diverged
+    simulation.
+    """
     speed, rests = found.recent.greatest, found.recent.greatest <= REST_M_S
     _, east, north = height_and_gradient(ground, found.truth.x, found.truth.y)
     where = f"on ground of {degrees(atan(hypot(east, north))):.1f} deg"
@@ -179,8 +182,10 @@ def _held(drift: float, used: float, where: str) -> str:
 
 
 def _rolling(found: Settled, machine: Machine, where: str, along: float) -> str:
-    """Return the reason why the wheels roll on ground that rises by `along` [rad] in the heading direction, or an
-    empty string if the torque limit of the drive suffices to hold the tractor."""
+    """Return the reason why the wheels roll, or an empty string if the drive torque suffices to hold the tractor.
+
+    `along` is the slope in the heading direction [rad].
+    """
     tractor, driveline = machine.tractor, machine.driveline
     needed = found.mass * GRAVITY * abs(sin(along)) * tractor.rear_wheel_radius_m
     strength = driveline.strength(tractor)

@@ -1,4 +1,4 @@
-"""One tick of MuJoCo physics as a compiled loop: valves, `mj_step1`, loads and tyres, `mj_step2`."""
+"""Physics of one tick as a compiled loop over MuJoCo steps: valves, `mj_step1`, loads and tyres, `mj_step2`."""
 
 from math import atan2, cos, hypot, inf, isfinite, isnan, radians, sin
 from typing import NamedTuple
@@ -27,7 +27,7 @@ STEERING, DRIVE = 0, 1  # Order of the actuators in `models/tractor.xml`
 
 
 class TractorMotion(NamedTuple):
-    """Motion of the tractor after a step. The class `Truth` describes the fields without a comment."""
+    """Motion of the tractor after a step. `Truth` documents the fields that have no comment here."""
 
     cg: Motion
     antenna: Motion
@@ -41,13 +41,13 @@ class TractorMotion(NamedTuple):
     pedal: float
     spin: float  # Mean angular velocity of the driven wheels [rad/s]
     actuation: Vector
-    """Oil flow to the steering cylinder [m3/s], its pressure [Pa], and torque on the driven wheels [N m]."""
+    """Steering oil flow [m3/s], steering cylinder pressure [Pa] and torque on the driven wheels [N m]."""
     fastest: float  # Maximum velocity component of CG and antenna [m/s], or infinity if the motion is not finite
     lean_cosine: float  # Cosine of the angle between the upward axis of the chassis and the vertical [-]
 
 
 class Oil(NamedTuple):
-    """Parameters of the oil columns in steering cylinder and hydrostat: conversion of flow to motion, relief limits."""
+    """Parameters of the oil in steering cylinder and hydrostat: conversion of flow to motion, and relief limits."""
 
     displacement: float  # Displacement of the steering cylinder [m3/rad]
     steer_limit: float  # Maximum steering angle in both directions, given by the stops [rad]
@@ -61,7 +61,7 @@ class Oil(NamedTuple):
     drive_lead: float  # Damping of the drive divided by its stiffness [s]
     droop: float  # Relative decrease of the drive's speed at its power limit [-]
     front_share: float
-    """Fraction of the motor torque that acts at the front wheels [-], or 0 without motors at the front wheels."""
+    """Fraction of the motor torque at the front wheels [-], or 0 without front motors."""
     front_gear: float  # Radius of the front wheels divided by radius of the rear wheels [-]
 
 
@@ -89,7 +89,7 @@ def oil_of(machine: Machine) -> Oil:
 
 
 class Actuators(NamedTuple):
-    """Models of steering valve, drive and trapped oil; the memories are written in place."""
+    """Models of steering valve, drive and trapped oil; the memories are modified in place."""
 
     oil: Oil
     valve: ValveLaw
@@ -100,7 +100,7 @@ class Actuators(NamedTuple):
 
 
 class Tyred(NamedTuple):
-    """Tyres of a tractor with their state; arrays are written in place."""
+    """Tyres of a tractor with their state; the arrays are modified in place."""
 
     native: bool  # Whether MuJoCo contact carries the wheels
     tyres: TyreSet
@@ -110,7 +110,7 @@ class Tyred(NamedTuple):
 
 
 class Assembly(NamedTuple):
-    """Model, data and parts of a running tractor; arrays are written in place."""
+    """Model, data and components of a running tractor for the compiled loop; the arrays are modified in place."""
 
     views: Views
     tyred: Tyred
@@ -125,9 +125,9 @@ class Assembly(NamedTuple):
 
 @kernel
 def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = True) -> None:
-    """Read the motion of each body in `wheels`, step its tyre, and write the wrench into `xfrc_applied`.
+    """Advance the tyre of each body in `wheels` by one step, and write its wrench to `xfrc_applied`.
 
-    The contact report is complete after the `last` step of a tick.
+    The tyre report is complete only in the `last` step of a tick.
     """
     c = v.root_com
     for i in range(wheels.size):
@@ -148,7 +148,7 @@ def apply_tyres(v: Views, wheels: Index, tyred: Tyred, dt: float, last: bool = T
 
 @kernel
 def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
-    """Write the wrenches on the implement's body and wheels into `xfrc_applied`."""
+    """Write the wrenches on the implement's body and wheels to `xfrc_applied`."""
     apply_tools(v, a, ground, dt)
     if not a.native:
         apply_tyres(v, a.wheels, Tyred(False, a.tyres, ground, a.bristles, a.wheel_report), dt)
@@ -156,9 +156,10 @@ def apply_implement(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 @kernel
 def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
-    """Set the steering actuator of a linkage with play: within the play the oil column exerts no torque on the wheels.
+    """Advance the cylinder of a steering linkage with play, and set the steering actuator.
 
-    The cylinder angle integrates the flow. The actuator spring is deflected by the part of the difference outside play.
+    The cylinder angle integrates the flow. The actuator spring is deflected by the part of the difference outside the
+    play.
     """
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     reach, stop = oil.steer_windup + oil.steer_play, oil.steer_limit + oil.steer_play
@@ -170,7 +171,7 @@ def take_up_play(v: Views, oil: Oil, cylinder: Array, dt: float) -> None:
 
 @kernel
 def driven(v: Views, oil: Oil) -> tuple[float, float]:
-    """Return angle [rad] and rate [rad/s] of the drive: means over the driven wheels, weighted by their torques."""
+    """Return angle [rad] and rate [rad/s] of the drive: torque-weighted means over the driven wheels."""
     wheel = 0.5 * (v.qpos[v.spins_q[0]] + v.qpos[v.spins_q[1]])
     speed = 0.5 * (v.qvel[v.spins_v[0]] + v.qvel[v.spins_v[1]])
     if oil.front_share > 0.0:
@@ -182,14 +183,14 @@ def driven(v: Views, oil: Oil) -> tuple[float, float]:
 
 @kernel
 def drooped(v: Views, oil: Oil, rate: float) -> float:
-    """Return the rate of the drive under load [rad/s], whose decrease is proportional to the delivered power."""
+    """Return the drive rate under load [rad/s]; engine droop decreases `rate` in proportion to the delivered power."""
     power = min(max(v.torques[DRIVE] * driven(v, oil)[1] / oil.drive_power, 0.0), 1.0)
     return float(rate * (1.0 - oil.droop * power))
 
 
 @kernel
 def open_relief_valves(v: Views, oil: Oil) -> None:
-    """Apply the relief valves, which limit the oil columns to relief pressure, and the steering stops."""
+    """Limit the deflection of the oil columns to relief pressure and power, and the steering angle to its stops."""
     angle = v.qpos[v.steer_q] + oil.steer_lead * v.qvel[v.steer_v]
     if oil.steer_play <= 0.0:
         low, high = angle - oil.steer_windup, angle + oil.steer_windup
@@ -204,10 +205,10 @@ def open_relief_valves(v: Views, oil: Oil) -> None:
 
 @kernel
 def start_step(v: Views, direct: bool, before: bool) -> int:
-    """Run the first half of a step; return 1 after an error.
+    """Run the first half of a physics step; return 1 after an error, else 0.
 
-    In a `direct` step MuJoCo computes no constraints. Unless the step `before` was direct, this requires disabling the
-    coupling of the knuckles during the call.
+    In a `direct` step MuJoCo computes no constraints. If the previous step was not direct (`before`), the coupling of
+    the knuckles is disabled during the call.
     """
     if not direct:
         return int(step1(v.model, v.data))
@@ -221,7 +222,10 @@ def start_step(v: Views, direct: bool, before: bool) -> int:
 
 @kernel
 def finish_step(v: Views, direct: bool) -> int:
-    """Run the second half of a step, with MuJoCo's solver or, if `direct`, `accelerate`; return 1 after an error."""
+    """Run the second half of a physics step; return 1 after an error, else 0.
+
+    A `direct` step uses `accelerate`, other steps use MuJoCo's solver.
+    """
     if not direct:
         return int(step2(v.model, v.data))
     if actuate(v.model, v.data) != 0:
@@ -232,10 +236,11 @@ def finish_step(v: Views, direct: bool) -> int:
 
 @kernel
 def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, clear: bool) -> tuple[int, bool]:
-    """Advance one tick, with one physics step per column of the samples; return the number of completed steps.
+    """Advance the tractor by the physics steps of a tick from index `first`.
 
-    The first step is `first`. If `clear`, stop before the first step in which the body could touch the ground. The
-    second result is whether the body is clear of the ground. The number of steps is `FAILED` after an error of MuJoCo.
+    If `clear` is true, the loop stops before the first step in which the body could touch the ground. The result is the
+    number of completed steps (`FAILED` after an error of MuJoCo), and whether the body is clear of the ground. Each
+    column of the samples is one step.
     """
     v, tyred, attached, loads, actuators, samples, clearance, _, _ = fetched(rig)
     oil, valve, valve_memory, drive, drive_memory, cylinder = actuators
@@ -274,7 +279,7 @@ def run_steps(rig: Held[Assembly], voltages: tuple[float, float], first: int, cl
 
 @kernel
 def motion_of(v: Views, omega: Vector, site: Array) -> Motion:
-    """Return the motion of a point `site` (3,) of the chassis, given in the chassis frame [m]."""
+    """Return the motion of a chassis point `site` (3,), given in the chassis frame [m]."""
     q, w = v.qpos, v.qvel
     arm = to_world(v.xmat[CHASSIS], (site[0], site[1], site[2]))
     return Motion(plus((q[0], q[1], q[2]), arm), plus((w[0], w[1], w[2]), cross(omega, arm)))
@@ -315,7 +320,7 @@ def observe(rig: Held[Assembly]) -> TractorMotion:
 def look(
     rig: Held[Assembly], samples: Array, t: float, radius: float, antenna: Motion, working: tuple[float, float]
 ) -> tuple[Held[Truth], TractorMotion]:
-    """Return the true state at time `t` [s] and the motion; `radius` [m] is the radius of the rear wheels.
+    """Return the true state at time `t` [s] and the motion; `radius` is the radius of the rear wheels [m].
 
     `antenna` (NaN for an antenna on the tractor) and the point `working` belong to the implement.
     """

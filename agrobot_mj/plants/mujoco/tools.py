@@ -1,15 +1,15 @@
 """Forces on implements in the physics step: soil on a tool, and ground on a depth wheel.
 
 The soil forces on a tool at the depth T, along and across its frame, are modelled by bristles (`tyres.patch.relax`).
-The longitudinal force reaches the draught within the distance `GIVE`, against the motion. The lateral force follows
+The longitudinal force opposes the motion and reaches the draught within the distance `GIVE`. The lateral force follows
 
-  dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the side limit,
+  dz/dt = v_y - |v_x| z / sigma,        F_y = -C z / sigma,        |F_y| at most the lateral force limit,
 
-with the stiffness C and relaxation length sigma, so that F_y = -C tan(alpha) in steady travel at the slip angle alpha,
-and the soil is a spring at rest. Stiffness and limit are proportional to T divided by the intended depth. Deeper or
-harder soil that the tool newly enters has no deflection yet: the force is unchanged and the mean deflection decreases,
-so that no motion of a tool gains energy. The suction is a downward force proportional to the draught. All forces act at
-half depth.
+with the stiffness C and relaxation length sigma. In steady travel at the slip angle alpha, F_y = -C tan(alpha); at rest
+the soil is a spring. Stiffness and limit are proportional to T divided by the intended depth. When a tool enters deeper
+or harder soil, this soil has no deflection yet: the force is unchanged and the mean deflection decreases, so that no
+motion of a tool gains energy. The suction is a downward force proportional to the draught. All forces act at half
+depth.
 """
 
 from math import floor
@@ -26,14 +26,14 @@ from agrobot_mj.terrain.grid import Ground, height_and_gradient
 from agrobot_mj.tyres.patch import CREEP_SPEED, TyreSet, relax, soft_sign
 
 AHEAD, LEFT, TRAVELLED, RESISTED, ENGAGED = range(MEMORIES := 5)
-"""Indices of a tool's state: soil deflections ahead and to the left, and working distance [m]; draught [N], and depth
-divided by the intended depth [-], in the previous step."""
+"""Indices of a tool's state: soil deflections ahead and to the left [m], working distance [m], and in the previous step
+draught [N] and depth divided by the intended depth [-]."""
 DRAUGHT, SIDE, DEPTH, WHEEL_LOAD = range(4)
-"""Indices in an implement's report: soil draught and lateral force [N], depth [m] and depth-wheel load [N]."""
+"""Indices of an implement's report: soil draught and lateral force [N], depth [m] and depth-wheel load [N]."""
 
 
 class Attached(NamedTuple):
-    """Data of an implement for the compiled loop; the arrays are written in place."""
+    """Implement data for the compiled loop; the arrays are modified in place."""
 
     body: int  # MuJoCo id of the implement's body, or 0 if there is no implement
     native: bool  # Whether MuJoCo contact carries the wheels
@@ -53,7 +53,7 @@ class Attached(NamedTuple):
 
 @kernel
 def unevenness(uneven: Array, step: float, travelled: float) -> float:
-    """Return draught divided by mean draught [-] at a working distance [m], interpolated in a repeating pattern."""
+    """Return draught divided by mean draught at the working distance `travelled` [m], from a repeating pattern [-]."""
     place = travelled / step
     k = floor(place)
     share, i = place - k, int(k) % uneven.size
@@ -62,13 +62,16 @@ def unevenness(uneven: Array, step: float, travelled: float) -> float:
 
 @kernel
 def spread(z: float, before: float, now: float) -> float:
-    """Return the mean deflection after a stiffness change from `before` to `now`; added soil has no deflection `z`."""
+    """Return the mean soil deflection `z` after the stiffness has changed from `before` to `now`.
+
+    Additional soil has no deflection.
+    """
     return z * before / now if now > before else z
 
 
 @kernel
 def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: float, dt: float, memory: Array) -> Vector:
-    """Return the soil force on a tool (ahead, left, up) [N] at the velocity (v_x, v_y) [m/s] and depth [m]."""
+    """Return the soil force on a tool (ahead, left, up) [N] at a velocity (v_x, v_y) [m/s] and depth [m]."""
     if depth <= 0.0:
         memory[AHEAD], memory[LEFT], memory[RESISTED], memory[ENGAGED] = 0.0, 0.0, 0.0, 0.0
         return 0.0, 0.0, 0.0
@@ -89,7 +92,7 @@ def soil_on_tool(law: ToolLaw, uneven: float, v_x: float, v_y: float, depth: flo
 
 @kernel
 def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
-    """Return position [m] and velocity [m/s] in world axes of a point given in the body frame."""
+    """Return position [m] and velocity [m/s] in world axes of the point `at`, given in the body frame [m]."""
     o, c, m = v.xpos[body], v.root_com, v.cvel[body]
     place = plus((o[0], o[1], o[2]), to_world(v.xmat[body], at))
     # cvel is the velocity of the body at the tractor's centre of mass: transfer it to the point
@@ -99,7 +102,7 @@ def carry_point(v: Views, body: int, at: Vector) -> tuple[Vector, Vector]:
 
 @kernel
 def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
-    """Add a force [N] at a position [m] in world axes to the wrench about the body's centre of mass."""
+    """Add a force [N] at the position `place` [m] to the wrench on a body; both vectors are in world axes."""
     c, wrench = v.xipos[body], v.xfrc[body]
     torque = cross(minus(place, (c[0], c[1], c[2])), force)
     for k in range(3):
@@ -109,7 +112,7 @@ def push_at(v: Views, body: int, place: Vector, force: Vector) -> None:
 
 @kernel
 def apply_soil(v: Views, a: Attached, ground: Ground, dt: float) -> None:
-    """Add the soil force on the tool to the wrench of the body."""
+    """Add the soil force on the tool to the wrench on the implement's body."""
     R = v.xmat[a.body]
     (x, y, z), velocity = carry_point(v, a.body, a.tip)
     depth = height_and_gradient(ground, x, y)[0] - z
@@ -123,7 +126,7 @@ def apply_soil(v: Views, a: Attached, ground: Ground, dt: float) -> None:
 
 @kernel
 def roll_on(v: Views, a: Attached, ground: Ground) -> None:
-    """Add the ground force on the depth wheel to the wrench of the body."""
+    """Add the ground force on the depth wheel to the wrench on the implement's body."""
     wheel, R = a.depth_wheel, v.xmat[a.body]
     (x, y, z), velocity = carry_point(v, a.body, wheel.at)
     height, dx, dy = height_and_gradient(ground, x, y)
@@ -139,7 +142,7 @@ def roll_on(v: Views, a: Attached, ground: Ground) -> None:
 
 @kernel
 def apply_tools(v: Views, a: Attached, ground: Ground, dt: float) -> None:
-    """Write the wrench of tool and depth wheel on the implement's body into `xfrc_applied`."""
+    """Write the wrench of tool and depth wheel on the implement's body to `xfrc_applied`."""
     v.xfrc[a.body, :] = 0.0
     if a.working:
         apply_soil(v, a, ground, dt)

@@ -1,4 +1,4 @@
-"""Inputs of the compiled loop: numpy views of the arrays of an MjModel and MjData, and indices into these arrays."""
+"""Inputs of the compiled loop: NumPy views of the arrays in MjModel and MjData, and indices into these arrays."""
 
 from typing import NamedTuple
 
@@ -11,14 +11,14 @@ from agrobot_mj.terrain.memory import AnyArray
 CHASSIS = 1  # Body id of the chassis, the first body after the world
 IMPLEMENT = "implement"
 DISABLED = mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_ISLAND
-"""Features of MuJoCo that `model` disables: restart of a diverged run, and search for islands (all bodies are one)."""
+"""MuJoCo features disabled by `model`: reset of a diverged run, and search for islands (all bodies are one island)."""
 
 
 class Coupling(NamedTuple):
-    """Coupling of both knuckles to the crank, and the terms of the equation of motion; see `coupling`."""
+    """Arrays of MjModel and MjData for the coupling of both knuckles to the crank; see the module `coupling`."""
 
     rows: Index
-    """Ids of both couplings among the equality constraints, shape (2,), or empty if the solver computes the force."""
+    """Ids of the two equality constraints, shape (2,), or empty if MuJoCo's solver must compute their force."""
     knuckles_v: Index  # Indices of both knuckle rates in qvel, shape (2,)
     eq_active: AnyArray
     eq_data: Array
@@ -48,7 +48,7 @@ class Coupling(NamedTuple):
 
 
 class Views(NamedTuple):
-    """Arrays of an MjModel and its MjData that the compiled loop uses, and indices into these arrays."""
+    """Arrays of MjModel and MjData for the compiled loop, and indices into these arrays."""
 
     model: int
     data: int
@@ -77,7 +77,7 @@ class Views(NamedTuple):
 
 
 def views_of(model: mujoco.MjModel, data: mujoco.MjData) -> Views:
-    """Return the views of a tractor's model and data, which must exist as long as the views are used."""
+    """Return the views of `model` and `data`, which must exist as long as the views are used."""
     found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, IMPLEMENT)
     hung = CHASSIS if found < 0 else found
     return Views(
@@ -143,10 +143,10 @@ def _coupling_of(model: mujoco.MjModel, data: mujoco.MjData) -> Coupling:
 
 
 def _is_plain(model: mujoco.MjModel) -> bool:
-    """Return whether the coupling can be the only constraint in a step without contacts.
+    """Return whether the knuckle couplings can be the only constraints in a step without contacts.
 
-    The bodies are one tree, no tendon, sensor, plugin or deformable part adds a constraint or reads its force, and the
-    angles of the linkage are zero in the initial position.
+    The bodies must form one tree; no tendon, sensor, plugin or deformable part may add a constraint or read its force;
+    the angles of the linkage must be zero in the initial position.
     """
     shifted = any(model.qpos0[model.joint(name).qposadr[0]] for name in ("steer", "steer_fl", "steer_fr"))
     hinged = np.isin(model.jnt_type[model.jnt_limited], (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE))
@@ -159,7 +159,7 @@ def _is_plain(model: mujoco.MjModel) -> bool:
 
 
 def _spring(model: mujoco.MjModel, row: int) -> tuple[float, float]:
-    """Return stiffness and damping of an equality constraint as MuJoCo computes them from `solref` and `solimp`."""
+    """Return stiffness and damping of an equality constraint, computed from `solref` and `solimp` as in MuJoCo."""
     (time, ratio), width = model.eq_solref[row], model.eq_solimp[row, 1]
     if time <= 0.0:
         return -time / width**2, -ratio / width

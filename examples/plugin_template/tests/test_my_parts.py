@@ -1,4 +1,4 @@
-"""Tests of the installed parts. Their entry point registers them."""
+"""Tests of the plugin parts, which the entry point registers on installation."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from agrobot_mj.core.geometry import wrap
 
 @pytest.fixture(scope="module")
 def log():
-    """Return the log of ten seconds on a circle, driven by the law with the compass enabled."""
+    """Return the log of 10 s on a circle with the guidance law and the compass of the plugin."""
     keys = {"plant.kind": "bicycle", "guidance.kind": "my_gains", "sensors.compass.enabled": True, "duration_s": 10}
     return agrobot_mj.run(agrobot_mj.load_scenario("circle", keys))
 
