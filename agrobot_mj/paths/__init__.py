@@ -1,7 +1,8 @@
-"""Reference paths: position and speed of the CG as functions of time.
+"""Reference paths: desired position and velocity of the CG as functions of time.
 
 `base.py` defines the interface of all paths. `line`, `circle` and `figure_eight` have a constant speed after a ramp.
-The speed of the other paths (`Timed`) is computed from limits. Parallel passes (`Parallel`) also have `passes_s`.
+All other paths derive from `Timed`, which computes the speed from speed and acceleration limits. Paths with parallel
+passes derive from `Parallel`, which adds the time intervals of the passes, `passes_s`.
 """
 
 from typing import Annotated
@@ -55,5 +56,5 @@ __all__ = [
 
 
 def sample(path: Path, times: Array) -> Array:
-    """Return the points of `path` at `times` (n,) [s] as east and north, shape (n, 2) [m]."""
+    """Return the east and north coordinates of `path` at `times` (n,) [s], shape (n, 2) [m]."""
     return np.array([path.at(t)[:2] for t in np.asarray(times, dtype=float).tolist()]).reshape(-1, 2)

@@ -1,8 +1,8 @@
-"""Geometry of a path segment: poses along an arc or a clothoid, and the reference pose of a point that moves along it.
+"""Geometry of a path segment: poses along an arc or a clothoid, and the reference state of a point that moves along it.
 
-Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive left,
-yaw counter-clockwise from east. `progress` and its inverse `time_at` are for paths with constant speed after a ramp
-from rest.
+Distances [m] are measured along the tractor's heading and are negative in reverse. Curvature [1/m] is positive left.
+Yaw is counter-clockwise from east. `progress` and its inverse `time_at` apply to paths with a linear speed ramp from
+rest to a constant speed.
 """
 
 from itertools import pairwise
@@ -21,13 +21,13 @@ Ramp = Annotated[float, Field(ge=0, le=60)]
 RAMP_S = 4.0  # Default ramp time [s]. Assumed value, typical of drivers: 0.3 m/s2 up to 1.2 m/s.
 
 NODES = tuple(zip(*(part.tolist()[2:] for part in np.polynomial.legendre.leggauss(5)), strict=True))
-"""Pairs of node and weight [-] of the five-point Gauss-Legendre rule, from the middle node outwards."""
+"""Nodes and weights [-] of five-point Gauss-Legendre quadrature: the central node and the positive nodes."""
 MAX_HALF_TURN = 0.2
-"""Maximum heading change over half a segment integrated with `NODES` [rad]; the relative error is below 1e-10."""
+"""Maximum heading change over half a segment [rad]. Longer segments are halved, for a relative error below 1e-10."""
 
 
 class Pose(NamedTuple):
-    """Point of a path and heading of the tractor at this point."""
+    """Position and heading of the tractor on a path."""
 
     x: float  # East coordinate [m]
     y: float  # North coordinate [m]
@@ -35,7 +35,7 @@ class Pose(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Point of a path for use in messages."""
+    """Position on a path with its distance from the start, for error messages."""
 
     x: float  # East coordinate [m]
     y: float  # North coordinate [m]
@@ -43,23 +43,23 @@ class Place(NamedTuple):
 
 
 def advance(start: Pose, curvature: float, distance: float, sharpness: float = 0.0) -> Pose:
-    """Return the pose at the distance `distance` [m] along a segment that starts at `start` with `curvature` [1/m].
+    """Return the pose at `distance` [m] along an arc or clothoid from the pose `start` with initial `curvature` [1/m].
 
-    `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, otherwise the segment is a clothoid.
+    `sharpness` [1/m2] is the change of curvature per metre: 0 for an arc, nonzero for a clothoid.
     """
     return _along_clothoid(start, curvature, distance, sharpness) if sharpness else on_arc(start, curvature, distance)
 
 
 def on_arc(start: Pose, curvature: float, distance: float) -> Pose:
-    """Return the pose at the distance `distance` [m] along an arc that starts at `start` with `curvature` [1/m]."""
+    """Return the pose at `distance` [m] along an arc of `curvature` [1/m] from the pose `start`."""
     return Pose._make(along_arc(start, curvature, distance))
 
 
 def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: float) -> Pose:
-    """Integrate cos and sin of the heading by Gauss-Legendre quadrature about the middle of the segment.
+    """Return the pose at `distance` [m] along a clothoid, by Gauss-Legendre quadrature about the middle of the segment.
 
-    The heading relative to the middle is yaw_m + kappa_m u + sharpness u^2 / 2. Its even part is equal for nodes at
-    +-u, so that five nodes require only two pairs of sine and cosine and one at the middle.
+    At the distance u from the middle, the heading is yaw_m + kappa_m u + sharpness u^2 / 2. The quadratic term is equal
+    at u and -u, so each pair of nodes requires one evaluation of its sine and cosine.
     """
     half = distance / 2
     middle = curvature + sharpness * half
@@ -84,25 +84,29 @@ def _along_clothoid(start: Pose, curvature: float, distance: float, sharpness: f
 
 
 def progress(t: float, ramp: float) -> tuple[float, float]:
-    """Return distance and speed of the reference at time `t` [s], both divided by the full speed [s, -]."""
+    """Return the travelled distance [s] and speed [-] at time `t` [s], both divided by the full speed."""
     if t >= ramp:
         return t - ramp / 2, 1.0
     return (t * t / (2 * ramp), t / ramp) if t > 0 else (0.0, 0.0)
 
 
 def time_at(moved: float, ramp: float) -> float:
-    """Return the time [s] at which distance / full speed is `moved` [s], the inverse of `progress`."""
+    """Return the time [s] at which the travelled distance divided by the full speed is `moved` [s]."""
     return moved + ramp / 2 if moved >= ramp / 2 else sqrt(2 * ramp * moved)
 
 
 def turns(duration: float, count: int, ramp: float, run_in: float = 0.0) -> tuple[tuple[float, float], ...]:
-    """Return start and end of `count` laps [s]; `duration` (of one lap) and `run_in` are times at full speed [s]."""
+    """Return the start and end times of `count` laps [s].
+
+    `duration` is the duration of one lap, and `run_in` the duration of the approach to the first lap, both at full
+    speed [s].
+    """
     times = [time_at(run_in + k * duration, ramp) for k in range(count + 1)]
     return tuple(pairwise(times))
 
 
 def reference(pose: Pose, curvature: float, speed: float, sharpness: float = 0.0) -> Reference:
-    """Return the reference for a point at `pose` that moves with `speed` [m/s], negative in reverse."""
+    """Return the reference state at `pose` for `speed` [m/s], which is negative in reverse."""
     yaw = pose.yaw if -pi < pose.yaw <= pi else wrap(pose.yaw)
     yaw = pi if yaw == -pi else yaw  # an angle just above pi may round to -pi
     return Reference(pose.x, pose.y, speed * cos(yaw), speed * sin(yaw), yaw, curvature, sharpness * speed)

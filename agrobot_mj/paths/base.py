@@ -1,13 +1,13 @@
-"""Interface of the reference paths: position and speed of the CG as functions of time.
+"""Interface of the reference paths: desired position and velocity of the CG as functions of time.
 
 A path is data (a frozen spec) with the method `at(t)`. To add a kind, write a file with a class derived from
-`ReferencePath`, or from `Timed` (`profile.py`) for a speed computed from limits, and add its name to the union `Path`
-in `paths/__init__.py`.
+`ReferencePath`, or from `Timed` (`profile.py`) for a speed computed from limits. Add its name to the union `Path` in
+`paths/__init__.py`.
 
 Requirements:
 
-- `at(t)` returns a reference for every finite `t`. Before 0 the reference rests at the start; after `duration_s` the
-reference continues (next lap, or straight). `at` runs in every tick and must take microseconds: precompute slow parts.
+- `at(t)` returns a reference state for every finite `t`. Before 0 the reference rests at the start; after `duration_s`
+it continues on the next lap or straight ahead. `at` runs in every tick and must take microseconds.
 - Position is continuous, and velocity is its derivative along the heading (negative in reverse).
 - The heading is continuous; its rate is speed times curvature. The curvature may have steps if the kind documents them.
 """
@@ -29,7 +29,8 @@ MAX_SAMPLES = 1000  # Maximum number of samples of an outline [-], which are com
 
 
 class PathOutline(NamedTuple):
-    """Samples of a path in order of time, shape (n,) each; a curvature step is two samples at the same point."""
+    """Samples of a path in order of time, each array of shape (n,). A curvature step is two samples at the same
+    point."""
 
     t: Array  # Time of each sample [s]
     x: Array  # East coordinate of each sample [m]
@@ -39,7 +40,7 @@ class PathOutline(NamedTuple):
 
 
 def reference_at(path: "ReferencePath", t: float) -> Reference:
-    """Return the reference of a path at time `t` [s]."""
+    """Return the reference state of a path at time `t` [s]. Raise an error if it is not a finite `Reference`."""
     kind = getattr(path, "kind", "")
     found = check_type(path.at(t), Reference, "the path", kind, "at")
     try:
@@ -53,7 +54,8 @@ def reference_at(path: "ReferencePath", t: float) -> Reference:
 
 
 def start_of(path: "ReferencePath") -> Reference:
-    """Return the initial pose of the tractor: the start of the path with the offset and heading keys applied."""
+    """Return the initial pose of the tractor: the path start shifted by `start_offset_m` and rotated by
+    `start_heading_deg`."""
     r, turned = _planned(path, 0.0), radians(path.start_heading_deg)
     if not path.start_offset_m and not turned:
         return r
@@ -72,13 +74,13 @@ class ReferencePath(Spec):
     """Base class of the paths; subclasses define `duration_s`, `max_curvature`, `sharpest` and `at`."""
 
     ends: ClassVar[bool] = False
-    """Whether the run ends at the end of the path; otherwise the path repeats."""
+    """Whether a run ends at the end of the path."""
 
     kind: str
     radius_key: ClassVar[str] = ""
-    """Key of the bend radius, or an empty string if other keys determine the radius."""
+    """Name of the key that sets the bend radius, or an empty string if no single key sets it."""
     speed_m_s: Speed = 1.2
-    """Maximum speed of the reference [m/s]. Assumed value (1-1.5), which fits the paper's 120 s per turn."""
+    """Maximum speed of the reference [m/s]. Assumed value (1-1.5), which fits the paper's 120 s per lap."""
 
     start_offset_m: Annotated[float, Field(ge=-20, le=20)] = 0.0
     """Initial lateral offset of the tractor from the path [m], positive left; the reference remains on the path."""
@@ -86,11 +88,11 @@ class ReferencePath(Spec):
     """Initial heading of the tractor relative to the path [deg], positive left."""
 
     def check(self) -> None:
-        """Read the files of the path. Raise ValueError with the key if they do not define a path."""
+        """Read the files of the path. Raise a ValueError that names the invalid key if they do not define a path."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences that describe changes to the data read from the file of the path."""
+        """Sentences about changes to the data read from a path file, such as omitted points."""
         return ()
 
     @property
@@ -100,7 +102,7 @@ class ReferencePath(Spec):
 
     @property
     def turns_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each lap, evaluated separately by the metrics [s]. Default: one lap, the complete path."""
+        """Start and end of each lap [s], for metrics per lap. Default: one lap, the complete path."""
         return ((0.0, self.duration_s),)
 
     @property
@@ -114,11 +116,11 @@ class ReferencePath(Spec):
         raise NotImplementedError
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s] since the start."""
+        """Return the reference state at time `t` [s] since the start."""
         raise NotImplementedError
 
     def outline(self) -> PathOutline:
-        """Return samples of the first lap, one per tick up to MAX_SAMPLES."""
+        """Return samples of the first lap, one per tick but at most MAX_SAMPLES."""
         end = self.turns_s[0][1]
         times = np.linspace(0.0, end, min(max(ceil(end / TICK_S), 1), MAX_SAMPLES) + 1)
         found = np.array([_planned(self, t) for t in times.tolist()])

@@ -1,8 +1,8 @@
 """Circle at constant speed after a ramp, starting at the origin with heading east.
 
-The centre is at (0, radius) for left turns and at (0, -radius) for right turns. The reference continues after the last
-lap. With transition = "clothoid", the path begins with a clothoid of increasing curvature, which ends at the origin,
-where the first lap starts. Without the clothoid the wheels must be turned at standstill.
+The centre is at (0, radius) for left turns and at (0, -radius) for right turns. The reference continues on the circle
+after the last lap. With transition = "clothoid", a clothoid of increasing curvature leads to the origin, where the
+first lap starts. Without the clothoid, the wheels are turned at standstill.
 """
 
 from functools import lru_cache
@@ -61,7 +61,7 @@ class Circle(Transitions, ReferencePath):
         return Place(0.0, 0.0, _lead_in(self))
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]; the circle continues after the last lap."""
+        """Return the reference state at time `t` [s]; the circle continues after the last lap."""
         side, clothoid = (1.0 if self.direction == "left" else -1.0), _lead_in(self)
         curvature = side / self.radius_m
         moved, fraction = progress(t, self.ramp_s)

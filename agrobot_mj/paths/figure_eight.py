@@ -1,15 +1,15 @@
 """Figure-eight of the paper: two straights that cross at the origin, joined by two tangent arcs.
 
 With straights of length 2 h and arcs of radius r, the straights are inclined at +-phi to the east axis with tan(phi) =
-r / h. Each arc turns through 2 pi - 2 atan(h / r). The long axis points east. A lap starts at the crossing, the middle
-of the first straight, with a heading to the north-east. It follows the eastern arc to the right and the western arc to
-the left. The first lap starts at full speed after a run-in on the first straight. The reference continues after the
-last lap.
+r / h. Each arc turns through 2 pi - 2 atan(h / r). The long axis points east. A lap starts at the crossing, in the
+middle of the first straight, with a heading to the north-east. It follows the eastern arc to the right and the western
+arc to the left. The first lap starts at full speed after a run-in on the first straight. The reference continues after
+the last lap.
 
 The curvature has steps where straights and arcs meet, as in the paper. With transition = "clothoid", clothoids are
 inserted; the straights keep their length and the arcs their radius. Measured along a straight from the crossing, the
-centre of the next arc is then m ahead and n to the side (h and r without clothoids). It lies on the east axis, so that
-tan(phi) = n / m; clothoids and arc together turn through pi + 2 phi.
+centre of the next arc is then m ahead and n to the side (h and r without clothoids). The centre lies on the east axis,
+so that tan(phi) = n / m. The clothoids and the arc together turn through pi + 2 phi.
 
 The paper shows its figure-eight without dimensions; it specifies two laps, and about 120 s for the first lap.
 """
@@ -29,7 +29,7 @@ from agrobot_mj.paths.transition import Transitions, bend
 
 
 class _Piece(NamedTuple):
-    """Straight, arc or clothoid of a lap."""
+    """Segment of a lap: a straight, an arc or a clothoid."""
 
     start: float  # Arc length at the start of the segment [m], from the start of the lap
     pose: Pose
@@ -56,7 +56,7 @@ def _pieces(radius: float, straight: float, sharpness: float) -> tuple[tuple[_Pi
 
 
 class FigureEight(Transitions, ReferencePath):
-    """Path of complete laps of a figure-eight; 119.7 s per lap with the defaults."""
+    """Path of complete laps of a figure-eight. With the defaults, one lap takes 119.7 s."""
 
     radius_key: ClassVar = "radius_m"
 
@@ -64,11 +64,12 @@ class FigureEight(Transitions, ReferencePath):
     radius_m: Positive = 10.0
     """Radius of the arcs [m]. Assumed value (8-10), which fits the paper's 120 s per lap."""
     straight_m: Positive = 28.0
-    """Length of each straight without clothoids [m]. Assumed value; 119.7 s per lap with the other defaults."""
+    """Length of each straight without clothoids [m]. Assumed value; one lap takes 119.7 s with the other defaults."""
     ramp_s: Ramp = RAMP_S
     """Duration of the acceleration from rest [s], or 0 for no ramp. Assumed value (2-6), typical of drivers."""
     run_in_m: NonNegative = 14.0
-    """Distance before the first lap [m], at most half a straight. Assumed value, sufficient to reach full speed."""
+    """Distance travelled before the first lap [m], at most half a straight. Assumed value, sufficient to reach full
+    speed."""
     turns: Annotated[int, Field(ge=1, le=1000)] = 2
     """Number of laps [-]. Paper."""
 
@@ -78,7 +79,7 @@ class FigureEight(Transitions, ReferencePath):
         return self
 
     def check(self) -> None:
-        """Raise ValueError if the run-in or the clothoids, which depend on the wheelbase, do not fit."""
+        """Raise ValueError if the run-in is longer than half a straight, or the radius too small for the clothoids."""
         if self.run_in_m > self.straight_m / 2:
             raise ValueError(f"run_in_m: must be at most half of straight_m, {self.straight_m / 2:g}")
         if (least := 1 / sqrt(pi * self.sharpness(self.speed_m_s))) > self.radius_m:
@@ -113,7 +114,7 @@ class FigureEight(Transitions, ReferencePath):
         return Place(arc.pose.x, arc.pose.y, self.run_in_m + arc.start)
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]; the figure-eight continues after the last lap."""
+        """Return the reference state at time `t` [s]; the figure-eight continues after the last lap."""
         pieces, length = _lap(self)
         moved, fraction = progress(t, self.ramp_s)
         distance = (self.speed_m_s * moved - self.run_in_m) % length

@@ -1,9 +1,10 @@
-"""Polyline with rounded corners: straight legs, and a bend (fillet) in place of each corner.
+"""Polyline with rounded corners: straight legs joined by bends (fillets).
 
-A bend through the angle beta with an arc of radius r passes its corner at r (1 / cos(beta / 2) - 1). It starts r
-tan(beta / 2) before the corner, slightly more with clothoids. The space of a corner is half of the shorter adjacent leg
-(the whole leg at the ends of an open path). If the bend needs more space, the clothoids are shortened and the speed is
-reduced to keep the steering rate. If the arc alone needs more than `ARC_FRACTION` of the space, its radius is reduced.
+A bend through the angle beta with an arc of radius r passes its corner at the distance r (1 / cos(beta / 2) - 1). It
+starts r tan(beta / 2) before the corner, slightly more with clothoids. The space of a corner is half of the shorter
+adjacent leg (the whole leg at the ends of an open path). If the bend needs more space, the clothoids are shortened and
+the speed is reduced to keep the steering rate. If the arc alone needs more than `ARC_FRACTION` of the space, its radius
+is reduced.
 """
 
 from collections.abc import Iterator
@@ -36,7 +37,7 @@ class Rounding(NamedTuple):
 
 
 class Corner(NamedTuple):
-    """Bend that replaces a corner, with its maximum speed."""
+    """Bend that replaces a corner of a polyline, with its maximum speed."""
 
     bend: Bend
     left: float  # Direction of the corner: 1 left, -1 right
@@ -49,7 +50,10 @@ class Corner(NamedTuple):
 
 
 def rounded(points: Array, closed: bool, how: Rounding) -> Course:
-    """Return the course of one lap along the polyline `points`, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]."""
+    """Return one lap along the polyline `points` with rounded corners.
+
+    `points` has shape (n, 2) or (n, 3): x, y [m] and optionally the maximum speed [m/s].
+    """
     legs = np.diff(points[:, :2], axis=0)
     lengths, yaws = np.hypot(*legs.T).tolist(), np.arctan2(legs[:, 1], legs[:, 0]).tolist()
     speeds = points[:, 2].tolist() if points.shape[1] == 3 else None
@@ -85,7 +89,7 @@ def rounded(points: Array, closed: bool, how: Rounding) -> Course:
 
 
 def _pieces(lengths: list[float], speeds: list[float] | None, corners: list[Corner | None]) -> Iterator[Piece]:
-    """Yield each leg, shortened by the bends at both ends, followed by the bend after the leg."""
+    """Yield each straight leg, shortened by the bends at its ends, followed by the bend after the leg."""
     for k, length in enumerate(lengths):
         cut = [corner.bend.tangent if corner else 0.0 for corner in corners[k : k + 2]]
         rest = length - cut[0] - cut[1]
@@ -101,7 +105,8 @@ def _pieces(lengths: list[float], speeds: list[float] | None, corners: list[Corn
 
 
 def _corner(angle: float, space: float, speed: float, how: Rounding) -> Corner:
-    """Return the bend of a corner of `angle` [rad], positive left, starting at most `space` [m] before the corner."""
+    """Return the bend for a corner of `angle` [rad], positive left, that starts at most `space` [m] before the
+    corner."""
     turned, left = abs(angle), 1.0 if angle > 0 else -1.0
     within = how.tolerance / (1 / cos(turned / 2) - 1) if turned > 1e-6 else inf
     radius = min(max(how.radius, within), ARC_FRACTION * space / tan(turned / 2))

@@ -1,4 +1,4 @@
-"""Base class of the paths whose course is read from a file."""
+"""Base class of the paths that are read from a file."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
@@ -12,31 +12,35 @@ Content = TypeVar("Content")
 
 
 class FromFile(Timed):
-    """Base class of paths along the lines of a file; subclasses define `file`, `max_bytes` and `course`."""
+    """Base class of paths along lines read from a file; subclasses define `file`, `max_bytes` and `course`."""
 
     reads_file: ClassVar[bool] = True
-    """Whether the path reads a file: always True."""
+    """Whether the path reads a file, which is always true."""
     suffixes: ClassVar[tuple[str, ...]] = ()
-    """Accepted endings of the file name, or an empty tuple for any ending."""
+    """Accepted extensions of the file name, or an empty tuple for any extension."""
     max_bytes: ClassVar[int]
     """Maximum size of the file [bytes]."""
     if TYPE_CHECKING:
         file: str
 
     _stamp: Stamp | None = PrivateAttr(default=None)
-    """Stamp of the file from whose content the course was built."""
+    """Stamp of the file version from which the course was built."""
 
     def model_post_init(self, context: Any, /) -> None:
-        """Record the stamp of the file without reading it; paths with equal keys and different content differ."""
+        """Record the stamp of the file without reading the file.
+
+        Two paths with equal keys differ if the content of their files differs.
+        """
         self._stamp = stamp(self.file)
 
     def check(self) -> None:
-        """Check the file before reading it, then build the course. Raise ValueError if it is invalid."""
+        """Check the file name and size, then build the course. Raise ValueError if the file is invalid."""
         self.content(lambda _: stamped(self.file, self.suffixes, self.max_bytes))
         super().check()
 
     def content(self, read: Callable[[Stamp], Content]) -> Content:
-        """Return the result of `read` for the stamp of the file. Raise ValueError if the file is invalid."""
+        """Return the result of the function `read` for the stamp of the file. Raise ValueError if the file is
+        invalid."""
         try:
             self._stamp = self._stamp or stamped(self.file, self.suffixes, self.max_bytes)
             return read(self._stamp)

@@ -6,9 +6,9 @@
 other side, and forward into the next pass. The middle bend has a cusp at both ends. The turn is as long as a half turn
 and needs a headland as wide as one radius.
 
-Each turn is symmetric about the line halfway between the passes and is defined by one angle: the flare f of an omega (f
-outwards, pi + 2 f round, f outwards) or the first angle a of a k (a forward, pi - 2 a in reverse, a forward). With arcs
-of radius r and no clothoids, the distance between the passes is
+Each turn is symmetric about the line halfway between the passes and is defined by one angle. An omega turns outwards
+through the flare f, back through pi + 2 f, and outwards through f. A k turns forward through a, in reverse through
+pi - 2 a, and forward through a. With arcs of radius r and no clothoids, the distance between the passes is
 
   omega: 2 r (2 cos f - 1),        k: 2 r (1 - 2 cos a).
 
@@ -24,18 +24,18 @@ from agrobot_mj.paths.track import Piece
 from agrobot_mj.paths.transition import Bend, bend
 
 ROUNDING = 1e-9
-"""Relative tolerance for rounding errors when distances between passes are compared [-]."""
+"""Relative tolerance for comparing distances between passes [-], because of rounding errors."""
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 def half_turn_width(radius: float, sharpness: float) -> float:
-    """Return the distance between two passes that a single bend through 180 degrees joins [m]."""
+    """Return the distance between two passes that are joined by a single bend through 180 degrees [m]."""
     return 2 * bend(pi, radius, sharpness).centre[1]
 
 
 @lru_cache(maxsize=64)
 def headland_turn(left: float, shape: str, radius: float, sharpness: float, speed: float) -> tuple[Piece, ...]:
-    """Return the turn to the next pass, driven in the opposite direction, `left` metres to the left.
+    """Return the segments of the turn to the next pass, which runs in the opposite direction `left` metres to the left.
 
     `shape` (`omega` or `k`) applies to passes that are too close for two quarter bends. `radius` [m] is the radius of
     the arcs, `sharpness` [1/m2] the sharpness of the clothoids, `speed` [m/s] the maximum speed.
@@ -51,7 +51,7 @@ def headland_turn(left: float, shape: str, radius: float, sharpness: float, spee
 
 
 def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
-    """Return a half turn between passes at the distance `away` [m], with a radius of at least `radius` [m]."""
+    """Return a bend through 180 degrees between passes `away` metres apart, with a radius of at least `radius` [m]."""
     if half_turn_width(radius, sharpness) >= away:
         return bend(pi, radius, sharpness)
     wide = root(lambda r: half_turn_width(r, sharpness) - away, radius, away, xtol=1e-12)
@@ -59,7 +59,8 @@ def _half_turn(away: float, radius: float, sharpness: float) -> Bend:
 
 
 def _three(angle: float, left: float, shape: str, radius: float, sharpness: float, speed: float) -> list[Piece]:
-    """Return the three bends of an omega with flare `angle`, or of a k with first angle `angle` [rad]."""
+    """Return the three bends of an omega turn with the flare `angle`, or of a k turn with the first angle `angle`
+    [rad]."""
     outer = bend(angle, radius, sharpness)
     if shape == "k":
         middle = bend(pi - 2 * angle, radius, sharpness).pieces(-left, speed, -1.0)
@@ -69,7 +70,7 @@ def _three(angle: float, left: float, shape: str, radius: float, sharpness: floa
 
 
 def _angle(away: float, shape: str, radius: float, sharpness: float) -> float:
-    """Return the angle of `_three` for a pass at the distance `away` [m] to the side [rad]."""
+    """Return the flare of an omega turn, or the first angle of a k turn, between passes `away` metres apart [rad]."""
     if isinf(sharpness):
         ratio = away / (2 * radius)
         return acos((1 - ratio) / 2) if shape == "k" else acos((1 + ratio) / 2)

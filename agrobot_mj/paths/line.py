@@ -1,4 +1,4 @@
-"""Straight line, driven at constant speed after a ramp; the reference continues straight beyond both ends."""
+"""Straight line at constant speed after a ramp; the reference continues straight beyond both ends."""
 
 from math import radians
 from typing import Literal
@@ -28,7 +28,7 @@ class Line(ReferencePath):
 
     @property
     def duration_s(self) -> float:
-        """Duration from the start to the end [s]."""
+        """Duration of the travel from the start to the end of the line [s]."""
         return self.ramp_s / 2 + self.length_m / self.speed_m_s
 
     @property
@@ -42,7 +42,7 @@ class Line(ReferencePath):
         return Place(self.start_x_m, self.start_y_m, 0.0)
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]; the line continues beyond its ends."""
+        """Return the reference state at time `t` [s]; the line continues beyond its ends."""
         start = Pose(self.start_x_m, self.start_y_m, radians(self.heading_deg))
         moved, fraction = progress(t, self.ramp_s)
         return reference(advance(start, 0.0, self.speed_m_s * moved), 0.0, fraction * self.speed_m_s)

@@ -1,8 +1,8 @@
 """Manoeuvre: a sequence of straights, arcs and clothoids, forward or in reverse.
 
-Each segment (`[[path.piece]]`) starts at the end of the previous one with the same heading. With `reverse = true` the
-tractor stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction of the turned
-wheels: in reverse on an arc to the left, the heading rotates to the right. The curvature may have steps between
+Each segment (`[[path.piece]]`) starts at the end of the previous segment with the same heading. With `reverse = true`
+the tractor stops, waits for `cusp_pause_s`, and travels along the segment in reverse. `side` is the direction of the
+turned wheels: in reverse on an arc to the left, the heading rotates to the right. The curvature may have steps between
 segments; a clothoid from 0 to the curvature of an arc avoids a step.
 
 In the default manoeuvre the tractor passes a row and reverses into it.
@@ -23,7 +23,7 @@ Curvature = Annotated[float, Field(ge=-10, le=10)]
 
 
 class CoursePiece(Spec):
-    """Base class of the segments of a manoeuvre; a kind defines `shape`."""
+    """Base class of the segments of a manoeuvre; subclasses define `shape`."""
 
     kind: str
     reverse: bool = False
@@ -36,7 +36,7 @@ class CoursePiece(Spec):
         raise NotImplementedError
 
     def piece(self, speed: float) -> Piece:
-        """Return the segment for a path with the maximum speed `speed` [m/s]."""
+        """Return the course segment. `speed` [m/s] is the maximum speed of a segment without `speed_m_s`."""
         length, curvature, sharpness = self.shape()
         allowed = speed if self.speed_m_s is None else self.speed_m_s
         return Piece(length, curvature, allowed, sharpness, -1.0 if self.reverse else 1.0)
@@ -50,12 +50,12 @@ class StraightPiece(CoursePiece):
     """Length of the straight [m]."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return the length of the straight and zero curvature."""
+        """Return the length of the straight, zero curvature and zero change of curvature."""
         return self.length_m, 0.0, 0.0
 
 
 class ArcPiece(CoursePiece):
-    """Arc of a circle."""
+    """Circular arc segment."""
 
     kind: Literal["arc"] = "arc"
     radius_m: Positive
@@ -66,7 +66,7 @@ class ArcPiece(CoursePiece):
     """Direction of the turned wheels, which is the side of the arc's centre."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return length and curvature of the arc."""
+        """Return the length and curvature of the arc, and zero change of curvature."""
         curvature = (1.0 if self.side == "left" else -1.0) / self.radius_m
         return self.radius_m * radians(self.angle_deg), curvature, 0.0
 
@@ -83,7 +83,7 @@ class ClothoidPiece(CoursePiece):
     """Curvature at the end of the clothoid [1/m], positive left."""
 
     def shape(self) -> tuple[float, float, float]:
-        """Return length, initial curvature and change of curvature per metre."""
+        """Return the length, initial curvature and change of curvature per metre of the clothoid."""
         return self.length_m, self.from_per_m, (self.to_per_m - self.from_per_m) / self.length_m
 
 
@@ -96,7 +96,7 @@ INTO_A_ROW = (
     StraightPiece(length_m=2.0),
     StraightPiece(length_m=22.0, reverse=True),
 )
-"""Default manoeuvre: the tractor drives around a left corner and reverses, straight, into the row opposite."""
+"""Segments of the default manoeuvre: a forward left bend, then straight reversing into the row behind the tractor."""
 
 
 class Manoeuvre(Timed):
@@ -106,7 +106,7 @@ class Manoeuvre(Timed):
     speed_m_s: Speed = 0.8
     """Maximum speed of the reference [m/s]. Assumed value (0.3-1), typical of drivers in narrow spaces."""
     piece: Annotated[tuple[ManoeuvrePiece, ...], Field(min_length=1, max_length=1000)] = INTO_A_ROW
-    """Segments in the order of travel, `[[path.piece]]`."""
+    """Segments in the order of travel, one `[[path.piece]]` table each."""
     cusp_pause_s: NonNegative = 2.0
     """Duration of the standstill at each cusp [s]. Assumed value (1-4), the time to change gear and turn the wheels."""
     heading_deg: float = 0.0

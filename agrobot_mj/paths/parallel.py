@@ -1,8 +1,8 @@
 """Field work: parallel straight passes in alternating directions, with a turn at each end.
 
-A subclass of `Parallel` defines the direction of the first pass and the side of the others. `headland.py` defines the
-turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn width are skipped and driven later: the tractor
-advances by n passes and returns by n + 1, with n = turn width / swath rounded up, in blocks of 2 n + 1.
+A subclass of `Parallel` defines the direction of the first pass and the side of the other passes. `headland.py` defines
+the turns `u`, `omega` and `k`. With `u` turns, passes closer than the turn width are skipped and worked later. The
+tractor then advances by n passes and returns by n + 1, in blocks of 2 n + 1; n is turn width / swath, rounded up.
 
 The field ends at the ends of the passes; the turns are outside. After the last pass the tractor continues straight.
 `passes_s` contains the time interval of each pass without its first `run_in_m` metres, where turn errors decay.
@@ -28,7 +28,7 @@ Coordinate = Annotated[float, Field(ge=-HUGE, le=HUGE)]
 
 
 class Parallel(Transitions, Timed):
-    """Base class of parallel passes; a kind defines their direction. Default width and turn radius suit the machine."""
+    """Base class of paths with parallel passes; subclasses define `orientation`."""
 
     sized: ClassVar = {**Transitions.sized, "swath_m": {"width": 1}, "turn_radius_m": {"turn": 1}}
     radius_key: ClassVar = "turn_radius_m"
@@ -41,16 +41,18 @@ class Parallel(Transitions, Timed):
     count: Count = 4
     """Number of passes [-]. Assumed value for a small field."""
     turn: Literal["u", "omega", "k"] = "omega"
-    """Shape of turns between close passes: skipped passes (`u`), a bulb (`omega`), or three arcs (`k`)."""
+    """Shape of turns between close passes: half turn to a more distant pass (`u`), bulb (`omega`), or three arcs
+    (`k`)."""
     turn_radius_m: Positive = 3.0
     """Radius of all arcs of a turn [m]. Default: proportional to the turning circle. Assumed value (2.5-4); 3 m need a
     steering angle of 25 deg, half of the maximum."""
     turn_speed_m_s: Speed = 1.0
     """Maximum speed in a turn [m/s]. Assumed value (0.7-1.2), typical of drivers."""
     cusp_pause_s: NonNegative = 2.0
-    """Standstill at each cusp of a `k` turn [s]. Assumed value (1-4), to change gear and turn the wheels."""
+    """Duration of the standstill at each cusp of a `k` turn [s]. Assumed value (1-4), to change gear and turn the
+    wheels."""
     run_in_m: NonNegative = 20.0
-    """Initial length of each pass excluded from `passes_s`, at most half of the pass [m]. Assumed value (10-30)."""
+    """Initial length of each pass that `passes_s` excludes [m], at most half of the pass. Assumed value (10-30)."""
     start_x_m: Coordinate = 0.0
     """East coordinate of the start of the first pass [m]."""
     start_y_m: Coordinate = 0.0
@@ -58,12 +60,12 @@ class Parallel(Transitions, Timed):
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side of the other passes: 1 left, -1 right."""
+        """Direction of the first pass [rad], and the side on which the other passes lie: 1 left, -1 right."""
         raise NotImplementedError
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Numbers of the passes in the order of travel, counted across the field from the first pass."""
+        """Pass numbers in the order of travel; passes are numbered across the field from the first pass."""
         width = half_turn_width(self.turn_radius_m, self.sharpness(self.turn_speed_m_s))
         across = ceil(width / self.swath_m - 1e-9)
         if self.turn != "u" or across <= 1:
@@ -77,7 +79,7 @@ class Parallel(Transitions, Timed):
 
     @property
     def passes_s(self) -> tuple[tuple[float, float], ...]:
-        """Start and end of each pass in the order of travel, without its run-in [s]."""
+        """Start and end of each pass after its run-in [s], in the order of travel."""
         pieces, motion, ends, distance = self._pieces(), self.motion, [], 0.0
         for piece, is_pass in pieces:
             if is_pass:
@@ -105,10 +107,11 @@ class Parallel(Transitions, Timed):
 
 
 def skipping(count: int, across: int) -> Iterator[int]:
-    """Yield the numbers of `count` (at least 2 `across` + 1) passes in an order with steps of at least `across` passes.
+    """Yield `count` pass numbers in an order with steps of at least `across` passes; `count` is at least 2 `across` +
+    1.
 
-    Blocks of 2 `across` + 1 advance by `across`, or return by `across` + 1; the remaining passes alternate between two
-    halves.
+    Within a block of 2 `across` + 1 passes, the order advances by `across` or returns by `across` + 1. The remaining
+    passes alternate between two halves.
     """
     block, first = 2 * across + 1, 0
     while first < count:

@@ -1,8 +1,8 @@
-"""Speed profile of a course: the maximum speed within all limits after a start from rest, and the reference.
+"""Speed profile of a course: the maximum speed within all limits after a start from rest, and the reference state.
 
 The limits are `speed_m_s` of the path, the speed of each segment, the lateral acceleration v^2 kappa and the
 acceleration along the path. The speed is zero at cusps. Between two joints the squared speed is linear in the distance,
-so that the position is the exact integral of the velocity. The reference waits at the start before time 0. It continues
+so that the position is the exact integral of the velocity. The reference rests at the start before time 0. It continues
 straight at its last speed after the end.
 """
 
@@ -25,8 +25,8 @@ Acceleration = Annotated[float, Field(ge=0.01, le=10)]
 def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | None = None) -> Array:
     """Return the maximum speeds at the n + 1 joints of n segments of `lengths` [m], starting from rest, (n + 1,) [m/s].
 
-    `limits` [m/s], shape (n,), apply to whole segments. The speed changes by at most `acceleration` [m/s2], and is zero
-    at the inner joints marked in `stops`, shape (n - 1,).
+    `limits` [m/s], shape (n,), apply to whole segments. `acceleration` [m/s2] limits acceleration and deceleration. The
+    speed is zero at the inner joints marked in `stops`, shape (n - 1,).
     """
     between = np.minimum(limits[:-1], limits[1:])
     if stops is not None:
@@ -41,7 +41,7 @@ def fastest(lengths: Array, limits: Array, acceleration: float, stops: Mask | No
 
 
 class TimedCourse:
-    """Course with the time at which the reference passes each joint."""
+    """Course with the times at which the reference passes its joints."""
 
     def __init__(self, course: Course, speed: float, lateral: float, acceleration: float) -> None:
         course = course.divided()
@@ -65,7 +65,7 @@ class TimedCourse:
 
     @property
     def duration(self) -> float:
-        """Duration from rest to the end of the course [s]."""
+        """Travel time from rest at the start to the end of the course [s]."""
         return self._starts[-1]
 
     @cached_property
@@ -85,7 +85,7 @@ class TimedCourse:
         return self._starts[k] + 2 * offset / max(v + sqrt(max(v * v + 2 * a * offset, 0.0)), 1e-12)
 
     def outline(self) -> PathOutline:
-        """Return samples at both ends of each segment."""
+        """Return path samples at both ends of each segment."""
 
         def ends(first: Array, last: Array) -> Array:
             return np.stack((first, last), 1).ravel()
@@ -95,7 +95,7 @@ class TimedCourse:
         return PathOutline(t, east, north, ends(self.course.curvatures, self.course.ends), speed)
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s], also before the start and after the end."""
+        """Return the reference state at time `t` [s], also before the start and after the end."""
         if t <= 0.0:
             return reference(self._poses[0], self._curvatures[0], 0.0)
         k = bisect_right(self._starts, t) - 1
@@ -120,7 +120,7 @@ class Timed(ReferencePath):
 
     ends = True
     reads_file: ClassVar[bool] = False
-    """Whether the course is read from a file; such a course is built by `check` instead of the constructor."""
+    """Whether the course is read from a file. `check` instead of the constructor builds the course of a file."""
 
     @model_validator(mode="after")
     def _has_a_course(self) -> Self:
@@ -129,7 +129,7 @@ class Timed(ReferencePath):
         return self
 
     def check(self) -> None:
-        """Build the course. Raise ValueError with the key if this fails."""
+        """Build the course. Raise a ValueError that names the invalid key if the keys do not define a path."""
         checked_length(float(self.course().lengths.sum()))
 
     def course(self) -> Course:
@@ -138,12 +138,12 @@ class Timed(ReferencePath):
 
     @property
     def motion(self) -> TimedCourse:
-        """Course with the times of its joints, computed once."""
+        """Course with the times of its joints (cached)."""
         return _motion(self)
 
     @property
     def duration_s(self) -> float:
-        """Duration from rest to the end of the path [s]."""
+        """Travel time from rest at the start to the end of the path [s]."""
         return self.motion.duration
 
     @property
@@ -157,11 +157,11 @@ class Timed(ReferencePath):
         return self.motion.sharpest
 
     def outline(self) -> PathOutline:
-        """Return samples at both ends of each segment."""
+        """Return path samples at both ends of each segment."""
         return self.motion.outline()
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]; the reference continues straight after the end."""
+        """Return the reference state at time `t` [s]; the reference continues straight after the end."""
         return _motion(self).at(t)
 
 

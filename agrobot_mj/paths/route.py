@@ -1,10 +1,10 @@
 """Nearest point of a path and the path ahead of it, for guidance laws and metrics.
 
 A path is a function of time. `SampledRoute` samples the path every STEP_M along its length, as far as queries require.
-The nearest point is searched in a window around a given arc length (usually the last result), so that the result never
-switches to another branch of a crossing or to an adjacent swath. Near a sample the path is its osculating circle, which
-is exact on lines and arcs. Cusps divide a path into legs; a query is restricted to the leg that is driven at the time
-of the query. Later sampling never changes the result of a query.
+The nearest point is searched in a window around a given arc length, usually the previous result. The search thus never
+switches to another branch of a crossing or to an adjacent swath. Between samples the path is approximated by its
+osculating circle, which is exact on lines and arcs. Cusps divide a path into legs; a query is restricted to the leg of
+the reference at the time of the query. Later sampling does not change the result of a query.
 """
 
 from bisect import bisect_right
@@ -39,8 +39,8 @@ BEYOND_S = 3600.0  # Time after the end of the path up to which samples are adde
 
 LAP_GRID_M, MIN_LAP_M = 0.05, 10.0  # Grid spacing for comparing headings, and minimum lap length [m]
 MAX_DIFFERENCE = 0.01
-"""Maximum difference between the headings of two laps, one minus mean cosine, divided by its maximum over all lap
-lengths [-]. Assumed value: excludes the exit from the field after the last pass."""
+"""Maximum difference between the headings of two laps, which is 1 minus the mean cosine, divided by the maximum over
+all lap lengths [-]. Assumed value: excludes the exit from the field after the last pass."""
 MIN_TURN = 0.8  # Minimum heading change of a path with laps [rad]. Assumed value (45 deg).
 
 _search, _nearest, _ahead, _curvatures = (
@@ -52,7 +52,7 @@ _search, _nearest, _ahead, _curvatures = (
 
 
 class SampledRoute:
-    """Path with stored samples for fast queries."""
+    """Path with cached samples for fast queries by arc length or position."""
 
     def __init__(self, path: ReferencePath) -> None:
         self.path = path
@@ -62,37 +62,41 @@ class SampledRoute:
         self._lap: float | None = None
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]."""
+        """Return the reference state at time `t` [s]."""
         return reference_at(self.path, t)
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the arc lengths of the start and end of the leg on which the reference is at time `t` [s], in [m]."""
+        """Return the start and end [m] of the leg, between two cusps, on which the reference travels at time `t`
+        [s]."""
         if self._until < t + CHUNK_S:
             self._grow(until=t + CHUNK_S)
         k = max(bisect_right(self._leg_times, t) - 1, 0)
         return self._leg_starts[k], self._leg_starts[k + 1] if k + 1 < len(self._leg_starts) else inf
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the path point nearest to (x, y) [m] around arc length `near` [m], on the leg driven at `t` [s]."""
+        """Return the path point nearest to (x, y) [m], searched around arc length `near` [m] on the leg travelled at
+        `t` [s]."""
         low, high = self.leg(t)
         return _nearest(self.around(max(near, low)), x, y, near, low, high)
 
     def around(self, near: float) -> Matrix:
-        """Return the samples, at least as far as the search window around the arc length `near` [m]."""
+        """Sample the path as far as the search window around the arc length `near` [m] and return all samples."""
         if self._end < near + WINDOW_M:
             self._grow(beyond=near + WINDOW_M)
         return self._samples
 
     def sampled(self, t: float, s: float) -> tuple[Matrix, Matrix, float]:
-        """Sample the path up to time `t` [s] and arc length `s` [m]. Return the samples, the time and arc length of the
-        start of each leg, (legs, 2), and the arc length of the last sample, or infinity if the path ends before `s`.
+        """Sample the path up to time `t` [s] and arc length `s` [m].
+
+        Return the samples; the start time [s] and start arc length [m] of each leg, shape (legs, 2); and the arc length
+        of the last sample [m], or infinity if the path ends before `s`.
         """
         self._grow(until=t + CHUNK_S, beyond=s)
         legs = np.column_stack((self._leg_times, self._leg_starts))
         return self._samples, legs, self._end if self._end >= s else inf
 
     def grows(self, s: float) -> bool:
-        """Sample the path as far as the arc length `s` [m]; return whether this added samples."""
+        """Sample the path up to the arc length `s` [m]; return whether samples were added."""
         return self._end < s + STEP_M and self._grow(beyond=s + STEP_M)
 
     def search(self, x: float, y: float, near: float, t: float) -> tuple[int, bool]:
@@ -103,17 +107,18 @@ class SampledRoute:
         return _search(self._samples, x, y, near, low, high, WINDOW_M)
 
     def number_at(self, t: float) -> int:
-        """Return the index of the last sample that the reference has passed at time `t` [s]."""
+        """Return the index of the last sample passed by the reference at time `t` [s]."""
         self._grow(until=t)
         return max(int(np.searchsorted(self._samples[:, T], t, "right")) - 1, 0)
 
     def passed(self, t: float) -> float:
-        """Return the arc length of the last sample that the reference has passed at time `t` [s], in metres."""
+        """Return the arc length [m] of the last sample passed by the reference at time `t` [s]."""
         k = self.number_at(t)
         return float(self.distances[k])
 
     def lap(self) -> float:
-        """Return the arc length after which the path heading repeats, or the path length if it never repeats [m]."""
+        """Return the lap length [m], after which the path heading repeats, or the path length if the heading does not
+        repeat."""
         if self._lap is None:
             self._grow(until=self.path.duration_s)
             known = self._samples[: max(self.number_at(self.path.duration_s) + 1, 2)]
@@ -122,11 +127,11 @@ class SampledRoute:
 
     @property
     def distances(self) -> Array:
-        """Arc length of all current samples [m], shape (n,)."""
+        """Arc lengths of all samples [m], shape (n,)."""
         return self._samples[:, S]
 
     def sample(self, k: int) -> "Sample":
-        """Return sample number `k`."""
+        """Return the sample with the index `k`."""
         return Sample(*self._samples[k].tolist())
 
     def ahead(self, s: float) -> PathPoint:
@@ -135,7 +140,8 @@ class SampledRoute:
         return _ahead(self._samples, s)
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvatures [1/m] at the arc lengths `distances` [m], left positive, (n,); zero before 0 m."""
+        """Return the curvatures [1/m] at the arc lengths `distances` [m], positive left, shape (n,). Negative distances
+        give 0."""
         distances = np.asarray(distances, dtype=float)
         found, most = _curvatures(self._samples, distances)
         if self.grows(most):
@@ -177,7 +183,8 @@ class SampledRoute:
             self._keep(kept)
 
     def _keep(self, new: Array) -> None:
-        """Add samples; the capacity is doubled, which avoids thousands of copies for a long path."""
+        """Append samples to a buffer. The capacity doubles when the buffer is full, which avoids thousands of
+        copies."""
         count, end = len(self._samples), len(self._samples) + len(new)
         if end > len(self._buffer):
             self._buffer = np.empty((2 * end, len(Sample._fields)))  # unwritten parts use no memory
@@ -190,8 +197,8 @@ class SampledRoute:
 def lap_length(s: Array, yaw: Array) -> float:
     """Return the minimum distance [m] after which the headings `yaw` [rad] at arc lengths `s` [m], shape (n,), repeat.
 
-    Return the last arc length if the headings do not repeat over half a lap, or if the path has no bends. Laps may be
-    offset sideways: two passes of a field and their turns are one lap.
+    Return the last arc length if the headings do not repeat within two thirds of the path, or if the path has no bends.
+    Laps may be offset sideways: two passes of a field and their turns are one lap.
     """
     length = float(s[-1])
     count = int(length / LAP_GRID_M)

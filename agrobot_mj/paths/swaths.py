@@ -1,7 +1,7 @@
 """Swaths on a rectangular field: parallel AB lines with turns on the headlands.
 
 The first pass is the AB line from (start_x_m, start_y_m) in the direction `heading_deg`. The other passes follow on the
-side `first_turn`. To start at another corner of the field, rotate the heading and select the side. The field extends
+side `first_turn`. To start at another corner of the field, change `heading_deg` and `first_turn`. The field extends
 half a swath beyond the outer passes. See `parallel` for turns and passes.
 """
 
@@ -12,7 +12,7 @@ from agrobot_mj.paths.parallel import Parallel
 
 
 class Swaths(Parallel):
-    """Parallel passes in a given direction."""
+    """Parallel passes across a rectangular field."""
 
     kind: Literal["swaths"] = "swaths"
     heading_deg: float = 0.0
@@ -22,5 +22,5 @@ class Swaths(Parallel):
 
     @property
     def orientation(self) -> tuple[float, float]:
-        """Direction of the first pass [rad], and the side of the other passes: 1 left, -1 right."""
+        """Direction of the first pass [rad], and the side on which the other passes lie: 1 left, -1 right."""
         return radians(self.heading_deg), 1.0 if self.first_turn == "left" else -1.0

@@ -1,10 +1,9 @@
-"""Course: geometry of a path without time, as a chain of arcs and clothoids travelled forward or in reverse.
+"""Course: geometry of a path without time, as a chain of segments travelled forward or in reverse.
 
-The curvature of a segment is constant or changes linearly: straights, arcs and clothoids are segments. Other curves are
-approximated by chains of short arcs with the heading of the curve at each joint, so that every course is exactly
-tangent to its heading. A change of the direction of travel is a cusp: the course stops, and its heading is continuous.
-Lengths [m] are travelled distances, also positive in reverse; curvature [1/m] is positive left; yaw [rad] is the
-heading of the tractor, counter-clockwise from east, not wrapped.
+A segment is a straight, an arc or a clothoid: its curvature is constant or changes linearly. Other curves are
+approximated by chains of short arcs with the heading of the curve at each joint. A change of the direction of travel is
+a cusp: the course stops, and its heading is continuous. Lengths [m] are travelled distances, also positive in reverse.
+Curvature [1/m] is positive left. Yaw [rad] is the heading of the tractor, counter-clockwise from east, not wrapped.
 """
 
 from collections.abc import Iterable
@@ -22,7 +21,7 @@ PARTS_TO_A_STOP = 8  # Minimum number of parts of a segment next to a cusp [-], 
 CURVE_STEP_M = 0.1  # Spacing of the arcs that approximate a curve [m]
 MAX_LENGTH_M = 50e3  # Maximum length of a course [m]
 QUADRATURE = np.polynomial.legendre.leggauss(32)
-"""Nodes and weights that integrate clothoids of up to 10 rad heading change to rounding accuracy."""
+"""Nodes and weights of a Gauss-Legendre rule, exact to rounding for clothoids of up to 10 rad heading change."""
 
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -41,7 +40,7 @@ class Piece(NamedTuple):
 
 
 class Course(NamedTuple):
-    """Chain of segments that starts at `start`; the arrays have shape (segments,)."""
+    """Chain of segments that begins at the pose `start`; the arrays have shape (segments,)."""
 
     start: Pose
     lengths: Array  # Length of each segment, 0 only for pauses [m]
@@ -51,7 +50,7 @@ class Course(NamedTuple):
     directions: Array  # Direction of travel of each segment: 1 forward, -1 reverse [-]
     pauses: Array  # Duration of the pause of each segment [s]
     trends: Array
-    """Change of curvature of the approximated curve per metre [1/m2] for each segment, or 0 for true arcs."""
+    """Change of curvature per metre of the exact curve on each segment [1/m2]; 0 for circular arcs."""
 
     @property
     def ends(self) -> Array:
@@ -67,7 +66,7 @@ class Course(NamedTuple):
 
     @property
     def cusps(self) -> Mask:
-        """Whether the course stops at each inner joint, shape (segments - 1,)."""
+        """Whether the course stops at each joint between two segments, shape (segments - 1,)."""
         turned: Mask = np.diff(self.directions) != 0
         pauses: Mask = self.lengths == 0
         found: Mask = turned | pauses[:-1] | pauses[1:]
@@ -91,7 +90,8 @@ class Course(NamedTuple):
         return x, y, yaw
 
     def _clothoids(self, which: Index) -> tuple[Array, Array]:
-        """Return the chord [m] of the given segments, and its direction relative to their initial heading [rad]."""
+        """Return the chord lengths [m] of the segments `which`, and the chord directions relative to the initial
+        headings [rad]."""
         nodes, weights = QUADRATURE
         length, k, c, d = (
             values[which, None] for values in (self.lengths, self.curvatures, self.sharpnesses, self.directions)
@@ -101,7 +101,7 @@ class Course(NamedTuple):
         return np.abs(ends), np.angle(ends)
 
     def divided(self) -> "Course":
-        """Return the same course divided into segments of at most STEP_M."""
+        """Return the same course, divided into segments of at most STEP_M and into shorter segments next to cusps."""
         parts = np.maximum(np.ceil(self.lengths / STEP_M), 1).astype(int)
         stops = np.concatenate(([False], self.cusps, [False]))
         if stops.any():
@@ -116,7 +116,7 @@ class Course(NamedTuple):
         return Course(self.start, lengths, curvatures, np.repeat(self.speeds, parts), sharpnesses, *others)
 
     def sharpest(self) -> Place:
-        """Return the point of maximum curvature: middle of the first arc, or sharper end of the first clothoid."""
+        """Return the first point of maximum curvature: the middle of an arc, or the sharper end of a clothoid."""
         x, y, _ = self.joints()
         peaks = self.peaks
         k = int(np.argmax(peaks > 0.999999 * peaks.max()))
@@ -127,7 +127,10 @@ class Course(NamedTuple):
 
 
 def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
-    """Return the course of these segments, except segments of zero length, with a stop of `pause` [s] at each cusp."""
+    """Return the course of the segments `pieces` from the pose `start`, with a pause of `pause` [s] at each cusp.
+
+    Segments of zero length are omitted.
+    """
     kept = [piece for piece in pieces if piece.length > 1e-9]
     if pause > 0:
         kept = list(_with_pauses(kept, pause))
@@ -136,7 +139,8 @@ def chain(start: Pose, pieces: Iterable[Piece], pause: float = 0.0) -> Course:
 
 
 def _with_pauses(pieces: list[Piece], pause: float) -> Iterable[Piece]:
-    """Insert a pause between segments of opposite directions, with the curvature of the next segment."""
+    """Yield the segments with a pause between segments of opposite directions; a pause has the curvature of the next
+    segment."""
     for piece, following in pairwise(pieces):
         yield piece
         if piece.direction != following.direction:
@@ -152,15 +156,16 @@ def checked_length(length: float) -> float:
 
 
 def samples(length: float) -> int:
-    """Return the number of points that approximate a curve of `length` [m]. Raise ValueError if it is too long."""
+    """Return the number of points for the approximation of a curve of `length` [m]. Raise ValueError if it is too
+    long."""
     return int(checked_length(length) / max(CURVE_STEP_M, length / 100_000)) + 2
 
 
 def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Course:
-    """Return the course along a curve given by close points x, y [m] and its headings `yaw` [rad], each of shape (n,).
+    """Return the course along a curve given by points x, y [m] and headings `yaw` [rad], each of shape (n,).
 
     Arcs join consecutive points; `speeds` [m/s], shape (n - 1,), are the speed limits on the arcs. The deviation from
-    the curve is of the order of the squared spacing times the change of curvature.
+    the curve is of the order of the squared point distance times the change of curvature.
     """
     yaw = np.unwrap(yaw)
     turned = np.diff(yaw)
@@ -174,8 +179,10 @@ def through(x: Array, y: Array, yaw: Array, speeds: Array | float = inf) -> Cour
 
 
 def placed(start: tuple[float, float, float], x: Array, y: Array, slope: Array) -> Course:
-    """Return the course along the curve y(x) with the slope dy/dx, shapes (n,), in a frame with the pose `start` (x, y,
-    yaw)."""
+    """Return the course along the curve y(x) with the slope dy/dx, each of shape (n,).
+
+    `start` is the pose (x [m], y [m], yaw [rad]) of the curve's coordinate frame.
+    """
     x0, y0, yaw = start
     c, s = np.cos(yaw), np.sin(yaw)
     return through(x0 + c * x - s * y, y0 + s * x + c * y, yaw + np.arctan(slope))

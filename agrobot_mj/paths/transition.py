@@ -1,4 +1,4 @@
-"""Clothoid transitions: bends whose curvature changes no faster than the steering can follow.
+"""Clothoid transitions: bends whose change of curvature is limited by the maximum steering rate.
 
 On a clothoid the curvature increases linearly with the distance, kappa = sharpness * s. At the speed v the steering
 angle delta = atan(L kappa) of a bicycle with wheelbase L then has the rate
@@ -22,30 +22,32 @@ SteerRate = Annotated[float, Field(ge=1, le=90)]
 
 
 class Transitions(Spec):
-    """Keys that define the clothoids of paths with bends."""
+    """Keys of the clothoids at both ends of a bend."""
 
     sized: ClassVar = {"wheelbase_m": {"length": 1}}
 
     transition: Literal["none", "clothoid"] = "none"
-    """Transition at the ends of a bend: step of the curvature (`none`) or clothoid."""
+    """Transition at both ends of a bend: step of the curvature (`none`) or clothoid."""
     steer_rate_deg_s: SteerRate = 15.0
-    """Maximum steering rate on clothoids [deg/s]. Assumed value (10-20), 60 % of the valve's maximum."""
+    """Maximum steering rate on clothoids [deg/s]. Assumed value (10-20), 60 % of the maximum rate of the valve."""
     wheelbase_m: Positive = 1.40
-    """Wheelbase for which `steer_rate_deg_s` is computed [m]. Default: wheelbase of the tractor."""
+    """Wheelbase for converting `steer_rate_deg_s` to a change of curvature [m]. Default: wheelbase of the tractor."""
 
     def sharpness(self, speed: float) -> float:
-        """Return the change of curvature per metre of a bend [1/m2] at `speed` [m/s]. Infinite without transitions."""
+        """Return the change of curvature per metre of a clothoid at `speed` [m/s], or infinity without transitions
+        [1/m2]."""
         if self.transition == "none":
             return inf
         return radians(self.steer_rate_deg_s) / (self.wheelbase_m * speed)
 
     def speed_for(self, sharpness: float) -> float:
-        """Return the maximum speed on a clothoid of the given sharpness within the steering-rate limit [m/s]."""
+        """Return the maximum speed [m/s] within the steering-rate limit on a clothoid of the given `sharpness`
+        [1/m2]."""
         return inf if self.transition == "none" else radians(self.steer_rate_deg_s) / (self.wheelbase_m * sharpness)
 
 
 class Bend(NamedTuple):
-    """Bend through an angle, symmetric about its middle; coordinates are relative to its start."""
+    """Symmetric bend through an angle; coordinates are relative to the pose at its start."""
 
     angle: float  # Change of heading along the bend [rad]
     radius: float  # Radius of the arc, or radius at the joint of the clothoids of a bend without arc [m]
@@ -64,18 +66,21 @@ class Bend(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Centre of the arc: distances ahead of the start of the bend and to its side [m]."""
+        """Centre of the arc: distances ahead of the start of the bend and to the side [m]."""
         x, y, turned = spiral(self.clothoid, self.curvature)
         return x - sin(turned) * self.radius, y + cos(turned) * self.radius
 
     @property
     def tangent(self) -> float:
-        """Distance from the start of the bend to the corner that the bend rounds [m], for angles below pi."""
+        """Distance from the start of the bend to the corner that the bend replaces [m], for angles below pi."""
         ahead, aside = self.centre
         return ahead + aside * sin(self.angle) / (1 + cos(self.angle))
 
     def pieces(self, left: float, speed: float = inf, direction: float = 1.0) -> list[Piece]:
-        """Return the segments with the wheels turned left (`left` > 0) or right, forward (1) or in reverse (-1)."""
+        """Return the segments of the bend.
+
+        The wheels are turned left for a positive `left`, otherwise right. `direction` is 1 forward, -1 in reverse.
+        """
         k = self.curvature if left > 0 else -self.curvature
         arc = Piece(self.arc, k, speed, direction=direction)
         if isinf(self.sharpness):
@@ -86,7 +91,8 @@ class Bend(NamedTuple):
 
 
 def bend(angle: float, radius: float, sharpness: float) -> Bend:
-    """Return the bend through `angle` [rad] with arcs of `radius` [m], or a larger radius if the angle is too small."""
+    """Return a bend through `angle` [rad] with an arc of `radius` [m]; the radius is larger if the angle is too
+    small."""
     if isinf(sharpness):
         return Bend(angle, radius, sharpness, radius * angle)
     radius = max(radius, 1 / sqrt(angle * sharpness))
@@ -94,7 +100,8 @@ def bend(angle: float, radius: float, sharpness: float) -> Bend:
 
 
 def spiral(length: float, curvature: float) -> tuple[float, float, float]:
-    """Return the end of a clothoid with zero initial curvature: distances ahead and to the side [m], heading [rad]."""
+    """Return the end point of a clothoid that starts with zero curvature: x ahead [m], y to the side [m], and heading
+    [rad]."""
     # Series of the Fresnel integrals: cos and sin of turned * (s / length)^2, integrated term by term.
     turned = curvature * length / 2
     term, x, y = length, 0.0, 0.0

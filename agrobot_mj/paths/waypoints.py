@@ -8,16 +8,16 @@ cuts corners with a large angle, and follows a series of small-angle corners as 
 `smoothing_m` from the waypoints; with 0 it passes through all waypoints. Its curvature is continuous, but it oscillates
 about a straight row next to a corner.
 
-An open path runs from the first to the last waypoint. A closed path joins the last to the first (a repeated first row
+An open path runs from the first to the last waypoint. A closed path returns to the first waypoint (a repeated first row
 at the end is optional), runs for `laps` laps, and continues straight. With fillets a lap starts on the first leg, after
-the corner at the first waypoint. A third column limits the speed, linearly interpolated between waypoints, in addition
-to `speed_m_s`. Repeated points and the scatter at standstill are omitted. A recorded track with noise that the tractor
-cannot follow becomes a spline. A curvature that the tractor cannot follow is an error that names the location.
+the corner at the first waypoint. A third column limits the speed in addition to `speed_m_s`; the limit is interpolated
+linearly between waypoints. Repeated points and the scatter at standstill are omitted. A recorded track with noise that
+the tractor cannot follow becomes a spline. A curvature that the tractor cannot follow is an error that names the
+location.
 
-Waypoints from a file of positions: CSV, KML, GeoJSON, GPX, a file of an AgOpenGPS field, or a shapefile.
-
-The longest line of the file is the track; a file without lines gives its longest ring, or its points in their order.
-Every error is a ValueError that names the file, the row of a table and the fix.
+Waypoints are read from CSV, KML, GeoJSON or GPX, from a file of an AgOpenGPS field, or from a shapefile. The longest
+line of the file is the track. A file without lines gives its longest ring, or its points in the order of the file.
+Every error is a ValueError that names the file, the table row and the fix.
 """
 
 import warnings
@@ -46,7 +46,7 @@ MAX_ROWS = 20_000
 
 
 class Track(NamedTuple):
-    """Waypoints read from a file."""
+    """Waypoints read from a file, with notes about changes to the data."""
 
     points: Array  # Waypoints, shape (n, 2) or (n, 3): x, y [m] and speed [m/s]
     notes: tuple[str, ...]  # Sentences about omitted columns, shapes and points, and about a shift of the coordinates
@@ -54,7 +54,7 @@ class Track(NamedTuple):
 
 @lru_cache(maxsize=8)
 def track(stamp: Stamp, crs: str, closed: bool) -> Track:
-    """Return at least three waypoints in metres. Raise ValueError if the file is invalid."""
+    """Return the waypoints of a file in metres, at least three. Raise ValueError if the file is invalid."""
     file = Path(stamp[0])
     read = read_shapes(stamp[0], MAX_BYTES)
     try:
@@ -101,7 +101,8 @@ CREEP_M_S = 0.1  # Limit of the speed at a standstill of a recorded track [m/s].
 
 
 def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]]:
-    """Return the limits of the speed from a column of speeds, and notes. Raise ValueError for an unusable speed."""
+    """Return the speed limits for a column of speeds [m/s], and notes about changes. Raise ValueError for an invalid
+    speed."""
     still = (speeds >= 0) & (speeds < SLOWEST_M_S) & (len(points) >= FEWEST_POINTS)
     if (wrong := np.flatnonzero((speeds < SLOWEST_M_S) & ~still)).size:
         row, speed = rows[wrong[0]], speeds[wrong[0]]
@@ -115,17 +116,18 @@ def _speeds(speeds: Array, points: Array, rows: Array) -> tuple[Array, list[str]
 
 
 DENSE_M, FEWEST_POINTS = 1.0, 20
-"""Maximum median distance between the points of a recorded track [m], and minimum number of points."""
+"""Maximum median point distance [m] and minimum number of points [-] of a recorded track."""
 TIGHTEST = 0.4
 """Minimum bend radius of a recorded track, divided by `corner_radius_m` [-]. Assumed value: near full steering lock."""
 WIDER, LEAST_M, MOST_M = 1.3, 0.005, 1.0
-"""Factor between successive smoothing distances in a search [-], and minimum and maximum of this distance [m]."""
+"""Search for the smoothing distance: factor between successive distances [-], and their minimum and maximum [m]."""
 THIRD_DIFFERENCE = 20.0 * np.log(2.0)
-"""Median squared third difference of positions with white noise, divided by the mean square of the noise [-]."""
+"""Median squared third difference of positions with white noise, divided by the mean squared noise [-]."""
 
 
 def smooth(points: Array, smoothing: float, closed: bool) -> Course:
-    """Return one lap along the spline through `points`, shape (n, 2 or 3), within `smoothing` [m] (rms)."""
+    """Return one lap along the smoothing spline of `points`, shape (n, 2 or 3), with rms deviation up to `smoothing`
+    [m]."""
     from scipy.interpolate import splev, splprep  # slow import (0.1 s), needed only by this function
 
     x, y = points[:, 0], points[:, 1]
@@ -143,23 +145,23 @@ def smooth(points: Array, smoothing: float, closed: bool) -> Course:
 
 
 def is_recorded(points: Array) -> bool:
-    """Return whether the spacing of waypoints, shape (n, 2 or 3), indicates a recorded track."""
+    """Return whether waypoints, shape (n, 2 or 3), are as dense as the points of a recorded track."""
     if len(points) < FEWEST_POINTS:
         return False
     return float(np.median(np.hypot(*np.diff(points[:, :2], axis=0).T))) < DENSE_M
 
 
 def noise(points: Array) -> float:
-    """Return the root mean square position noise [m] of a recorded track of shape (n, 2 or 3)."""
+    """Return the rms position noise [m] of a recorded track, shape (n, 2 or 3)."""
     third = np.diff(points[:, :2], n=3, axis=0)
     return float(np.sqrt(np.median((third**2).sum(axis=1)) / THIRD_DIFFERENCE))
 
 
 def steerable(points: Array, closed: bool, radius: float) -> tuple[Course, float]:
-    """Return the spline through a recorded track with the minimum smoothing that the tractor can follow.
+    """Return the least smoothed spline of a recorded track that the tractor can follow, and its smoothing distance [m].
 
-    The second result is the smoothing [m], at least the noise of the track. The tractor can follow bends with a radius
-    of at least TIGHTEST times `radius` [m].
+    The smoothing distance is at least the noise of the track. The tractor can follow bends with a radius of at least
+    TIGHTEST times `radius` [m].
     """
     amount = max(noise(points), LEAST_M)
     found = smooth(points, amount, closed), amount
@@ -191,7 +193,7 @@ class Waypoints(Transitions, FromFile):
     """Maximum distance from waypoints [m] at small-angle corners, or root mean square distance of a spline. Assumed
     value (0-0.5), twice the noise of RTK-GNSS."""
     transition: Literal["none", "clothoid"] = "clothoid"
-    """Transition at the ends of a fillet: step of the curvature (`none`) or clothoid."""
+    """Transition at both ends of a fillet: step of the curvature (`none`) or clothoid."""
     closed: bool = False
     """Whether the path returns to its first waypoint."""
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
@@ -199,7 +201,7 @@ class Waypoints(Transitions, FromFile):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about changes to the data in the file."""
+        """Sentences about changes to the data read from the file."""
         return (*self._track().notes, *_lap(self)[1])
 
     def _track(self) -> Track:
@@ -217,7 +219,7 @@ class Waypoints(Transitions, FromFile):
         return self.laps if self.closed else 1
 
     def course(self) -> Course:
-        """Return the straights, arcs and clothoids. Raise ValueError if the file is invalid."""
+        """Return the course of all laps. Raise ValueError if the file is invalid."""
         points = self.waypoints()
         checked_length(self._laps * float(np.hypot(*np.diff(points[:, :2], axis=0).T).sum()))
         lap = _lap(self)[0]
@@ -231,7 +233,7 @@ class Waypoints(Transitions, FromFile):
         return points
 
     def rounded(self, points: Array) -> Course:
-        """Return one lap of straight legs and fillets through `points`, shape (n, 2 or 3)."""
+        """Return one lap through `points`, shape (n, 2 or 3), with straight legs and fillets."""
         rounding = Rounding(
             self.corner_radius_m, self.smoothing_m, self.speed_m_s, self.lateral_acceleration_m_s2, self
         )

@@ -1,4 +1,5 @@
-"""Layout of a recording in the viewer: tabs by subject, time axes of the whole run, and a camera on the tractor."""
+"""Viewer layout of a recording: tabs by subject, time axes of the complete run, and a camera that follows the
+tractor."""
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -18,9 +19,9 @@ from agrobot_mj.recording.transport.timeline import TIMELINE
 
 FOLLOWED = "world/bodies/chassis/boxes"  # Entity that the following camera tracks. The entity must have geometry.
 GROWING = (*(f"world/tracks/{track}" for track in ("true", "estimated", "gnss", "tyres")), "world/events")
-"""Entities to which content is added during a run. Earlier content remains visible."""
+"""Entities whose content accumulates during a run. The views show all content up to the current time."""
 SKY, BEYOND = 0xB9CDDBFF, 0x50563FFF
-"""Background colours (0xRRGGBBAA) of the view that follows the tractor and of the top view."""
+"""Background colours 0xRRGGBBAA of the view that follows the tractor and of the top view."""
 SO_FAR = rrb.VisibleTimeRanges(
     timeline=TIMELINE, start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.cursor_relative()
 )
@@ -31,41 +32,41 @@ TABS = {
     "Network": ("network/",),
     "More": ("reported/",),
 }
-"""Tabs of plots in addition to the scene, with the path prefixes of their plots. A tab without plots is omitted."""
+"""Path prefixes of the plots on each tab. The scene has a separate tab, and tabs without plots are omitted."""
 COMPANIONS = {"Tyres": ("attitude",), "Network": ("control/command",)}
-"""Path prefixes of plots that are added to an existing tab, without creating the tab."""
+"""Path prefixes of additional plots on a tab, which are shown only if the tab has plots listed in `TABS`."""
 FOLLOW_FROM = (-3.4, -2.6, 2.3)
-"""Initial position of the following camera [m] relative to the default tractor: forward, left and up."""
+"""Initial position of the camera that follows the tractor, relative to the tractor [m]: forward, left and up."""
 LOOK_AT = (0.5, 0.0, 0.6)
-"""Initial target point of the following camera [m], relative to the default tractor: forward, left and up."""
+"""Initial target point of the camera that follows the tractor, relative to the tractor [m]: forward, left and up."""
 VIEWED = (2.2, 0.85)
-"""Width and height of the ground visible in the top view, divided by the camera height [-]. Measured in the viewer."""
+"""Width and height of the ground visible in the top view, divided by the camera height [-], measured in the viewer."""
 TILT = 0.1
-"""Displacement of the top-view camera to the south, divided by its height [-], which keeps north at the top."""
+"""Southward offset of the top-view camera divided by its height [-]. The offset keeps north at the top."""
 COLUMNS, MOST_PLOTS = 3, 12
-"""Number of columns of plots on a tab, and maximum number of plots on a tab. More plots continue on further tabs."""
+"""Number of plot columns and maximum number of plots on a tab. Additional plots are on further tabs."""
 LANE, LANES_BESIDES, MOST_LANES = 0.053, 0.075, 0.5
-"""Heights of a state lane and of the rest of the state view, and maximum height of this view [fraction of the tab]."""
+"""Heights as fractions of the tab [-]: one lane of the state view, the rest of the view, and maximum of the view."""
 NAMES = "world/names"  # Entity of the name labels in 3D. The top view hides them, because they would overlap.
 
 
 class Shown(NamedTuple):
-    """Content of a recording that determines the layout."""
+    """Plots, maps and view parameters that determine the layout of a recording."""
 
     plots: Sequence[Plot]
     maps: Sequence[Map] = ()  # Heat maps of the neural network
     lanes: int = 3
     frames: Mapping[str, Frame] = MappingProxyType({})
-    """Axes and legend of each plot, by path of the plot. The viewer chooses the axes of other plots."""
+    """Axes and legends of plots by plot path. The viewer chooses the axes of plots without an entry."""
     outcome: str = ""
     size: float = 1.0  # Size of the tractor, including drawn implements, divided by the size of the default tractor [-]
     followed: str = FOLLOWED
 
 
 def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blueprint:
-    """Return the layout of a run that ends at `end_s` [s].
+    """Return the viewer layout of a run that ends at `end_s` [s].
 
-    The top view contains all points `places` (n, 3) [m]. The tractor starts at the first point, with the heading `yaw`
+    The top view contains all points `places` (n, 3) [m]. The tractor starts at the first point with heading `yaw`
     [rad].
     """
 
@@ -92,7 +93,7 @@ def blueprint(shown: Shown, places: Array, yaw: float, end_s: float) -> rrb.Blue
 
 
 def layout(scene: rrb.Vertical, beside: rrb.Vertical, *tabs: rrb.Vertical) -> rrb.Blueprint:
-    """Return a layout with the scene, plots `beside` it, further tabs and a tab of text. Panels are collapsed."""
+    """Return a layout with the scene and the plots `beside` on the first tab, further `tabs`, and a text tab."""
     drive = rrb.Horizontal(scene, beside, column_shares=[3, 2], name="Drive")
     told = rrb.TextDocumentView(origin="info", name="Run")
     words = rrb.Horizontal(told, rrb.TextDocumentView(origin="scenario", name="Scenario, resolved"), name="Info")
@@ -112,7 +113,7 @@ def _of(plots: Sequence[Plot], starts: tuple[str, ...]) -> list[Plot]:
 def stacked(
     plots: Sequence[tuple[Plot, Frame]], end_s: float, below: Sequence[tuple[rrb.View, float]] = ()
 ) -> rrb.Vertical:
-    """Return a column of plots with suitable heights, above the views `below` with their fractions of the height."""
+    """Return a column of plots above the views `below`, which are given with their fractions of the height."""
     heights = np.array([pixels(frame.values) for _, frame in plots])
     shares = (1 - sum(share for _, share in below)) * heights / heights.sum()
     views = [plot_view(plot, end_s, frame, share) for (plot, frame), share in zip(plots, shares, strict=True)]
@@ -129,7 +130,8 @@ def _beside(plots: Sequence[tuple[Plot, Frame]], shown: Shown, end_s: float) -> 
 
 
 def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
-    """Return the plots with time axes of equal length. All reserve the same space for legends."""
+    """Return the plots with equal time axes. If one plot reserves space for its legend, all plots reserve the same
+    space."""
     room = max((frame.room for _, frame in plots), default=0.0)
     if not room:
         return list(plots)
@@ -137,7 +139,7 @@ def aligned(plots: Sequence[tuple[Plot, Frame]]) -> list[tuple[Plot, Frame]]:
 
 
 def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.Vertical:
-    """Return the views in a grid with at most `columns` columns and without empty cells."""
+    """Return a grid of views with at most `columns` columns and without empty cells."""
     rows = np.array_split(np.arange(len(views)), -(-len(views) // columns))
     return rrb.Vertical(*(rrb.Horizontal(*(views[i] for i in row)) for row in rows), name=name)
 
@@ -145,9 +147,9 @@ def tiled(views: Sequence[rrb.View], name: str, columns: int = COLUMNS) -> rrb.V
 def scenes(
     places: Array, yaw: float, size: float = 1.0, followed: str = FOLLOWED, growing: Sequence[str] = GROWING
 ) -> rrb.Vertical:
-    """Return two views of the scene: one that follows the entity `followed`, and a top view of all `places` (n, 3) [m].
+    """Return two 3D views: one that follows the entity `followed`, and a top view of all points `places` (n, 3) [m].
 
-    `size` is the size of the tractor divided by the default size. Content of `growing` entities remains visible.
+    `size` is the tractor size divided by the default size. The content of `growing` entities accumulates.
     """
     east, north = from_heading(yaw, *FOLLOW_FROM[:2])
     following = rrb.EyeControls3D(
@@ -165,7 +167,7 @@ def scenes(
 
 @lru_cache(maxsize=64)
 def whole_run(end_s: float, room: float = 0.0) -> rrb.TimeAxis:
-    """Return a time axis for a run of `end_s` [s] that reserves the fraction `room` on the right for a legend."""
+    """Return a time axis for a run of `end_s` [s], with the fraction `room` of the axis reserved for a legend."""
     return rrb.TimeAxis(view_range=rr.TimeRange(_seconds(0.0), _seconds(time_end(end_s, room))))
 
 
@@ -174,7 +176,7 @@ def _seconds(t: float) -> rr.TimeRangeBoundary:
 
 
 def plot_view(plot: Plot, end_s: float, frame: Frame, share: float) -> rrb.TimeSeriesView:
-    """Return the view of a plot that occupies the fraction `share` of the tab height. A single series has no legend."""
+    """Return the view of a plot with the height `share`, as a fraction of the tab. A single series has no legend."""
     axis = whole_run(end_s, frame.room)
     shown = frame.values
     cut = f"; clipped, maximum {shown.beyond:.4g}" if shown and shown.beyond is not None else ""

@@ -1,8 +1,8 @@
 """Recording of several runs: tractors of different colours on the same ground, and plots with one line per run.
 
-The tractor of the last run is opaque, and the camera follows it; the other tractors are translucent. Each tractor has a
-name above it. Tracks are stacked, with narrower tracks on top, so that all colours are visible. The recording is
-written from the logs: poses ten times per second, signals at every tick, up to the end of each run.
+The camera follows the tractor of the last run, which is opaque; the other tractors are translucent. A name label is
+above each tractor. Tracks are stacked, with narrower tracks on top, so that all colours are visible. The recording is
+written from the logs: poses ten times per second and signals at every tick, up to the end of each run.
 """
 
 import uuid
@@ -40,15 +40,16 @@ BESIDE = 3  # Maximum number of plots next to the scene
 TRACK_LIFT_M, TRACK_STEP_M = 0.03, 0.08
 """Height of the lowest track above the ground, and vertical distance between stacked tracks [m]."""
 TRACK_WIDTH, TRACK_WIDER = 1.1, 0.6
-"""Half width of the uppermost track [pixels], and increase of the half width from a track to the track below."""
+"""Half width of the uppermost track [pixels], and increase of the half width for each track below [pixels]."""
 PAINTED = 0.12
-"""Minimum difference between colour channels (0-1) of geoms that get the colour of the run. Grey geoms stay grey."""
+"""Minimum difference between the colour channels (0-1) of a geom that is drawn in the run colour. Grey geoms stay
+grey."""
 GHOST = 0.22  # Opacity of the translucent tractors [-]
 NAME_M, NAME_STEP_M = 0.2, 0.2  # Height of the lowest name above the default tractor, and distance between names [m]
 
 
 class RecordedRun(NamedTuple):
-    """Run of a comparison, with its colour and its position in the stack of tracks."""
+    """Run of a comparison, with its colour and its level in the stack of tracks."""
 
     name: str
     entity: str
@@ -58,7 +59,7 @@ class RecordedRun(NamedTuple):
     above: int  # Number of tracks drawn above the track of this run, or 0 for the run with the opaque tractor
 
     values: dict[str, Array]
-    """Signals of the run that are plotted, in the unit of the plot, by path of the plot in `COMPARED`."""
+    """Plotted signals in plot units, by plot path in `COMPARED`."""
 
     @property
     def place(self) -> str:
@@ -67,7 +68,10 @@ class RecordedRun(NamedTuple):
 
 
 def write_comparison(named: Sequence[tuple[str, Log]], path: Path) -> None:
-    """Record named runs to `path` on the ground of the first run, if Rerun is enabled. Raises OSError."""
+    """Write a recording of named runs to `path`, on the ground of the first run. Raise OSError if this fails.
+
+    No recording is written if Rerun is disabled.
+    """
     last = len(named) - 1
     entities = safe_names(name for name, _ in named)
     runs = [
@@ -154,7 +158,8 @@ def _send_track(stream: rr.RecordingStream, run: RecordedRun, times: Times) -> N
 
 
 def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRun]) -> list[tuple[Plot, Frame]]:
-    """Send one line for each run with the signal of a plot. Return the plot with its axes, or an empty list."""
+    """Send one line of a plot for each run. Return the plot with its axes, or an empty list if no run has the
+    signal."""
     having = [run for run in runs if plot.path in run.values]
     if not having:
         return []
@@ -178,7 +183,7 @@ def _send_plot(stream: rr.RecordingStream, plot: Plot, runs: Sequence[RecordedRu
 
 
 def _painted(geom: Geom, run: RecordedRun) -> Geom:
-    """Return a geom in the colour of the run unless the geom is grey (tyres, metal, glass)."""
+    """Return a geom in the run colour. The colour of grey geoms (tyres, metal, glass) is unchanged."""
     opacity = GHOST if run.above else geom.rgba[3]
     channels = np.array(geom.rgba[:3])
     if np.ptp(channels) < PAINTED:

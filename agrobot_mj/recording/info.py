@@ -1,4 +1,4 @@
-"""Text of a recording in Markdown: the scenario and, after the run, outcome and metrics."""
+"""Markdown texts of a recording: the scenario and, after the run, outcome and metrics."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -24,22 +24,22 @@ def describe(stream: rr.RecordingStream, name: str, scenario: Scenario) -> None:
 
 
 def tell(stream: rr.RecordingStream, text: str, entity: str = "info") -> None:
-    """Send a text in Markdown to the entity `entity`."""
+    """Send a Markdown text to an entity."""
     stream.log(entity, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
 
 
 def running(scenario: Scenario) -> str:
-    """Return the text of a recording during a run."""
+    """Return the Markdown text of a recording during the run."""
     return _page(scenario, "*The run is active or was killed before its end.*")
 
 
 def broken(scenario: Scenario, error: BaseException, t: float) -> str:
-    """Return the text of a recording whose run ended with an exception at time `t` [s]."""
+    """Return the Markdown text of a recording whose run ended with an exception at time `t` [s]."""
     return _page(scenario, f"**ended by an error** after {t:.2f} s: `{type(error).__name__}: {error}`")
 
 
 def summary(log: Log) -> str:
-    """Return the text of a recording after the run: outcome and metrics."""
+    """Return the Markdown text of a recording after the run: outcome and metrics."""
     end = (
         f"**{log.outcome}** after {log.rows.filled * TICK_S:.2f} s, {log.wall_s:.2f} s of wall time; "
         f"{'as expected' if log.as_expected else f'**expected: {log.scenario.expectation}**'}."
@@ -54,7 +54,7 @@ COMPARED = ("lateral_mse", "lateral_rms", "longitudinal_rms", "xte_rms", "yaw_ra
 
 
 def compared(scenario: Scenario, runs: Sequence[tuple[str, int, Log]]) -> str:
-    """Return the text of a recording of several runs; each run is (name, colour 0xRRGGBBAA, log)."""
+    """Return the Markdown text of a comparison. Each run is (name, colour 0xRRGGBBAA, log)."""
     shown = [name for name in COMPARED if any(log.metrics[name] is not None for *_, log in runs)]
     heads = ("run", "colour", "outcome", *(f"{name} [{unit_of(name)}]" for name in shown))
     rows = [

@@ -1,4 +1,4 @@
-"""Recording of a run, written in blocks during the run. The file can be opened even if the process is killed."""
+"""Recording of a run in blocks during the run. The file remains readable if the process is killed."""
 
 import errno
 import uuid
@@ -26,17 +26,17 @@ from agrobot_mj.simulation.log import Log, Rows
 from agrobot_mj.simulation.storage import RECORDING, clear
 
 SPARE_BYTES = 1_000_000
-"""Disk space reserved for other files of the run [bytes], in addition to the size of all signals."""
+"""Free disk space kept for other files of the run [bytes], in addition to the size of all signals."""
 
 
 class Recording:
-    """Observer that records a run to the file `path`, to a live viewer (`live`), or to both."""
+    """Observer that records a run to a file, to a live viewer, or to both."""
 
     def __init__(self, path: Path | None, live: bool = False) -> None:
         self.path, self.live = path, live
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file and send the static content. Raises OSError if the file cannot be written."""
+        """Open the file and send the static content. Raise OSError if the file cannot be written."""
         self.scenario, self.rows, ground = scenario, rows, scenario.terrain.ground()
         if self.path is not None and self.path.name == RECORDING:
             clear(self.path.parent)  # older results would not match the new recording
@@ -60,7 +60,7 @@ class Recording:
             raise OSError(errno.ENOSPC, "there is no space for a recording", str(self.path))
 
     def advance(self, first: int) -> None:
-        """Send the log rows `first` to `rows.filled`, and wait until they are written."""
+        """Send the log rows from `first` to `rows.filled`, and wait until they are written."""
         if self.rows.filled == first or not self.recording:
             return
         times = nanoseconds(self.rows.column("t", first))
@@ -71,7 +71,7 @@ class Recording:
         self.recording = self.sink.flush()
 
     def finish(self, log: Log) -> None:
-        """Write outcome and metrics, and close the recording."""
+        """Write the outcome and metrics, and close the recording."""
         if not self.recording:
             return
         numbers = {name: value for name, value in log.metrics.items() if isinstance(value, int | float | str)}
@@ -84,14 +84,14 @@ class Recording:
         self.sink.close()
 
     def fail(self, error: BaseException) -> None:
-        """Send the error that ended the run, and close the recording."""
+        """Write the exception that ended the run, and close the recording."""
         if not self.recording:
             return
         tell(self.stream, broken(self.scenario, error, self.rows.filled * TICK_S))
         self.sink.close()
 
     def _lay_out(self, end_s: float, outcome: str = "") -> None:
-        """Send a layout for the content recorded up to `end_s` [s]. The viewer uses the layout sent last."""
+        """Send a viewer layout for the content up to `end_s` [s]. It replaces the previous layout."""
         places = np.concatenate([self.rows.poses[: self.motion.last + 1, 0, :3], self.reference])
         plots, frames = self.signals.shown, dict[str, Frame]()
         if outcome:  # constant plots are identified at the end of the run

@@ -1,4 +1,4 @@
-"""Studies with many runs: comparisons, sweeps, reports, and the API for user-defined studies."""
+"""Studies of many runs: comparisons, sweeps, reports, and an API for user-defined studies."""
 
 from agrobot_mj.simulation.feasibility import check_tractors
 from agrobot_mj.simulation.results import write_json

@@ -1,4 +1,4 @@
-"""Execution of a comparison: its runs, the rows and table of results, and the figures of the paper."""
+"""Execution of a comparison: runs, results table, and the figures of the paper."""
 
 import json
 import sys
@@ -28,15 +28,15 @@ from agrobot_mj.studies.sweep.store import Store
 
 FIGURES = ("trajectory", "longitudinal_error", "lateral_error", "control_signals", "yaw_rate_error", "q")
 FILES = ("comparison.json", "comparison.rrd", *(f"{name}.png" for name in FIGURES))
-"""Files that a comparison writes to its folder. It also writes the files of a sweep and one folder per run."""
+"""Result files of a comparison, in addition to the files of a sweep and one folder per run."""
 
 
 def compare(comparison: Comparison, folder: Path, jobs: int | None = None, quiet: bool = True) -> list[dict[str, Any]]:
     """Run the missing runs of a comparison and write all results to `folder`. Return the rows of comparison.json.
 
-    Rows of failed runs contain no tracking errors; the metrics.json of such a run contains the measured values. If a
-    run raised an exception, its row contains `error` and no metrics. The figures and the common recording show the
-    first seed of the first `MOST_DRAWN` laws.
+    The row of a failed run contains no tracking errors; metrics.json of the run contains the measured values. If a run
+    raised an exception, its row contains `error` and no metrics. The figures and the common recording contain the first
+    seed of the first `MOST_DRAWN` laws.
     """
     store = Store(folder, comparison)
     with results(folder, (*FILES, *store.names)):
@@ -100,20 +100,20 @@ MEANINGS = {
     "nn 1": "fraction of the network in the steering command of the first turn",
     "nn 2": "fraction of the network in the steering command of the second turn",
 }
-"""Explanation of each numeric column of the comparison table, by column title."""
+"""Explanations of the numeric columns of the comparison table, by column title."""
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a comparison as a table in plain text (ASCII, valid Markdown) without a final newline.
+    """Return the comparison table in plain text (ASCII, valid Markdown) without a final newline.
 
-    `rows` are the rows of comparison.json. Column `/ pd` is the lateral mean square error divided by the error of the
-    first law with the controller `pd` on the same plant, variant, seed and path segment. Failed runs have no error
-    values. The columns variant, guidance, seed and segment are shown if their values differ. Empty numeric columns are
-    omitted.
+    `rows` are the rows of comparison.json. Column `/ pd` is the lateral mean square error divided by the error of a
+    reference law: the first law with the controller `pd` and the same plant, variant, seed and path segment. Failed
+    runs have no error values. The columns variant, guidance, seed and segment are included if their values differ.
+    Empty numeric columns are omitted.
     """
     of_pd = [row for row in reversed(rows) if row["controller"] == "pd"]
     pd_mse = {_place(row): error_of(row, "lateral_mse") for row in of_pd}
-    names = [name for name in ("plant", "variant", "guidance", "controller", "seed", "piece") if _tells(rows, name)]
+    names = [name for name in ("plant", "variant", "guidance", "controller", "seed", "piece") if _is_shown(rows, name)]
     lines = [
         (
             *(NONE if row.get(name) is None else row[name] for name in names),
@@ -135,7 +135,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def legend(text: str) -> list[str]:
-    """Return one line of explanation for each numeric column in the table `text`."""
+    """Return one line of explanation for each numeric column of a comparison table. `text` is the table."""
     heads = [head.strip() for head in text.partition("\n")[0].split("|")]
     shown = {head: meaning for head, meaning in MEANINGS.items() if head in heads}
     width = max(map(len, shown), default=0)
@@ -143,7 +143,7 @@ def legend(text: str) -> list[str]:
 
 
 def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return remarks to print below the table: failed runs with their outcomes, and errors that are not comparable."""
+    """Return remarks on a comparison table: failed runs with their outcomes, and errors that are not comparable."""
     laws: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         laws.setdefault(str(row["folder"]).removesuffix(f"-s{row['seed']}"), []).append(row)
@@ -157,7 +157,10 @@ def notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def conclusion(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a sentence for each plant on which a law has the smallest lateral mean square error with every seed."""
+    """Return one sentence per plant that names the law with the minimum lateral mean square error.
+
+    A plant without a law that is best with every seed is omitted.
+    """
     if any(error_of(row, "lateral_mse") is None for row in rows) or len({row.get("piece") for row in rows}) > 1:
         return []
     found, first = list[str](), dict[str, float]()
@@ -184,8 +187,9 @@ def _plants(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     return list(dict.fromkeys(row["plant"] for row in rows))
 
 
-def _tells(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
-    """Return whether the table shows the column `name`: plant always, controller if present, others if they differ."""
+def _is_shown(rows: Sequence[Mapping[str, Any]], name: str) -> bool:
+    """Return whether the table includes the column `name`: plant always, controller if used, other columns if values
+    differ."""
     values = {row.get(name) for row in rows}
     return name == "plant" or len(values) > 1 or (name == "controller" and values != {None})
 

@@ -1,9 +1,9 @@
-"""Plan of a comparison: a sweep whose variants are laws on plants. The plan is checked before its first run.
+"""Plan of a comparison: a sweep whose variants are laws on plants. All runs are checked before the first run.
 
-A comparison runs each law on each plant with each seed. A law is an entry of `controllers` (with the guidance law of
-the scenario), an entry of `guidance` (with each controller, if the law uses one), or a variant. A variant is a named
-set of overrides. If it sets [guidance] or [controller], it is a separate law. Otherwise it changes machine, field or
-path, and all named laws run with it.
+A comparison runs each law on each plant with each seed. There are three types of laws: entries of `controllers` (with
+the guidance law of the scenario), entries of `guidance` (with each controller, if the guidance law uses one), and
+variants. A variant is a named set of overrides. If it sets [guidance] or [controller], it is a separate law. Otherwise
+it changes machine, field or path, and all other laws run with it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,17 +21,17 @@ from agrobot_mj.studies.sweep.schema import BASE, Sweep, SweepFile, SweepVariant
 
 PLANTS = ("bicycle", "mujoco")
 CONTROLLERS = ("pd", "pd_t2fnn")
-"""Controllers that a comparison runs if no controllers, guidance laws or variants are given."""
+"""Default controllers of a comparison without controllers, guidance laws or variants."""
 MOST_RUNS = 2000
-"""Default maximum number of runs of a comparison: one to three hours on one core for the figure eight."""
+"""Default maximum number of runs of a comparison: one to three hours on one core with the figure-eight."""
 MOST_DRAWN = 24
-"""Maximum number of laws shown in figures and in the common recording, so that their lines are distinguishable."""
+"""Maximum number of laws in figures and in the common recording, so that their lines are distinguishable."""
 OWN_OPTIONS = {"plant": "--plants", "plant.kind": "--plants", "seed": "--seeds"}
-"""Keys that variants must not set, with the command-line options that set them."""
+"""Command-line options for keys that variants must not set, by key."""
 
 
 class CompetingLaw(NamedTuple):
-    """Law of a comparison, shown as one line of its table."""
+    """Law of a comparison: one line of the comparison table."""
 
     name: str
     overrides: Mapping[str, Any]
@@ -39,7 +39,7 @@ class CompetingLaw(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One run of a comparison."""
+    """Run of a comparison: plant, law, seed and scenario."""
 
     plant: str
     law: str
@@ -50,13 +50,13 @@ class Case(NamedTuple):
 
     @property
     def controller(self) -> str | None:
-        """Kind of the yaw controller, or None if the guidance law uses none."""
+        """Kind of the yaw controller, or None for a guidance law without yaw controller."""
         s = self.scenario
         return s.controller.kind if _takes_controller(s) else None
 
 
 class Comparison(SweepPlan):
-    """All runs of a comparison. Each run has a folder named after plant, law and seed."""
+    """Plan of a comparison. Each run has a folder named after plant, law and seed."""
 
     def __init__(
         self,
@@ -69,20 +69,20 @@ class Comparison(SweepPlan):
         super().__init__(Sweep(scenario.name, SweepFile(base=BASE, seeds=seeds, variant=tuple(laws)), scenario))
         self.cases = list(cases)
         self.left_out = left_out
-        """Omitted plants, and omitted laws on a plant, with the reason why they cannot run the scenario."""
+        """Texts that name each omitted plant or law, with the reason why it cannot run the scenario."""
         self.recorded = True
-        """Whether each run is recorded, and a common recording of the runs is written."""
+        """Whether the comparison writes a recording of each run and a common recording."""
 
     @cached_property
     def drawn(self) -> list[int]:
-        """Numbers of the runs shown in figures: the runs with the first seed of the first `MOST_DRAWN` laws."""
+        """Indices of the runs in figures: runs with the first seed of the first `MOST_DRAWN` laws."""
         laws = list(dict.fromkeys(case.law for case in self.cases))[:MOST_DRAWN]
         first = self.cases[0].seed
         return [number for number, case in enumerate(self.cases) if case.seed == first and case.law in laws]
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the run folders, as required by `simulation.results.results`."""
+        """Names of the run folders, in the form required by `simulation.results.results`."""
         return tuple(f"{case.folder}/" for case in self.cases)
 
     def folder(self, number: int) -> str:
@@ -90,12 +90,12 @@ class Comparison(SweepPlan):
         return self.cases[number].folder
 
     def task(self, number: int) -> Task:
-        """Return the task of run `number`. The poses of runs in the common recording are also kept."""
+        """Return the task of run `number`. Body poses are kept for runs in the common recording."""
         kept = "signals" if not self.recorded else "poses" if number in self.drawn else "recordings"
         return super().task(number)._replace(keep=kept)
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Do nothing, because `plan` has already checked all runs. Sweeps check their runs here."""
+        """Do nothing: `plan` has already checked all runs. This overrides the check of sweeps."""
 
 
 def plan(
@@ -107,10 +107,9 @@ def plan(
     seeds: int = 1,
     most: int = MOST_RUNS,
 ) -> Comparison:
-    """Return the checked plan of all combinations of laws, plants and `seeds` seeds. The first seed is the seed of
-    `scenario`.
+    """Return the checked plan of all combinations of laws, plants and seeds. The first seed is the seed of `scenario`.
 
-    Default of `plants`: for each law, all plants that can run it. Given `plants` must be able to run all laws. Raises
+    Default of `plants`: for each law, all plants that can run it. Explicit `plants` must be able to run all laws. Raise
     `ScenarioError` for an invalid run.
     """
     laws = competing(scenario, controllers, guidance, variants)
@@ -141,7 +140,8 @@ def competing(
     guidance: Sequence[str] | None,
     variants: Sequence[SweepVariant],
 ) -> list[CompetingLaw]:
-    """Return the valid compared laws: named laws with each variant, and variants that are laws."""
+    """Return the laws to compare: named laws, combined with the variants of machine, field or path, and variants that
+    are laws."""
     _check_variants(variants)
     own = [variant for variant in variants if _is_law(variant)]
     conditions = [variant for variant in variants if not _is_law(variant)]
@@ -164,7 +164,7 @@ def _is_law(variant: SweepVariant) -> bool:
 def _named(
     scenario: Scenario, controllers: Sequence[str] | None, guidance: Sequence[str] | None, varied: bool
 ) -> list[CompetingLaw]:
-    """Return the laws of the given kinds of controllers and guidance. Default: `CONTROLLERS`."""
+    """Return the laws for lists of controller and guidance kinds. Default: `CONTROLLERS`."""
     if controllers is None and not guidance:
         if varied:
             return []
@@ -193,7 +193,7 @@ def _named(
 
 
 def runnable(scenario: Scenario, plants: Sequence[str] = PLANTS) -> tuple[list[str], list[str]]:
-    """Return the plants that can run the scenario, and one text for each other plant that states why it cannot."""
+    """Return the plants that can run the scenario, and a text with the reason for each omitted plant."""
     able, left_out = [], []
     for plant in plants:
         try:

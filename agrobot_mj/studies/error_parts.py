@@ -1,4 +1,4 @@
-"""Remarks on rankings of laws: inconsistent estimates, and cross-track errors caused mainly by estimation errors."""
+"""Remarks on rankings of laws: inconsistent estimates, and cross-track errors dominated by estimation errors."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ Row = Mapping[str, Any]
 
 
 def remarks(cases: Mapping[str, Sequence[Row]]) -> list[str]:
-    """Return remarks on the runs of named cases: dominance of estimation errors, and warnings about estimates."""
+    """Return remarks on the runs of named cases: dominant estimation errors, and warnings about estimates."""
     rows = [row for some in cases.values() for row in some]
     return [*([text] if (text := _dominance(cases, rows)) else []), *_warnings(rows)]
 
@@ -52,7 +52,8 @@ def _warnings(rows: Sequence[Row]) -> list[str]:
 
 
 def table_warnings(table: Path) -> list[str]:
-    """Return the warnings about estimates in a sweep table, as one sentence, or an empty list for no warnings."""
+    """Return the warnings about estimates in a sweep table as a list of one sentence, or an empty list without
+    warnings."""
     column = "estimate_warning"
     if not table.is_file() or column not in pq.read_schema(table.absolute()).names:
         return []
@@ -60,11 +61,11 @@ def table_warnings(table: Path) -> list[str]:
 
 
 def mean_nees(rows: Sequence[Row]) -> float | str:
-    """Return the mean position NEES of runs [-] if at least one run has an inconsistent estimate, otherwise ""."""
+    """Return the mean position NEES of runs [-] if the estimate of at least one run is inconsistent, otherwise ""."""
     values = [value for row in rows if (value := row.get("position_nees")) is not None]
     return fmean(values) if values and any(row.get("estimate_warning") for row in rows) else ""
 
 
 def _most(texts: Sequence[str | None]) -> str:
-    """Return the most frequent of the texts. Return an empty text if None is the most frequent."""
+    """Return the most frequent text, or an empty string if None is most frequent."""
     return Counter(text or "" for text in texts).most_common(1)[0][0]

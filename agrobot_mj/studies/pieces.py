@@ -1,4 +1,4 @@
-"""Grouping of runs by the path segment that they cover. Errors are comparable only on the same segment."""
+"""Grouping of runs by path segment. Errors are comparable only between runs on the same segment."""
 
 from collections.abc import Iterable
 
@@ -10,14 +10,14 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.scenario.tables import LONGEST_S
 
 SAMPLES, STATIONS = 400, 50
-"""Numbers of points on a path segment: points at equal times, and points at equal distances for comparing segments."""
+"""Number of points at equal times on a path segment, and number of equidistant points for comparing segments."""
 APART = 0.01  # Maximum distance between corresponding points of equal segments per segment length [-]. Assumed value.
 
 
 def pieces(scenarios: Iterable[Scenario]) -> list[int]:
-    """Return the number of the path segment of each scenario, from 1. The same segment has the same number.
+    """Return the path segment number of each scenario, from 1. Scenarios on the same segment have the same number.
 
-    Two runs to the end of a path cover the same segment at any speed. Runs of equal duration do not.
+    Runs to the end of a path cover the same segment at any speed. Runs of equal duration at different speeds do not.
     """
     known: dict[object, int] = {}
     different: list[Array] = []
@@ -35,7 +35,7 @@ def pieces(scenarios: Iterable[Scenario]) -> list[int]:
 
 
 def at_speed(scenario: Scenario, speed: float) -> Scenario:
-    """Return the scenario with another speed [m/s]. A specified duration is changed to keep the path segment."""
+    """Return the scenario with another speed [m/s]. A specified duration is adapted to cover the same path segment."""
     changed = scenario.changed({"path.speed_m_s": speed})
     if scenario.duration_s is None:
         return changed
@@ -48,14 +48,14 @@ def at_speed(scenario: Scenario, speed: float) -> Scenario:
 
 
 def _walked(path: Path, end: float) -> tuple[Array, Array, Array]:
-    """Return times (n,) [s], positions (n, 2) [m] and arc lengths (n,) [m] of the reference until time `end` [s]."""
+    """Return times (n,) [s], positions (n, 2) [m] and arc lengths (n,) [m] of the reference up to time `end` [s]."""
     times = np.linspace(0.0, end, SAMPLES)
     points = sample(path, times)
     return times, points, np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
 
 
 def _stations(scenario: Scenario) -> Array:
-    """Return STATIONS equally spaced points on the path segment of a scenario, and its length in the last row [m]."""
+    """Return equidistant points on the path segment of a scenario, and the segment length in the last row [m]."""
     _, points, way = _walked(scenario.path, scenario.ticks * TICK_S)
     places = np.linspace(0.0, way[-1], STATIONS)
     along = np.stack([np.interp(places, way, column) for column in points.T], axis=1)

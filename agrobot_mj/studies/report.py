@@ -1,4 +1,4 @@
-"""Figures of a comparison, similar to those of the paper.
+"""Figures of a comparison, similar to the figures of the paper.
 
 There is one run per plant and law. Each figure is a PNG with one column of panels per plant. A law has the same colour
 in all figures. Signals that do not exist for a law, such as a yaw-rate error, are omitted. Errors are position minus
@@ -25,15 +25,15 @@ from agrobot_mj.studies.style import COLOURS, PANEL_WIDTH_IN, SPARE_COLOURS, STY
 
 SMOOTHING_S = 1.0  # Window length of the moving average of noisy signals [s]
 PATH_STEP_M, MOST_PATH_POINTS = 0.25, 20_000
-"""Distance between points of a drawn path [m], and maximum number of points [-]."""
+"""Point distance of a drawn path [m], and maximum number of points [-]."""
 KEY_IN, LETTER_IN = 0.45, 0.058  # Width of a legend entry without its text, and mean width of a letter of 8 pt [in]
 ZOOM_M = (6.0, 3.0)  # Width and height of the enlarged part of the trajectory [m]
 LOST = {"[m]": 5.0, "[rad/s]": 1.5, "[deg]": 50.0}
-"""Limit of plotted values for each axis unit. Curves beyond the limit do not affect the axis range of a panel."""
+"""Maximum plotted values by axis unit. Curves with larger values do not affect the axis range of a panel."""
 
 
 class ReportedRun(NamedTuple):
-    """Run of a comparison, as input of the figures."""
+    """Run to be drawn in the figures of a comparison."""
 
     plant: str
     law: str  # Name of the law: a yaw controller, a guidance law, or a variant
@@ -42,7 +42,8 @@ class ReportedRun(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the law in legends. "$" is escaped. A space precedes a leading "_", which would hide the entry."""
+        """Name of the law in legends. "$" is escaped, and a space precedes a leading "_", which matplotlib would
+        hide."""
         name = law_name(self.law).replace("$", r"\$")
         return f" {name}" if name.startswith("_") else name
 
@@ -51,16 +52,17 @@ Runs = Sequence[ReportedRun]
 
 
 def write_figures(runs: Runs, folder: Path) -> list[Path]:
-    """Draw all figures for which the runs have data, write them to `folder`, and return the files."""
+    """Draw all figures for which the runs contain data, write them to `folder`, and return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(runs) for draw in FIGURES} if runs else {}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
 
 
 def trajectory(runs: Runs) -> Figure:
-    """Draw the reference (thin, black) and the tracks (dotted in the first turn, then solid), one column per plant.
+    """Draw the reference and the tracks, with one column per plant. The lower row enlarges the region of maximum
+    errors.
 
-    The lower row enlarges the region of the maximum errors.
+    The reference is thin and dashed. Tracks are dotted in the first turn, then solid.
     """
     plants, (low, high), zoom = _plants(runs), _extent(runs[0]), np.array(ZOOM_M)
     heights = PANEL_WIDTH_IN * (high - low)[1] / (high - low)[0], PANEL_WIDTH_IN * zoom[1] / zoom[0]
@@ -93,7 +95,10 @@ def lateral_error(runs: Runs) -> Figure:
 
 
 def control_signals(runs: Runs) -> Figure:
-    """Draw components and sum of the steering command, one row per law. Plain PD laws are drawn only alone."""
+    """Draw the components and the sum of the steering command, with one row per law.
+
+    Plain PD laws are omitted if other laws exist.
+    """
     parts = {
         "steering reference": ("steer_ref", 1, "black"),
         "PD $\\tau_c$": ("tau_c", 1, VERMILION),
@@ -113,7 +118,7 @@ def control_signals(runs: Runs) -> Figure:
 
 
 def yaw_rate_error(runs: Runs) -> Figure | None:
-    """Draw the yaw-rate error over time, with one row per law that has a yaw-rate reference."""
+    """Draw the yaw-rate error over time, with one row per law that uses a yaw-rate reference."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         _draw_noisy(axes, run.log.column("t"), run.log.column("e_yaw_rate"), _colour(runs, run.law))
@@ -123,7 +128,7 @@ def yaw_rate_error(runs: Runs) -> Figure | None:
 
 
 def q(runs: Runs) -> Figure | None:
-    """Draw the network parameter q over time, with one row per law that has this parameter."""
+    """Draw the network parameter q over time, with one row per law that has q."""
 
     def draw(axes: Axes, run: ReportedRun) -> None:
         axes.plot(run.log.column("t"), run.log.column("q"), color=_colour(runs, run.law))
@@ -135,7 +140,7 @@ def q(runs: Runs) -> Figure | None:
 
 FIGURES: list[Callable[[Runs], Figure | None]] = [trajectory, longitudinal_error, lateral_error]
 FIGURES += [control_signals, yaw_rate_error, q]
-"""Functions that draw one figure each. The PNG file is named after the function."""
+"""Functions that draw one figure each. The name of the function is the name of the PNG file."""
 
 
 def _error(runs: Runs, column: str, label: str) -> Figure:
@@ -174,7 +179,7 @@ def _finish(figure: Figure, grid: Any, runs: Runs, label: str, keys: list[Line2D
 
 
 def _leave_out_lost(grid: Any, limit: float) -> None:
-    """Fit the common y axis to the curves within +-`limit`, if some, but not all, curves are within this range."""
+    """Fit the common y axis to the curves within +-`limit`, if some but not all curves are within this range."""
     values = [np.asarray(line.get_ydata(), dtype=float) for axes in grid.flat for line in axes.lines]
     curves = [finite for finite in (curve[np.isfinite(curve)] for curve in values) if finite.size]
     kept = [curve for curve in curves if np.abs(curve).max() <= limit]
@@ -234,7 +239,7 @@ def _mark_end(axes: Axes, runs: Runs, run: ReportedRun, x: Array, y: Array) -> N
 
 
 def _colour(runs: Runs, law: str) -> str:
-    """Return the colour of a law. A law without an assigned colour gets the next spare colour."""
+    """Return the colour of a law: its assigned colour, or the next spare colour."""
     others = list(dict.fromkeys(run.law for run in runs if run.law not in COLOURS))
     used = {COLOURS[run.law] for run in runs if run.law in COLOURS}
     free = [*SPARE_COLOURS, *(colour for colour in COLOURS.values() if colour not in used)]
@@ -272,7 +277,7 @@ def _smooth(t: Array, values: Array) -> Array:
 
 
 def _extent(run: ReportedRun) -> tuple[Array, Array]:
-    """Return two opposite corners of the plotted area [m]. The area is the path with a margin, no higher than wide."""
+    """Return two opposite corners of the plotted area [m]: the path with a margin, with a height up to the width."""
     path = run.log.scenario.path
     points = sample(path, np.linspace(*path.turns_s[0], 500))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -282,7 +287,7 @@ def _extent(run: ReportedRun) -> tuple[Array, Array]:
 
 
 def _worst_place(runs: Runs) -> Array:
-    """Return the path point [m] with the maximum sum of the lateral errors of all runs, each error limited to 1 m."""
+    """Return the path point with the maximum lateral error, summed over all runs [m]. Each error is limited to 1 m."""
     longest = max((run.log for run in runs), key=lambda log: len(log.column("t")))
     t = np.append(longest.column("t"), 0.0)
     total = np.zeros(len(t))

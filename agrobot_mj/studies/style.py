@@ -1,4 +1,4 @@
-"""Style of all figures: sizes for a journal page (columns of 3.5 in, text of 8 pt), colours and names."""
+"""Common figure style: sizes for a journal page (columns of 3.5 in, text of 8 pt), colours and law names."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +29,8 @@ from agrobot_mj.simulation.results import atomic
 
 COLOURS = {"pd": VERMILION, "pd_isgn": ORANGE, "pd_t1fnn": GREEN, "pd_t2fnn": BLUE}
 SPARE_COLOURS = (PINK, SKY_BLUE, BROWN, YELLOW, ROYAL_BLUE, WINE, OLIVE)
-"""Colours of laws without an assigned colour, in order of appearance, except grey, which resembles the reference."""
+"""Colours of laws without an assigned colour, in order of appearance. Grey is excluded, because it resembles the
+reference."""
 STYLE: dict[Any, Any] = {
     "font.size": 8,
     **{f"{part}.labelsize": 8 for part in ("axes", "xtick", "ytick")},
@@ -49,20 +50,20 @@ DPI = 200
 
 
 def law_name(kind: str) -> str:
-    """Return the name of a law in figures for its `kind`. Other texts are returned unchanged."""
+    """Return the name of a law in figures for its `kind`. Unknown kinds are returned unchanged."""
     fields = (Scenario.model_fields[family] for family in ("guidance", "controller"))
     law = next((law for field in fields if (law := members(field.annotation).get(kind))), Spec)
     return str(vars(law).get("label", kind))
 
 
 def write_figure(file: Path, draw: Callable[..., Figure], *arguments: Any) -> Path:
-    """Draw a figure in the common style, `draw(*arguments)`, and save it. Return the file."""
+    """Draw a figure with `draw(*arguments)` in the common style, save it, and return the file."""
     with mpl.rc_context(STYLE):
         return save(draw(*arguments), file)
 
 
 def save(figure: Figure, file: Path) -> Path:
-    """Save a figure atomically as PNG with the identity of the code. Return the file."""
+    """Save a figure atomically as PNG with the code identity in its metadata. Return the file."""
     about = {"Software": f"agrobot_mj {__version__}", "Comment": f"code {code_text()}"}
     with atomic(file) as part:
         FigureCanvasAgg(figure).print_figure(part, format="png", dpi=DPI, metadata=about)

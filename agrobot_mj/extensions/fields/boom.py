@@ -1,8 +1,8 @@
-"""Implement with sections: switching of its sections, and the ground that they work.
+"""Implement with sections: switching of the sections, and the ground worked by them.
 
-As in section control of guidance terminals, sections are switched by the position of the implement on the plan. A
-command is sent when the position expected after a look-ahead time reaches the start or end of a pass, and has its
-effect after a delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
+As in section control of guidance terminals, sections are switched by the position of the implement along the plan. The
+position is extrapolated by a look-ahead time. When it reaches the start or end of a pass, a command is sent, which
+takes effect after a delay. At constant speed, a look-ahead time equal to the delay compensates the delay.
 """
 
 from collections.abc import Iterator
@@ -30,13 +30,16 @@ class Boom(NamedTuple):
     off_ahead: float = 0.0  # Look-ahead time of the switch-off command [s]
 
     def edges(self, section: int) -> tuple[float, float]:
-        """Return the offsets of the left and right edge of a section, numbered from the left; left positive [m]."""
+        """Return the lateral offsets of the left and right edge of a section [m], positive left.
+
+        Sections are numbered from the left.
+        """
         each = self.width / self.sections
         return self.width / 2 - section * each, self.width / 2 - (section + 1) * each
 
 
 class ImplementMotion(NamedTuple):
-    """Motion of the working point of the implement, as arrays of shape (n,)."""
+    """Trajectory of the working point of the implement, as arrays of shape (n,)."""
 
     t: Array  # Time [s]
     x: Array  # East coordinate [m]
@@ -45,11 +48,11 @@ class ImplementMotion(NamedTuple):
     s: Array  # Arc length on the plan at the position of the implement [m], as estimated by the guidance computer
 
     def at(self, times: Array) -> "ImplementMotion":
-        """Return the motion at the times `times` [s], linearly interpolated."""
+        """Return the trajectory at `times` [s], linearly interpolated."""
         return ImplementMotion(times, *(np.interp(times, self.t, values) for values in self[1:]))
 
     def between(self, start: float, end: float) -> "ImplementMotion":
-        """Return the motion between two times [s], including both. Points are thinned for use as polygon corners."""
+        """Return the trajectory from `start` to `end` [s], thinned for use as polygon corners."""
         first, last = np.searchsorted(self.t, [start, end], "right")
         near = ImplementMotion(*(values[max(first - 1, 0) : last + 1] for values in self))
         inner = self.t[first:last]
@@ -63,8 +66,10 @@ class ImplementMotion(NamedTuple):
 
 
 def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, boom: Boom) -> Times | None:
-    """Return the times at which a section starts and stops working on a pass, or None if it never works. `span`
-    contains the arc lengths of the pass on the plan [m]; `rows` selects the motion near the pass."""
+    """Return the times at which a section starts and stops working on a pass [s], or None if it does not work.
+
+    `span` is the start and end of the pass along the plan [m]; `rows` selects the samples of `motion` near the pass.
+    """
     t, s = motion.t[rows], motion.s[rows]
     if len(t) < 2 or span[1] <= span[0]:
         return None
@@ -76,7 +81,7 @@ def switched(motion: ImplementMotion, span: tuple[float, float], rows: slice, bo
 
 
 def _reached(t: Array, s: Array, distance: float) -> float:
-    """Return the time at which the increasing array `s` reaches a distance, or infinity if it does not reach it."""
+    """Return the time at which the increasing arc length `s` reaches `distance`, or infinity if it never does."""
     k = int(np.searchsorted(s, distance))
     if k == len(s):
         return float("inf")
@@ -86,7 +91,7 @@ def _reached(t: Array, s: Array, distance: float) -> float:
 
 
 def worked(motion: ImplementMotion, times: list[Times | None], boom: Boom) -> BaseGeometry:
-    """Return the ground worked by the sections in one pass, given the working times of each section."""
+    """Return the ground worked in one pass. `times` contains the working interval of each section."""
     parts = []
     for together, group in groupby(enumerate(times), key=lambda each: each[1]):
         if together is not None:

@@ -1,4 +1,4 @@
-"""Command that describes fields: `field show`."""
+"""Command `field show`, which describes the boundary of a field."""
 
 from pathlib import Path
 
@@ -40,4 +40,4 @@ COMMANDS = {
     ),
     **FIELD_WORK,
 }
-"""Commands of this extension."""
+"""Commands of this extension with their help texts."""

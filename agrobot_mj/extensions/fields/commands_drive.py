@@ -147,7 +147,7 @@ def field_run(
 
 
 def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
-    """Return the field in a file. Print notes about repairs unless `quiet`."""
+    """Return the field in a file. Print notes about repairs of its geometry unless `quiet`."""
     from agrobot_mj.core.errors import required
 
     required("shapely", "fields", "field work")
@@ -162,7 +162,10 @@ def _field(file: Path, crs: str, name: str, quiet: bool) -> "Field":
 def _rig(
     field: "Field", width: float, overlap: float, turn: str, speed: float, radius: float | None, given: dict[str, Any]
 ) -> "tuple[Scenario, FieldMachine]":
-    """Return the base scenario, whose path has the turn limits of the machine, and the machine data for the planner."""
+    """Return the scenario for planning and the machine data for the planner.
+
+    The path of the scenario contains the turn radius, transition and speed of the plan.
+    """
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.drive import planning_scenario
     from agrobot_mj.extensions.fields.planner.rig import rig_of
@@ -177,7 +180,8 @@ def _rig(
 
 
 def _frame(field: "Field", base: "Scenario", angle: float | None, along: str | None) -> "SwathFrame | None":
-    """Return the frame of the swaths, or None for the direction with the fewest swaths."""
+    """Return the coordinate frame of the swaths, or None for automatic selection of the direction with the fewest
+    swaths."""
     from agrobot_mj.core.errors import ScenarioError
     from agrobot_mj.extensions.fields.planner.contours import contour_frame
     from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
@@ -242,4 +246,4 @@ COMMANDS = {
         advanced=True,
     ),
 }
-"""Commands of field work."""
+"""Commands `field plan` and `field run` with their help texts."""

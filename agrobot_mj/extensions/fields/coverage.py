@@ -1,4 +1,4 @@
-"""Coverage of a field, computed with polygons: areas that are worked, worked more than once, and missed.
+"""Coverage of a field, computed with polygons: worked, overlapped and missed areas.
 
 All areas are inside the field. An area that is worked twice counts twice in `covered_m2` and once in `overlapped_m2`,
 so that covered - overlapped + missed = field. `reached_m2` is the area worked at least once.
@@ -20,7 +20,7 @@ SIDES = ("east", "north", "west", "south")
 
 @dataclass(frozen=True)
 class FieldCoverage:
-    """Coverage of a field by passes, as polygons."""
+    """Worked, missed and overlapped ground of a field, as polygons."""
 
     field: BaseGeometry  # Area of the field without obstacles
     body: BaseGeometry  # Body of the field: the area inside the headland laps
@@ -31,12 +31,12 @@ class FieldCoverage:
 
     @property
     def regions(self) -> dict[str, BaseGeometry]:
-        """Parts of the field by name: whole field, body, headland."""
+        """Polygons of the whole field, its body and its headland, by name."""
         return {"field": self.field, "headland": self.field.difference(self.body), "body": self.body}
 
 
 def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeometry]) -> FieldCoverage:
-    """Return the coverage of a field from the ground worked in each pass."""
+    """Return the coverage of a field. `passes` contains the ground worked in each pass."""
     union = shapely.union_all(list(passes))
     tree = shapely.STRtree(list(passes))
     first, second = tree.query(list(passes), predicate="intersects") if passes else (np.empty(0, int),) * 2
@@ -48,7 +48,8 @@ def coverage(field: BaseGeometry, body: BaseGeometry, passes: Sequence[BaseGeome
 
 
 def areas(found: FieldCoverage) -> dict[str, dict[str, float]]:
-    """Return worked and missed areas in each part of the field, in [m2] and in percent of the part."""
+    """Return covered, overlapped, missed and reached areas of each part of the field, in m2 and in percent of the
+    part."""
     return {name: _areas(found, region) for name, region in found.regions.items()}
 
 
@@ -63,7 +64,8 @@ def _areas(found: FieldCoverage, region: BaseGeometry) -> dict[str, float]:
 
 
 def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
-    """Return the missed area at each location (body, or side of the headland), in order of decreasing area."""
+    """Return the missed area at each location, in order of decreasing area. A location is the body or one headland
+    side."""
     middle = found.field.centroid
     sums: dict[str, float] = {}
     for part, region in (("headland", found.field.difference(found.body)), ("body", found.body)):
@@ -79,15 +81,18 @@ def gaps(found: FieldCoverage) -> list[dict[str, Any]]:
 
 
 def side_of(east: float, north: float, field: BaseGeometry) -> str:
-    """Return the side of a field (east, north, west or south of its middle) on which a point lies."""
+    """Return the side of the field (east, north, west or south) for a point given relative to the centroid [m]."""
     west, south, right, top = field.bounds
     angle = np.arctan2(north / max(top - south, 1e-9), east / max(right - west, 1e-9))
     return SIDES[round(float(angle) / (np.pi / 2)) % 4]
 
 
 def excursion(outlines: Mapping[str, Array], field: BaseGeometry) -> dict[str, Any]:
-    """Return the maximum distance, the area and the side of excursions beyond the boundary `field`, by name of the
-    outlines. `outlines` contains arrays (n,) of polygons by name."""
+    """Return the maximum distance [m], area [m2] and side of the excursions beyond the boundary of `field`.
+
+    `outlines` contains arrays of polygons (n,) by name, such as the tractor during a drive. The result has the same
+    names.
+    """
     shapely.prepare(field)
     return {name: _excursion(boxes, field) for name, boxes in outlines.items()}
 

@@ -1,4 +1,4 @@
-"""Crop rows that the wheels of the tractor run over outside the tramlines.
+"""Crop rows run over by the tractor wheels outside the tramlines.
 
 Rows are parallel lines on the body of the field, in the direction of the swaths or in a given direction. Both edges of
 the first swath are midway between two rows if the working width is a multiple of the row spacing. Tramlines are the
@@ -26,16 +26,16 @@ PART_S = 30.0  # Duration of the parts into which the track of a wheel is divide
 
 
 class CropRows(NamedTuple):
-    """Arrangement of crop rows."""
+    """Spacing and direction of parallel crop rows."""
 
     spacing: float  # Distance between rows [m]
     angle_deg: float  # Direction of the rows, counter-clockwise from east [deg]
 
 
 def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> CropRows | None:
-    """Return the rows for a plan, by default along its swaths, or None without a spacing.
+    """Return the spacing and direction of crop rows, or None without `spacing`. Default direction: along the swaths.
 
-    Raises `ScenarioError` if the direction of the rows is unknown.
+    Raise `ScenarioError` if the plan has no swath direction and no direction is given.
     """
     angle = plan.angle_deg if angle_deg is None else angle_deg
     if spacing is None and angle_deg is not None:
@@ -46,7 +46,7 @@ def crop_rows(plan: Plan, spacing: float | None, angle_deg: float | None) -> Cro
 
 
 def lines_of(rows: CropRows, plan: Plan, body: BaseGeometry) -> Array:
-    """Return the crop rows on the body of a field as lines, shape (n,)."""
+    """Return the crop rows on the field body `body` as lines, shape (n,)."""
     frame, (x, y, _) = SwathFrame(radians(rows.angle_deg)), plan.course.joints()
     first = next((one for one in plan.passes if one.part == "body"), None)
     if first is None or body.is_empty:
@@ -61,7 +61,7 @@ def lines_of(rows: CropRows, plan: Plan, body: BaseGeometry) -> Array:
 
 
 def run_over(rows: CropRows, plan: Plan, body: BaseGeometry, rig: FieldMachine, log: Log) -> dict[str, float]:
-    """Return the length of all rows, and the length and fraction of rows run over outside the tramlines."""
+    """Return the total length of crop rows [m], and the length [m] and percentage run over outside the tramlines."""
     tractor, lines = log.scenario.tractor, lines_of(rows, plan, body)
     motion = np.column_stack([log.column(name) for name in ("t", "x", "y", "yaw", "steer")])
     driven = wheel_tracks(tractor, *motion[np.isfinite(motion).all(axis=1)].T)
@@ -77,7 +77,7 @@ def run_over(rows: CropRows, plan: Plan, body: BaseGeometry, rig: FieldMachine, 
 
 
 def _tramlines(plan: Plan, rig: FieldMachine, tractor: TractorParameters) -> list[BaseGeometry]:
-    """Return the tracks of the wheels on the passes of a plan on the body, if it is followed exactly."""
+    """Return the wheel tracks of an exactly followed plan, for its passes on the field body."""
     course = plan.course.divided()
     x, y, yaw = course.joints()
     s = course.distances()
@@ -92,7 +92,8 @@ def _tramlines(plan: Plan, rig: FieldMachine, tractor: TractorParameters) -> lis
 def wheel_tracks(
     tractor: TractorParameters, t: Array, x: Array, y: Array, yaw: Array, steer: Array
 ) -> list[BaseGeometry]:
-    """Return the ground under the wheels for n poses of the CG at increasing times `t`, in parts of `PART_S`."""
+    """Return the ground under the four wheels for n poses of the CG at increasing times `t`, in segments of
+    `PART_S`."""
     found, c, s = list[BaseGeometry](), np.cos(yaw), np.sin(yaw)
     starts = np.arange(t[0], t[-1], PART_S)
     for ahead, width, angle in (

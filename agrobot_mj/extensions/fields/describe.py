@@ -1,4 +1,4 @@
-"""Description of a field: area, perimeter, sharp corners, and a map of the boundary."""
+"""Description of a field: area, perimeter, sharp corners and boundary map."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees
@@ -15,13 +15,13 @@ from agrobot_mj.core.signals import Array
 from agrobot_mj.extensions.fields.field import Field
 
 SHARP_DEG = 60.0
-"""Change of direction above which a corner is sharp [deg]. Assumed value: headland laps cannot follow sharper ones."""
+"""Minimum change of direction at a sharp corner [deg]. Assumed value: headland laps cannot follow sharper corners."""
 CORNER_M = 1.0  # Tolerance for simplifying a boundary before its corners are counted [m]
 SIDE_IN = 5.0  # Length of the longer side of the map of a field [in]
 
 
 def described(field: Field) -> dict[str, Any]:
-    """Return the properties of a field as JSON values."""
+    """Return the geometry, geographic position and repairs of a field as JSON values."""
     corners = [corner for ring in _rings(field.boundary) for corner in _sharp(ring)]
     return {
         "field": field.name,
@@ -39,7 +39,7 @@ def described(field: Field) -> dict[str, Any]:
 
 
 def lines_of(content: Mapping[str, Any]) -> list[str]:
-    """Return the description of a field as lines of text."""
+    """Return the output of `described` as lines of text."""
     corners, plural = content["sharp_corners"], "s" * (content["holes"] != 1)
     first = f"{content['field']}: {content['area_m2'] / 1e4:.4g} ha, perimeter {content['perimeter_m']:.0f} m"
     inner = f"{content['holes']} hole{plural}" if content["holes"] else ""
@@ -62,7 +62,7 @@ def _rings(polygon: Polygon) -> Iterator[Array]:
 
 
 def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
-    """Yield position x, y [m] and change of direction [deg] (left positive) of each sharp corner of a ring."""
+    """Yield x [m], y [m] and change of direction [deg], positive left, of each sharp corner of a ring."""
     points = shapely.get_coordinates(Polygon(ring).simplify(CORNER_M).exterior)
     legs = np.diff(points, axis=0)
     yaws = np.arctan2(legs[:, 1], legs[:, 0]).tolist()
@@ -73,7 +73,7 @@ def _sharp(ring: Array) -> Iterator[tuple[float, float, float]]:
 
 
 def draw_field(field: Field) -> Figure:
-    """Return the map of a field: boundary, holes, obstacles, headland and sharp corners."""
+    """Draw the map of a field: boundary, holes, obstacles, headland and sharp corners."""
     west, south, east, north = field.boundary.bounds
     scale = SIDE_IN / max(east - west, north - south)
     figure = Figure(figsize=(max(scale * (east - west), 2.5) + 1.0, max(scale * (north - south), 1.5) + 1.0))

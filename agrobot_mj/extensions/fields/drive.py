@@ -1,4 +1,4 @@
-"""Scenarios for planning field work and for simulating a plan."""
+"""Scenarios for planning field work and for simulating a field plan."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,14 +18,16 @@ Overrides = Mapping[str, Any]
 
 
 def planning_scenario(name: str, path: Overrides, overrides: Overrides) -> Scenario:
-    """Return a scenario for planning, whose path of kind `swaths` has the bends and speeds of the plan. Raise
-    `ScenarioError` for invalid overrides."""
+    """Return a scenario for planning. Raise `ScenarioError` for invalid overrides.
+
+    `path` contains the turn radius, transition and speed, as keys of a path of kind `swaths`.
+    """
     data = {"name": name, "path": {"kind": "swaths", **path}}
     return resolve(data, name, overrides, files=False)
 
 
 def driving_scenario(field: Field, plan: Plan, file: Path, base: Scenario, overrides: Overrides) -> Scenario:
-    """Return the scenario that follows the plan stored in `file`. Raise `ScenarioError` for invalid overrides."""
+    """Return the scenario for following the plan stored in `file`. Raise `ScenarioError` for invalid overrides."""
     if any(key.partition(".")[0] == "path" for key in overrides):
         overrides = {key: value for key, value in overrides.items() if key.partition(".")[0] != "path"}
     path = base.path

@@ -1,4 +1,4 @@
-"""Simulation of a plan. The results folder contains the files of `run` and the coverage of the field."""
+"""Simulation of a field plan. The results folder contains the files of `run` and the coverage of the field."""
 
 import sys
 import tempfile
@@ -38,7 +38,7 @@ FILES = ("coverage.json", "coverage.geojson", "coverage.png", "coverage.tif")
 
 
 class Hectares(Progress):
-    """Progress bar of a simulated drive that also shows the worked area [ha], according to the plan."""
+    """Progress bar of a simulation that also shows the planned worked area at the current time [ha]."""
 
     def __init__(self, plan: Plan, path: Any) -> None:
         super().__init__()
@@ -69,7 +69,7 @@ def drive(
     prices: Prices,
     rows: CropRows | None,
 ) -> Answer:
-    """Simulate a plan, write all results, and return the result of the command."""
+    """Simulate a plan, write all results, and return the command output."""
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / PLAN_FILE
         write_json(file, to_json(plan))
@@ -107,7 +107,7 @@ def drive(
 
 
 def write_coverage(folder: Path, field: Field, drove: FieldDrive, content: dict[str, Any], track: Array) -> None:
-    """Write the coverage of a drive as numbers, GeoJSON, raster map and figure."""
+    """Write the coverage of a simulated drive as JSON, GeoJSON, raster map and figure."""
     write_json(folder / "coverage.json", content)
     write_json(folder / "coverage.geojson", geojson(drove.field, drove.plan, drove.coverage, field.plane))
     with atomic(folder / "coverage.tif") as path:

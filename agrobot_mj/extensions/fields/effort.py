@@ -1,4 +1,4 @@
-"""Effort and cost of a drive: energy, slip, rut depth, and costs of overlaps, gaps and time."""
+"""Effort and cost of field work: energy, slip, rut depth, and costs of overlaps, gaps and time."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ DRIVEN = ("rl", "rr")  # Driven wheels of all machines
 
 
 class Prices(NamedTuple):
-    """Prices for evaluating a drive, in any currency."""
+    """Prices of input, yield and time in any currency."""
 
     input_ha: float = 0.0  # Cost of seed, fertiliser or product [1/ha of worked area]
     yield_ha: float = 0.0  # Value of the yield lost on missed ground [1/ha]
@@ -24,7 +24,7 @@ NO_PRICES = Prices()  # Prices of zero, with which the cost of a drive is not ev
 
 
 def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str, float]:
-    """Return the costs of overlaps, gaps and time, and their sum, for areas of the field [m2] and a duration [s]."""
+    """Return the costs of overlaps, gaps and time, and the total cost. `areas` are areas of the field [m2]."""
     parts = {
         "overlap": prices.input_ha * areas["overlapped_m2"] / 1e4,
         "missed": prices.yield_ha * areas["missed_m2"] / 1e4,
@@ -34,7 +34,8 @@ def cost(prices: Prices, areas: Mapping[str, float], time_s: float) -> dict[str,
 
 
 def effort(log: Log) -> dict[str, Any]:
-    """Return energy, slip and maximum rut depth of a run. Values that the plant does not provide are None.
+    """Return energy [MJ], slip [%] and maximum rut depth [m] of a run, or None for quantities that the plant does not
+    provide.
 
     The energy at the wheels is the work of the driven wheels during positive drive torque. The energy at the ground is
     the work of all wheel forces along the heading, against draught, slope and inertia. The difference is lost through

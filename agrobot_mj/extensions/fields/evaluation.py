@@ -1,4 +1,4 @@
-"""Evaluation of a drive on a field from the log of its run: coverage, excursions, turns and field capacity."""
+"""Evaluation of simulated field work from the log of the run: coverage, excursions, turns and field capacity."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,12 +23,12 @@ from agrobot_mj.paths.track import Index
 from agrobot_mj.simulation.log import Log
 
 AROUND_M = 5.0
-"""Distance along the plan [m], before and after a pass, within which sections of this pass may be switched."""
+"""Distance before and after a pass [m] within which the sections of the pass may be switched."""
 
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Simulated work on a field according to a plan."""
+    """Simulated field work: log of the run, plan, field areas and machine data."""
 
     log: Log
     plan: Plan
@@ -42,7 +42,7 @@ class FieldDrive:
 
     @cached_property
     def motion(self) -> ImplementMotion:
-        """Motion of the working point of the implement during the drive."""
+        """Trajectory of the working point of the implement."""
         column = self.log.column
         t, x, y, yaw = (column(name) for name in ("t", "x", "y", "yaw"))
         if "implement_x" in self.log.rows.columns:
@@ -58,7 +58,7 @@ class FieldDrive:
         return kept._replace(yaw=np.unwrap(kept.yaw))
 
     def _travelled(self) -> Array:
-        """Return the arc length of the CG along the plan at each tick [m]."""
+        """Return the position of the CG along the plan at each tick, as arc length [m]."""
         beside = (self.view or RunView(self.log)).cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
@@ -71,7 +71,7 @@ class FieldDrive:
 
     @cached_property
     def times(self) -> list[list[Times | None]]:
-        """Working times of each section, by pass."""
+        """Start and end of the work of each section in each pass [s], or None for a section without work."""
         reached = np.maximum.accumulate(self.motion.s)
 
         def of(one: PlannedPass) -> list[Times | None]:
@@ -85,13 +85,13 @@ class FieldDrive:
 
     @cached_property
     def coverage(self) -> FieldCoverage:
-        """Coverage of the field."""
+        """Coverage of the field, computed from the ground worked by the sections."""
         ground = [worked(self.motion, times, self.boom) for times in self.times]
         return coverage(self.field, self.body, [each for each in ground if not each.is_empty])
 
     @cached_property
     def outlines(self) -> dict[str, Array]:
-        """Outlines of tractor and implement during the drive, by name, as arrays of polygons (n,)."""
+        """Outlines of tractor and implement at points of the drive, as polygons (n,) by name."""
         rows = self._thin
         column, motion = self.log.column, self.motion
         at = np.searchsorted(motion.t, column("t")[rows]).clip(0, len(motion.t) - 1)
@@ -103,7 +103,7 @@ class FieldDrive:
 
     @cached_property
     def _thin(self) -> Index:
-        """Row indices of the log, about half a metre apart along the drive."""
+        """Row indices of the log at a spacing of about 0.5 m along the drive."""
         x, y = self.log.column("x"), self.log.column("y")
         travelled = np.concatenate(([0.0], np.cumsum(np.nan_to_num(np.hypot(np.diff(x), np.diff(y))))))
         rows: Index = np.flatnonzero(np.diff(np.floor(travelled / THIN_M), prepend=-1.0) > 0)
@@ -111,7 +111,8 @@ class FieldDrive:
         return kept
 
     def spans(self) -> list[Times | None]:
-        """Return for each pass the times between which at least one section works, or None for a pass without work."""
+        """Return the time interval of each pass in which at least one section works [s], or None for a pass without
+        work."""
         found: list[Times | None] = []
         for times in self.times:
             some = [each for each in times if each is not None]
@@ -119,7 +120,7 @@ class FieldDrive:
         return found
 
     def turns(self) -> list[dict[str, float]]:
-        """Return an evaluation of each turn between two swaths."""
+        """Return duration, swept width and peak steering angle of each turn between two swaths."""
         t, steer, thin = self.log.column("t"), self.log.column("steer"), self.log.column("t")[self._thin]
         found = []
         for (one, before), (other, after) in pairwise(zip(self.plan.passes, self.spans(), strict=True)):
@@ -135,7 +136,7 @@ class FieldDrive:
         return found
 
     def lines(self) -> list[StraightPass]:
-        """Return the straight passes (swaths) on the body of the field."""
+        """Return the straight swaths on the body of the field, with the motion of the implement on each swath."""
         if self.plan.angle_deg is None:
             return []
         angle = np.radians(self.plan.angle_deg)
@@ -152,7 +153,7 @@ class FieldDrive:
 
 
 def report(drive: FieldDrive) -> dict[str, Any]:
-    """Return all results of a drive as JSON values."""
+    """Return all results of simulated field work as JSON values."""
     found, turns, log = drive.coverage, drive.turns(), drive.log
     by_part, t = areas(found), log.column("t")
     x, y = log.column("x"), log.column("y")
@@ -189,7 +190,7 @@ def _length(motion: ImplementMotion, span: Times) -> float:
 
 
 def sentence(content: dict[str, Any]) -> str:
-    """Return the main result of a drive as one sentence."""
+    """Return a one-sentence summary of the results: coverage, gaps, excursions and crop rows."""
     whole = content["areas"]["field"]
     hectares = f"{whole['reached_m2'] / 1e4:.3g} of {whole['area_m2'] / 1e4:.3g} ha covered"
     text = f"{hectares}, {whole['overlapped_percent']:.1f} % overlapped, {whole['missed_percent']:.1f} % missed"

@@ -1,4 +1,4 @@
-"""Fields, and legs of plans, in a local plane with x east and y north of an origin [m]."""
+"""Fields and legs of plans in a local plane, with x east and y north of an origin [m]."""
 
 from dataclasses import dataclass
 
@@ -10,25 +10,25 @@ from agrobot_mj.core.signals import Array
 
 @dataclass(frozen=True)
 class Field:
-    """Area to be worked, with obstacles and geographic position."""
+    """Field boundary with obstacles and geographic position."""
 
     name: str  # Name of the field, given by its file
     boundary: Polygon  # Boundary of the field [m]. Holes of this polygon are not worked.
     obstacles: tuple[Polygon, ...] = ()
-    """Obstacles inside the boundary, which neither the tractor nor the implement may touch [m]."""
+    """Obstacles inside the boundary [m], which tractor and implement must not touch."""
     plane: Origin | None = None
-    """Geographic position of x = y = 0, or None if the coordinate system of the file is unknown."""
+    """Geographic position of the origin, or None if the coordinate system of the file is unknown."""
     notes: tuple[str, ...] = ()  # Sentences about repairs of the geometry in the file
     headland: Polygon | None = None
-    """Polygon of the headland line in the file [m], or None if the file has no headland line."""
+    """Polygon bounded by the headland line of the file [m], or None for a file without headland line."""
     crs: str = ""  # Coordinate system of the file, for example EPSG:32631. Empty for metres in an unknown system.
     shift: tuple[float, float] = (0.0, 0.0)
-    """East and north coordinates of the origin in the file, which are subtracted [m], or 0 for a file in degrees."""
+    """East and north offsets subtracted from the coordinates of the file [m], or 0 for a file in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
 class Leg:
-    """Part of a plan with one driving direction and one working state of the implement."""
+    """Part of a plan with constant travel direction and constant working state of the implement."""
 
     points: Array  # Points in driving order [m], shape (n, 2)
     speed_m_s: float | None = None  # Speed of the leg [m/s], or None if the plan gives no speed

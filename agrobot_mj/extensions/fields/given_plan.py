@@ -1,4 +1,4 @@
-"""Plan from a file of another program: its lines become courses that this machine can follow, with connections."""
+"""Plans of other programs: lines of a file as courses that the machine can follow, joined by connections."""
 
 from dataclasses import replace
 from math import hypot
@@ -22,11 +22,11 @@ from agrobot_mj.paths.track import Piece
 
 SAME_M = 1e-6  # Maximum difference between equal working widths [m]
 APART_M, APART_RAD = 0.05, 0.02
-"""Distance [m] and heading change [rad] between successive legs above which a connection is needed."""
+"""Minimum distance [m] and heading difference [rad] between successive legs that require a connection."""
 
 
 def stored_plan(file: Path) -> Plan | None:
-    """Return the plan in a file written by `field plan`, or None for other files. Raise `ScenarioError` if damaged."""
+    """Return the plan in a file of `field plan`, or None for another file. Raise `ScenarioError` for a damaged plan."""
     try:
         if file.suffix != ".json" or FORMAT not in file.read_text("utf-8", "replace")[:200]:
             return None
@@ -38,7 +38,10 @@ def stored_plan(file: Path) -> Plan | None:
 
 
 def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return the `stored` plan, or a plan along the lines of a file. Raise `ScenarioError` if it cannot be followed."""
+    """Return the plan `stored`, or a plan along the lines of `file` if `stored` is None.
+
+    Raise `ScenarioError` if the machine cannot follow the plan.
+    """
     plan = stored or _of_lines(file, field, rig, sections)
     if stored is not None:
         _check(stored, file.name, rig)
@@ -48,7 +51,7 @@ def given_plan(file: Path, stored: Plan | None, field: Field, rig: FieldMachine,
 
 
 def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
-    """Raise `ScenarioError` for a plan with another working width, or with a bend too tight for the machine."""
+    """Raise `ScenarioError` if the plan has another working width, or if a bend is too tight for the machine."""
     if abs(plan.width - rig.width) > SAME_M:
         raise ScenarioError(f"--width {rig.width:g}: the plan {name} is for a width of {plan.width:g} m; omit --width")
     place = plan.course.sharpest()
@@ -60,7 +63,7 @@ def _check(plan: Plan, name: str, rig: FieldMachine) -> None:
 
 
 def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Plan:
-    """Return a plan along the lines of a file. Raise `ScenarioError` if the machine cannot follow it."""
+    """Return a plan along the lines of a file. Raise `ScenarioError` if the machine cannot follow the lines."""
     from agrobot_mj.extensions.fields.reading import read_plan
 
     legs = read_plan(file, field)
@@ -71,7 +74,8 @@ def _of_lines(file: Path, field: Field, rig: FieldMachine, sections: int) -> Pla
 
 
 def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: int) -> Plan:
-    """Return a plan along the lines of legs. Raise ValueError that names a leg which the machine cannot follow."""
+    """Return a plan along legs, joined by connections. Raise a ValueError that names a leg the machine cannot
+    follow."""
     pieces: list[Piece] = []
     passes: list[PlannedPass] = []
     start: Pose | None = None
@@ -98,12 +102,12 @@ def plan_of_legs(name: str, legs: tuple[Leg, ...], rig: FieldMachine, sections: 
 
 
 def _apart(pose: Pose, begin: Pose) -> bool:
-    """Return whether there is a gap between the end of a leg and the start of the next leg."""
+    """Return whether the end pose of a leg differs from the start pose `begin` of the next leg."""
     return hypot(begin.x - pose.x, begin.y - pose.y) > APART_M or abs(wrap(begin.yaw - pose.yaw)) > APART_RAD
 
 
 def _driven(leg: Leg, number: int, rig: FieldMachine) -> tuple[Pose, tuple[Piece, ...]]:
-    """Return the start pose of a leg and the path segments along it."""
+    """Return the start pose of a leg and the path segments along the leg."""
     try:
         course = rounded(np.asarray(leg.points, dtype=float), False, rounding(rig))
     except ValueError as error:

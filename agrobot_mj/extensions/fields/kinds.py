@@ -1,4 +1,4 @@
-"""Kinds of paths and metrics added by this extension."""
+"""Path and metric kinds of this extension."""
 
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.extensions.fields.work_metric import FieldWork

@@ -1,4 +1,4 @@
-"""Recording of field work with the boundary of the field and, at its end, gaps and overlaps."""
+"""Recording of field work with the field boundary and, after the run, gaps and overlaps."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,19 +21,19 @@ SMALLEST_M2 = 0.01  # Area below which a gap or an overlap has no outline in a r
 
 
 class WorkRecording(Recording):
-    """Recording of a run that also contains outlines of the field and of its coverage."""
+    """Recording of a run with outlines of the field, gaps and overlaps."""
 
     def __init__(self, path: Path, field: BaseGeometry, covered: Callable[[Log], FieldCoverage]) -> None:
         super().__init__(path)
         self.field, self.covered = field, covered
 
     def start(self, scenario: Scenario, scene: Scene, rows: Rows) -> None:
-        """Open the file, and send the boundary of the field and the scene."""
+        """Open the recording file, and write the scene and the field boundary."""
         super().start(scenario, scene, rows)
         self._send("boundary", self.field, REFERENCE)
 
     def finish(self, log: Log) -> None:
-        """Send gaps and overlaps, then finish the recording."""
+        """Write the outlines of gaps and overlaps, then finish the recording."""
         found = self.covered(log)
         self._send("missed", found.missed, rgba(VERMILION))
         self._send("overlapped", found.overlapped, rgba(ORANGE))
@@ -45,6 +45,6 @@ class WorkRecording(Recording):
 
 
 def outlines(area: BaseGeometry) -> list[Array]:
-    """Return the rings, shape (n, 2) each [m], of the parts of an area that are larger than `SMALLEST_M2`."""
+    """Return the rings of an area, shape (n, 2) each [m], without parts of less than `SMALLEST_M2`."""
     parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon" and part.area > SMALLEST_M2]
     return [np.array(ring.coords)[:, :2] for part in parts for ring in (part.exterior, *part.interiors)]

@@ -1,4 +1,5 @@
-"""Legs of a plan from the lines of a file. A leg has one driving direction and one working state of the implement."""
+"""Conversion of plan lines to legs, which have constant travel direction and constant working state of the
+implement."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
@@ -15,11 +16,14 @@ from agrobot_mj.paths.imports.cleaning import distinct
 
 BEYOND_M = 1000.0  # Length by which a line is extended at both ends before it is cut at the field boundary [m]
 TURNS = ("turn", "connection", "transfer", "transport", "headland_turn")
-"""Values of the property `type` of a line on which the implement does not work."""
+"""Values of the line property `type` for lines without implement work."""
 
 
 def legs_of(lines: Sequence[Polyline], boundary: Polygon) -> tuple[Leg, ...]:
-    """Return the legs of all lines in order. A line marked as extending beyond its points is cut at the boundary."""
+    """Return the legs of all lines, in the order of the lines.
+
+    A line with the property `extends` is extended at both ends and clipped to the boundary.
+    """
     return tuple(leg for line in lines for leg in _of_line(line, boundary) if len(leg.points) >= 2)
 
 
@@ -36,7 +40,10 @@ def _of_line(line: Polyline, boundary: Polygon) -> Iterator[Leg]:
 
 
 def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
-    """Yield a leg for each line part with constant direction and working state. Values of a point apply after it."""
+    """Yield a leg for each part of a line with constant direction and working state.
+
+    The values of a point apply to the line segment after the point.
+    """
     kept = distinct(line.points)
     columns = {name: values[kept] for name, values in line.columns.items()}
     points, count = line.points[kept], len(kept)
@@ -53,7 +60,7 @@ def _by_state(line: Polyline, working: bool) -> Iterator[Leg]:
 
 
 def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
-    """Yield the parts inside the boundary of a line that is extended straight at both ends."""
+    """Extend a line straight at both ends, and yield the parts of the extended line inside the boundary."""
     first, last = points[0] - points[1], points[-1] - points[-2]
     ends = (first / np.hypot(*first), last / np.hypot(*last)) if np.hypot(*first) and np.hypot(*last) else (0, 0)
     line = LineString([points[0] + BEYOND_M * ends[0], *points, points[-1] + BEYOND_M * ends[1]])
@@ -63,7 +70,7 @@ def _inside(points: Array, boundary: Polygon) -> Iterator[Array]:
 
 
 def _speed(said: Mapping[str, Any]) -> float | None:
-    """Return the speed given by the properties of a line [m/s], or None if the speed is not given."""
+    """Return the speed in the properties of a line [m/s], or None if the properties contain no speed."""
     for key, factor in (("speed_m_s", 1.0), ("speed", 1.0), ("speed_kmh", 1 / 3.6), ("velocity", 1.0)):
         value = said.get(key)
         if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value) and value:
@@ -72,7 +79,7 @@ def _speed(said: Mapping[str, Any]) -> float | None:
 
 
 def _works(said: Mapping[str, Any]) -> bool:
-    """Return whether the implement works on a line, according to the properties of the line. Default: True."""
+    """Return whether the implement works on a line, from the properties of the line. Default: True."""
     for key in ("working", "work", "implement"):
         if isinstance(said.get(key), bool | int | float):
             return bool(said[key])
@@ -80,7 +87,7 @@ def _works(said: Mapping[str, Any]) -> bool:
 
 
 def _reverses(said: Mapping[str, Any]) -> bool:
-    """Return whether a line is driven in reverse, according to the properties of the line."""
+    """Return whether a line is travelled in reverse, from the properties of the line."""
     direction = said.get("direction")
     if isinstance(direction, int | float):
         return direction < 0

@@ -1,4 +1,4 @@
-"""Map of a plan, or of simulated field work, as a figure and as GeoJSON."""
+"""Map of a plan or of simulated field work, as a figure and as GeoJSON."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -23,7 +23,8 @@ WIDTH_IN, TALLEST_IN = 7.0, 8.0  # Width and maximum height of a map [in]
 
 
 def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, track: Array | None = None) -> Figure:
-    """Draw the map of a plan or, with `found` and `track` (n, 2) [m], the map of field work with coverage and track."""
+    """Draw the map of a plan, or of simulated field work with the coverage `found` and the tractor track `track` (n, 2)
+    [m]."""
     west, south, east, north = field.bounds
     height = min(TALLEST_IN, WIDTH_IN * (north - south) / (east - west) + 0.9)
     figure = Figure((WIDTH_IN, height), layout="constrained")
@@ -50,7 +51,7 @@ def map_of(field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, 
 
 
 def _layers(found: FieldCoverage) -> Iterator[tuple[BaseGeometry, str, str]]:
-    """Yield the areas of a map, each with its colour and name."""
+    """Yield the polygon, colour and name of each coverage area."""
     yield found.union, LIGHT_GREY, "covered"
     yield found.overlapped, ORANGE, "overlapped"
     yield found.missed, VERMILION, "missed"
@@ -65,7 +66,7 @@ def _fill(axes: Any, area: BaseGeometry, colour: str) -> None:
 
 
 def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
-    """Yield the parts of the course of a plan: type (`pass` or `turn`) and points (n, 2) [m]."""
+    """Yield the type (`pass` or `turn`) and the points (n, 2) [m] of each course part of a plan."""
     course = plan.course.divided()
     x, y, _ = course.joints()
     points, distances = np.column_stack([x, y]), course.distances()
@@ -81,7 +82,10 @@ def _lines(plan: Plan) -> Iterator[tuple[str, Array]]:
 def geojson(
     field: BaseGeometry, plan: Plan, found: FieldCoverage | None = None, plane: Origin | None = None
 ) -> dict[str, Any]:
-    """Return a plan and its coverage as GeoJSON, in degrees or, if the position of the field is unknown, in metres."""
+    """Return a plan and its coverage as GeoJSON.
+
+    Coordinates are in degrees, or in metres if the geographic position `plane` of the field is unknown.
+    """
     features = [_feature(field, {"kind": "field", "name": plan.name}, plane)]
     for number, (kind, points) in enumerate(_lines(plan)):
         features.append(_feature(shapely.LineString(points), {"kind": kind, "number": number}, plane))
@@ -100,7 +104,7 @@ def geojson(
 
 
 def _feature(shape: BaseGeometry, properties: dict[str, Any], plane: Origin | None) -> dict[str, Any]:
-    """Return a GeoJSON feature with coordinates rounded to 0.1 mm or to 1e-9 deg."""
+    """Return a GeoJSON feature with coordinates rounded to 0.1 mm or 1e-9 deg."""
     if plane is not None:
         shape = shapely.transform(shape, lambda points: _degrees(points, plane))
     geometry = shapely.geometry.mapping(

@@ -1,7 +1,8 @@
 """Operational results of field work: turns, pass-to-pass accuracy, and field capacity.
 
-Definitions of [ASABE2006]: the effective field capacity is the field area divided by the time; the theoretical field
-capacity is the working width times the planned working speed; the field efficiency is the ratio of both.
+The definitions are those of [ASABE2006]. The effective field capacity is the field area divided by the time. The
+theoretical field capacity is the working width times the planned working speed. The field efficiency is the effective
+capacity divided by the theoretical capacity.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ LEAST = 20  # Minimum number of points for a statistical result
 
 
 class StraightPass(NamedTuple):
-    """Planned straight pass on the body of the field, with the motion of the implement along it."""
+    """Planned straight swath with the implement motion on the swath."""
 
     along: tuple[float, float]  # Unit vector in the direction of the swaths (east, north)
     motion: ImplementMotion  # Motion of the working point of the implement while the implement works
@@ -26,7 +27,10 @@ class StraightPass(NamedTuple):
 
 
 def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
-    """Return errors between neighbouring passes of the implement, or None for fewer than `LEAST` common points."""
+    """Return pass-to-pass errors of adjacent passes and cross-track errors at the implement [m].
+
+    A value is None for fewer than `LEAST` points.
+    """
     ranked = sorted(((line.planned, *_errors(line)) for line in lines), key=lambda each: each[0])
     differences = [np.empty(0)]
     for k, (across, stations, errors) in enumerate(ranked):
@@ -43,7 +47,8 @@ def pass_to_pass(lines: Sequence[StraightPass], width: float) -> dict[str, Any]:
 
 
 def _errors(line: StraightPass) -> tuple[Array, Array]:
-    """Return the numbers of the points of a pass, and the lateral errors at these points, left positive [m]."""
+    """Return the indices of points spaced by STATION_M along a pass, and the lateral errors at the points [m], positive
+    left."""
     (c, s), motion = line.along, line.motion
     along, error = c * motion.x + s * motion.y, -s * motion.x + c * motion.y - line.planned
     order = np.argsort(along)
@@ -57,7 +62,7 @@ def _p95(values: Array) -> float | None:
 
 
 def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array) -> dict[str, float]:
-    """Return duration [s], swept width [m] and peak steering angle of a turn.
+    """Return the position, duration [s], swept width [m] and peak steering angle [deg] of a turn.
 
     `boxes` are outlines of tractor and implement in the turn; `at` is the pose of the implement at the end of the pass.
     The swept width is the maximum distance of the outlines beyond this pose, in the direction of the pass.
@@ -75,7 +80,7 @@ def turn_of(boxes: Array, at: tuple[float, float, float], t: Array, steer: Array
 
 
 def summary(turns: Sequence[dict[str, float]]) -> dict[str, float]:
-    """Return number, total and median duration, maximum swept width, and peak steering angle of all turns."""
+    """Return the count, total and median duration, maximum swept width and peak steering angle of turns."""
     if not turns:
         return {"count": 0}
     values = {key: [turn[key] for turn in turns] for key in ("time_s", "swept_width_m", "peak_steer_deg")}
@@ -89,7 +94,7 @@ def summary(turns: Sequence[dict[str, float]]) -> dict[str, float]:
 
 
 def capacity(area_m2: float, time_s: float, width: float, speed: float) -> dict[str, float]:
-    """Return effective and theoretical field capacity [ha/h], and field efficiency [-]."""
+    """Return the effective and theoretical field capacity [ha/h], and the field efficiency [-]."""
     theoretical = width * speed * 0.36
     effective = area_m2 / 1e4 / (time_s / 3600)
     return {

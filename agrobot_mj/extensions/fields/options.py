@@ -1,4 +1,4 @@
-"""Command-line options of field work."""
+"""Command-line options of the field commands."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal

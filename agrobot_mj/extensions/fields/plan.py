@@ -1,7 +1,7 @@
 """Plan of field work: a course of arcs and clothoids, and the passes in which the implement works.
 
-Distances are travelled distances of the CG along the course [m]. Because the implement is behind the CG, a pass starts
-and ends at the travelled distances at which the implement, not the CG, is at its ends. Plan files are in JSON format.
+Distances are travelled distances of the CG along the course [m]. The implement is behind the CG; a pass starts and ends
+at the CG distances at which the implement reaches the ends of the pass. Plan files are in JSON format.
 """
 
 import json
@@ -22,7 +22,7 @@ Part = Literal["headland", "body"]
 
 
 class PlannedPass(NamedTuple):
-    """Part of a plan in which the implement works."""
+    """Interval of a plan in which the implement works: a headland lap or a swath."""
 
     part: Part  # Part of the field in which the pass is: a headland lap, or a swath of the body
     start: float  # Travelled distance at which the implement reaches the pass [m]
@@ -33,7 +33,7 @@ class PlannedPass(NamedTuple):
 
 @dataclass(frozen=True)
 class Plan:
-    """Plan of field work, with the machine data on which it is based."""
+    """Plan of field work, with the machine dimensions used for planning."""
 
     name: str  # Name of the field
     width: float  # Working width [m]
@@ -43,7 +43,8 @@ class Plan:
     passes: tuple[PlannedPass, ...]  # Passes in the order of driving
     pause_s: float = 2.0  # Duration of the standstill at each cusp [s]
     angle_deg: float | None = None
-    """Direction of straight swaths, counter-clockwise from east [deg], or None for arcs and plans of other programs."""
+    """Direction of straight swaths, counter-clockwise from east [deg], or None for curved swaths and plans of other
+    programs."""
     headlands: int = 0  # Number of headland laps, or 0 for a plan of another program
     margin: float = 0.0  # Width of the strip along the boundary that is not worked [m]
     overlap: float = 0.0  # Planned overlap between neighbouring passes [m]
@@ -52,7 +53,7 @@ class Plan:
 
     @cached_property
     def course(self) -> Course:
-        """Geometry of the course."""
+        """Course of the plan as a chain of segments."""
         return chain(self.start, self.pieces, self.pause_s)
 
     @property
@@ -62,7 +63,7 @@ class Plan:
 
     @property
     def working_length(self) -> float:
-        """Length of all passes [m]."""
+        """Total length of all passes [m]."""
         return sum(each.end - each.start for each in self.passes)
 
 
@@ -76,7 +77,7 @@ def to_json(plan: Plan) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def plan_of(content: Stamp) -> Plan:
-    """Return the plan in a file. Raise ValueError if the file is invalid."""
+    """Return the plan in a plan file. Raise ValueError if the file is invalid."""
     file = Path(content[0])
     try:
         found = json.loads(file.read_text("utf-8"))

@@ -1,4 +1,4 @@
-"""Path along a field work plan from a file, with passes, turns and cusps."""
+"""Path along a field work plan stored in a file, with passes, turns and cusps."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -20,9 +20,9 @@ class FieldPlan(FromFile):
 
     @property
     def plan(self) -> Plan:
-        """Plan in the file. Raise ValueError if the file is invalid."""
+        """Plan stored in `file`. Raise ValueError if the file is invalid."""
         return self.content(plan_of)
 
     def course(self) -> Course:
-        """Return the geometry of the course of the plan."""
+        """Return the course of the plan."""
         return self.plan.course

@@ -1,4 +1,4 @@
-"""Coverage of a plan that is followed without tracking errors: gaps and overlaps caused by the plan itself."""
+"""Coverage of a plan without tracking errors: gaps and overlaps caused by the plan itself."""
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -9,9 +9,9 @@ from agrobot_mj.extensions.fields.plan import Plan
 
 
 def planned_coverage(plan: Plan, whole: BaseGeometry, body: BaseGeometry, sections: int = 1) -> FieldCoverage:
-    """Return the coverage by a plan of the field area `whole` and of its `body` inside the headland laps.
+    """Return the coverage of a plan that is followed exactly with a rigidly mounted implement.
 
-    The implement is rigidly mounted and follows the plan exactly at a constant speed of 1 m/s.
+    `whole` is the field area, and `body` the area inside the headland laps.
     """
     course = plan.course.divided()
     x, y, yaw = course.joints()

@@ -1,8 +1,8 @@
-"""Raster map of the number of passes as a GeoTIFF, for display only. (Areas are computed from polygons.)
+"""Raster map of the number of passes as a GeoTIFF, for display. Areas are computed from polygons instead.
 
-The band has one byte per cell: the number of passes that worked the centre of the cell, 0 for missed ground, and 255
-outside the field. For a field with a known position, the map is in degrees of WGS 84; cells are then displaced by at
-most a few centimetres at 500 m from the origin. Other fields have metres east and north.
+The band has one byte per cell: the number of passes that worked the centre of the cell, 0 for missed ground, or 255
+outside the field. For a field with a known position, the map is in degrees of WGS 84. Cells are then displaced by at
+most a few centimetres at 500 m from the origin. Other maps are in metres east and north.
 """
 
 from math import ceil
@@ -42,7 +42,7 @@ def write_raster(path: Path, found: FieldCoverage, plane: Origin | None) -> None
 
 
 def _count(counts: "np.ndarray[tuple[int, ...], np.dtype[np.int64]]", area: BaseGeometry, x: Array, y: Array) -> None:
-    """Add 1 to each cell whose centre is in an area. `x` are ascending, `y` descending coordinates."""
+    """Add 1 to each cell whose centre is inside an area. `x` is ascending and `y` descending."""
     west, south, east, north = area.bounds
     wide = slice(*np.searchsorted(x, [west, east]).tolist())
     high = slice(*np.searchsorted(-y, [-north, -south]).tolist())

@@ -1,7 +1,7 @@
-"""Reading of fields and plans from files of other programs. Coordinates are converted to a local plane in metres.
+"""Reading of fields and plans from files of other programs, in a local plane in metres.
 
-Formats: GeoJSON (also fiboa), KML, GPX, shapefiles, GML, WKT, ISO 11783 task data, AgOpenGPS folders and CSV; for plans
-also Fields2Cover paths.
+Field formats: GeoJSON (also fiboa), KML, GPX, shapefiles, GML, WKT, ISO 11783 task data, AgOpenGPS folders and CSV.
+Plans may also be Fields2Cover paths.
 """
 
 from collections.abc import Sequence
@@ -24,17 +24,18 @@ from agrobot_mj.paths.imports.plane import FAR_M
 
 INNER = ("hole", "obstacle", "headland")  # Roles of rings that belong to the preceding boundary
 SAME, APART = 1e-9, 0.05
-"""Distance between the ends of a line, divided by its extent [-]: maximum of a closed ring, minimum of an open line."""
+"""Distance between the ends of a line divided by its extent [-]: maximum for a closed ring, minimum for an open
+line."""
 
 REPEATED = 0.9  # Fraction of a field above which a ring inside it is a second outline [-]. Assumed value.
 CENTRED_M = 1.0  # Maximum distance between the origin and the middle of a boundary whose file has no origin [m]
 
 
 def read_field(path: Path, crs: str = "", name: str = "") -> Field:
-    """Return the field with a given name in a file; by default the largest field.
+    """Return the field `name` in a file. Default: the largest field.
 
-    `crs`, such as EPSG:25832, is the coordinate system if the file names none. Raises `ScenarioError` that names the
-    file and the fix.
+    `crs`, such as EPSG:25832, is the coordinate system of a file that specifies no coordinate system. Raise a
+    `ScenarioError` that names the file and the fix if the file is unusable.
     """
     file = field_shapes(path)
     try:
@@ -55,7 +56,10 @@ def read_field(path: Path, crs: str = "", name: str = "") -> Field:
 
 
 def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
-    """Group each outer ring with its inner rings. Lines and points count as rings only in a file without rings."""
+    """Return groups of an outer ring and its inner rings.
+
+    In a file without rings, lines and points are treated as rings.
+    """
     rings = [shape for shape in shapes if shape.ring and len(shape.points)]
     if not rings:
         lines = [shape for shape in shapes if shape.role != "point" and len(shape.points)]
@@ -71,14 +75,15 @@ def _groups(shapes: Sequence[Polyline]) -> list[list[Polyline]]:
 
 
 def _is_open_line(shapes: Sequence[Polyline], ring: Array) -> bool:
-    """Return whether a ring is a line with distant ends, and not a table of points."""
+    """Return whether the points of `ring` are a line with distant ends. Tables of points and closed rings give
+    False."""
     if any(shape.ring or shape.role == "point" or "row" in shape.columns for shape in shapes):
         return False
     return float(np.hypot(*(ring[-1] - ring[0]))) > APART * float(np.ptp(ring, axis=0).max())
 
 
 def _split(line: Polyline) -> list[Polyline]:
-    """Split a line into successive closed rings. A line that is never closed is a single ring."""
+    """Split a line into closed rings. A line that does not close is a single ring."""
     points, found, start = line.points, list[Polyline](), 0
     near = SAME * float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     while start < len(points):
@@ -92,7 +97,7 @@ def _split(line: Polyline) -> list[Polyline]:
 
 
 def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], list[str]]:
-    """Return the largest field, or the largest field with the given name, and notes about the other fields."""
+    """Return the largest field with the given name, and notes about other fields. An empty name selects all fields."""
     if not groups:
         raise ValueError("the file contains no boundary; export one")
     known = list(dict.fromkeys(group[0].name for group in groups if group[0].name))
@@ -109,18 +114,18 @@ def _chosen(groups: list[list[Polyline]], name: str) -> tuple[list[Polyline], li
 
 
 def _area(points: Array) -> float:
-    """Return the area of a ring in squared units of its coordinates, for comparisons."""
+    """Return the area of a ring in squared coordinate units, for comparisons."""
     x, y = (points - points[0]).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
 
 def _is_within(inner: Array, outer: Array) -> bool:
-    """Return whether the bounding box of one ring is inside the bounding box of another."""
+    """Return whether the bounding box of the ring `inner` is inside the bounding box of the ring `outer`."""
     return bool((inner.min(axis=0) >= outer.min(axis=0)).all() and (inner.max(axis=0) <= outer.max(axis=0)).all())
 
 
 def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
-    """Return a field. The first shape is its boundary, further shapes are its inner rings."""
+    """Return a field from its boundary, which is the first shape, and its inner rings."""
     boundary, more = boundary_polygon(local.shapes[0].points)
     notes = [*local.notes, *notes, *more]
     inner: dict[str, list[Polygon]] = {"hole": [], "obstacle": [], "headland": []}
@@ -149,9 +154,9 @@ def _field(local: LocalShapes, name: str, notes: list[str]) -> Field:
 
 
 def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
-    """Return the plane whose origin is the middle of the boundary, or None if the field already has its final plane.
+    """Return a plane with its origin at the middle of the boundary, or None if the origin is final.
 
-    Omitted points and rings count for the first plane of a file, but not for the final plane.
+    The first plane of a file may be off-centre because of points and rings that are later omitted.
     """
     west, south, east, north = field.boundary.bounds
     x, y = (west + east) / 2, (south + north) / 2
@@ -163,7 +168,10 @@ def _middle(field: Field, file: ShapeFile) -> LocalShapes | None:
 
 
 def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
-    """Return the legs of a plan in the plane of a field. Raises `ScenarioError` that names the file and the fix."""
+    """Return the legs of a plan file in the plane of a field.
+
+    Raise a `ScenarioError` that names the file and the fix if the file is unusable.
+    """
     file = plan_shapes(path)
     try:
         local = local_shapes(file, crs or _grid(file, field), LocalShapes((), field.plane, field.crs, field.shift))
@@ -179,7 +187,8 @@ def read_plan(path: Path, field: Field, crs: str = "") -> tuple[Leg, ...]:
 
 
 def _grid(file: ShapeFile, field: Field) -> str:
-    """Return the coordinate system of the field for a plan in metres far from the origin, otherwise an empty string."""
+    """Return the coordinate system of the field for a plan in map grid coordinates without a named system, otherwise
+    ""."""
     if file.crs or file.origin is not None or field.plane is None or field.crs in ("", "EPSG:4326"):
         return ""
     points = np.vstack([np.empty((0, 2)), *(shape.points for shape in file.shapes)])

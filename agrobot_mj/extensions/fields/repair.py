@@ -1,4 +1,4 @@
-"""Polygons from the rings of a file. Invalid rings are repaired, with a note about each repair."""
+"""Conversion of rings to valid polygons. Invalid rings are repaired, with a note about each repair."""
 
 from collections.abc import Sequence
 
@@ -12,21 +12,21 @@ from agrobot_mj.paths.track import Index
 
 LEAST_M2 = 10.0  # Minimum area of a field [m2]. Assumed value: smaller than a machine.
 MOST_POINTS, WITHIN_M = 20_000, 0.02
-"""Number of points above which a ring is simplified, and tolerance of the simplification [m]."""
+"""Maximum number of points of a ring without simplification [-], and tolerance of the simplification [m]."""
 SLIVER_M2 = 0.01  # Area of removed parts of a polygon below which there is no note [m2]
 MOST_LOST = 0.05  # Maximum fraction of the area that the repair of a boundary may remove [-]. Assumed value.
 SHOWN = 3  # Maximum number of crossings in a message
 FOLD_DEG, SPIKE_DEG = 1.0, 15.0
-"""Interior angles below which a point is omitted, and below which a point is reported [deg]. Assumed values."""
+"""Maximum interior angle of a fold, whose point is omitted, and of a spike, which is reported [deg]. Assumed values."""
 FOLD_M, SPIKE_M = 1.0, 10.0  # Minimum lengths of both sides of an omitted point, and of a reported point [m]
 MOST_FOLDS = 20  # Maximum number of omitted points that fold back
 
 
 def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
-    """Return a valid polygon for a boundary of points, shape (n, 2) [m], and notes about repairs.
+    """Return a valid polygon for the boundary `points`, shape (n, 2) [m], and notes about repairs.
 
-    A boundary that crosses or touches itself is reduced to its largest part. Raise ValueError if the boundary crosses
-    itself and this part is much smaller than the enclosed area, or if the ring encloses no area.
+    A boundary that crosses or touches itself is reduced to its largest part. Raise ValueError if the reduction of a
+    crossing boundary removes much of the enclosed area, or if the boundary encloses no area.
     """
     parts, crossing, notes = _polygons(points, "boundary")
     found = max(parts, key=lambda each: each.area, default=Polygon())
@@ -45,7 +45,7 @@ def boundary_polygon(points: Array) -> tuple[Polygon, list[str]]:
 
 
 def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
-    """Return all parts of an inner ring of points, shape (n, 2) [m], and notes about repairs.
+    """Return all parts of the inner ring `points`, shape (n, 2) [m], and notes about repairs.
 
     `what` is the name of the ring in notes and messages. Raise ValueError if the ring encloses no area.
     """
@@ -57,7 +57,7 @@ def inner_polygons(points: Array, what: str) -> tuple[list[Polygon], list[str]]:
 
 
 def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
-    """Return the polygons in a ring, a description of its crossings (empty for a valid ring), and notes."""
+    """Return the polygons of a ring, a description of its self-crossings (empty for a valid ring), and notes."""
     notes = list[str]()
     kept = _without_repeats(points, what, notes)
     if (far := outliers(points[kept])).size:
@@ -79,7 +79,10 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
 
 
 def _crossing(polygon: Polygon, numbers: Index, what: str) -> str:
-    """Return where a ring crosses or touches itself. `numbers` are the indices of its points in the file, or empty."""
+    """Return a text with the positions at which a ring crosses or touches itself.
+
+    `numbers` are the indices of the ring points in the file, or an empty array for a simplified ring.
+    """
     corners = shapely.get_coordinates(polygon.exterior)
     sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
     first, second = shapely.STRtree(sides).query(sides, predicate="crosses")
@@ -97,7 +100,7 @@ def _crossing(polygon: Polygon, numbers: Index, what: str) -> str:
 
 
 def _simplified(points: Array, what: str, notes: list[str]) -> Array:
-    """Return a ring with at most about `MOST_POINTS` points. Append a note to `notes` if it is simplified."""
+    """Return a simplified ring with at most about `MOST_POINTS` points. Append a note to `notes`."""
     apart = max(WITHIN_M, 4 * float(np.hypot(*np.ptp(points, axis=0))) / MOST_POINTS)
     near = points[thinned(points, apart, closed=True)]
     found = shapely.get_coordinates(LineString(near).simplify(WITHIN_M, preserve_topology=False))
@@ -106,14 +109,17 @@ def _simplified(points: Array, what: str, notes: list[str]) -> Array:
 
 
 def _without_equal(points: Array, kept: Index) -> Index:
-    """Return the indices `kept` of a ring without points that are equal to the next kept point."""
+    """Return the indices `kept` of ring points, without points equal to the next kept point."""
     steps = np.diff(points[kept], axis=0, append=points[kept[:1]])
     found: Index = kept[np.hypot(*steps.T) >= CLOSEST_M]
     return found
 
 
 def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
-    """Return the indices of a ring without repeated points. Append a note if points besides the last are repeated."""
+    """Return the indices of ring points without repeated points.
+
+    Append a note to `notes` about repeated points, except for the last point of a closed ring.
+    """
     closed = len(points) > 1 and np.hypot(*(points[0] - points[-1])) < CLOSEST_M
     kept = np.arange(len(points) - closed)
     if len(kept) < 2:
@@ -125,7 +131,7 @@ def _without_repeats(points: Array, what: str, notes: list[str]) -> Index:
 
 
 def _without_folds(points: Array, kept: Index, what: str, notes: list[str]) -> Index:
-    """Return the indices of a ring without points at which it folds back. Append notes about these and about spikes."""
+    """Return the indices of ring points without the tips of folds. Append notes about folds and spikes to `notes`."""
     for _ in range(MOST_FOLDS):
         if len(kept) < 4:
             return kept
@@ -145,7 +151,8 @@ def _without_folds(points: Array, kept: Index, what: str, notes: list[str]) -> I
 
 
 def _corners(ring: Array) -> tuple[Array, Array]:
-    """Return interior angle [deg] and length of the shorter side [m] at each point of a ring, shape (n,)."""
+    """Return the interior angle [deg] and the length of the shorter side [m] at each point of a ring, shape (n,)
+    each."""
     before, after = np.roll(ring, 1, axis=0) - ring, np.roll(ring, -1, axis=0) - ring
     across = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     angles = np.degrees(np.arctan2(np.abs(across), (before * after).sum(axis=1)))
@@ -153,7 +160,7 @@ def _corners(ring: Array) -> tuple[Array, Array]:
 
 
 def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
-    """Return the polygons in a geometry, without its lines and points."""
+    """Return the polygons of a geometry collection; lines and points are omitted."""
     parts = shapely.get_parts(geometry)
     return [
         each
@@ -164,7 +171,7 @@ def polygons_of(geometry: shapely.Geometry) -> list[Polygon]:
 
 
 def without(boundary: Polygon, inner: Sequence[Polygon], what: str) -> tuple[Polygon, list[Polygon], list[str]]:
-    """Subtract inner areas from a boundary. Return the boundary, the inner areas within it, and notes."""
+    """Subtract inner areas from a boundary. Return the reduced boundary, the inner areas clipped to it, and notes."""
     notes, kept, outside, crossing = list[str](), list[Polygon](), 0, 0
     for each in inner:
         if not boundary.intersects(each) or boundary.intersection(each).area < SLIVER_M2:

@@ -1,4 +1,4 @@
-"""Report page of field work: summary, map and numbers, followed by the report of the run."""
+"""Report page of field work: coverage summary, map and results, followed by the report of the run."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -21,12 +21,12 @@ EFFORT = (
     ("slip_median_percent", "median slip", "%"),
     ("rut_depth_max_m", "maximum depth of ruts", "m"),
 )
-"""Key, text and unit of each table row about effort."""
+"""Key, label and unit of each effort quantity in the results table."""
 HEAD = 2  # Number of elements that precede the coverage section of a page: title and facts
 
 
 def field_page(folder: Path) -> Document:
-    """Return the report page of field work: first coverage, then the report of the run."""
+    """Return the report page of field work: coverage, then the report of the run."""
     found = json.loads((folder / "coverage.json").read_text("utf-8"))
     page = run_page(folder)
     run = page.parts[HEAD:]
@@ -102,7 +102,7 @@ def _filled(x: list[float | None], y: list[float | None], colour: str) -> dict[s
 
 
 def _outline(features: list[dict[str, Any]], origin: Origin | None) -> tuple[list[float | None], list[float | None]]:
-    """Return the coordinates of all rings of polygons [m], with None between rings."""
+    """Return the x and y coordinates of all polygon rings [m], with None between two rings."""
     x: list[float | None] = []
     y: list[float | None] = []
     for ring in (ring for each in features for ring in _rings(each["geometry"])):

@@ -1,7 +1,7 @@
-"""Continuation of interrupted field work. The state is stored in the user's cache folder under the identity of the run.
+"""Continuation of interrupted field work from a state stored in the user's cache folder.
 
-The state is stored at an interruption and every few minutes, for the last `KEPT` runs. The folder must belong to the
-user, like the folder of compiled kernels, so that files of others are never read.
+The state is stored at an interruption and every few minutes. The folder contains the states of the last `KEPT` runs. It
+must belong to the user, so that files of other users are not read.
 """
 
 import pickle
@@ -23,7 +23,7 @@ KEPT = 2  # Number of runs whose states are kept in the folder
 
 
 class Interrupted:
-    """Stored state from which an interrupted simulation is continued."""
+    """Stored state for the continuation of an interrupted simulation."""
 
     def __init__(self, scenario: Scenario, stopped: Callable[[], bool]) -> None:
         self.scenario, self.stopped = scenario, stopped
@@ -32,7 +32,7 @@ class Interrupted:
         self.state: Snapshot | None = None
 
     def load(self) -> None:
-        """Load the stored state. Raise `ScenarioError` if there is none."""
+        """Load the stored state. Raise `ScenarioError` if no state is stored."""
         try:
             state = pickle.loads(self.file.read_bytes())
         except (OSError, pickle.UnpicklingError, EOFError, AttributeError, ImportError):
@@ -42,7 +42,7 @@ class Interrupted:
         self.state = state._replace(scenario=self.scenario)
 
     def store(self, sim: Simulation) -> None:
-        """Store the state of a simulation with all rows. Without disk space, no state is stored."""
+        """Store the state of a simulation with all log rows. A write error, such as a full disk, is ignored."""
         rows = sim.rows
         saved = SavedRows(rows.filled, (), (rows.values[: rows.filled], rows.poses[: rows.filled]))
         state = sim.save(saved)
@@ -55,7 +55,8 @@ class Interrupted:
         rows.release()
 
     def ticks(self, sim: Simulation) -> Iterator[None]:
-        """Simulate to the end, from the loaded state if any. Store the state periodically and if interrupted."""
+        """Simulate from the loaded state, or from the start, to the end. Store the state periodically and at an
+        interruption."""
         if self.state is None:
             sim.reset()
         else:

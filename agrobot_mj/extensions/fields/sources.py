@@ -1,4 +1,4 @@
-"""Sources of a field or plan: a file, a folder of AgOpenGPS or ISO 11783, or a zip archive of these."""
+"""Sources of fields and plans: files, folders of AgOpenGPS or ISO 11783, and zip archives."""
 
 import zipfile
 from collections.abc import Callable, Iterator
@@ -19,20 +19,20 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 TASKDATA = "TASKDATA.XML"
 MOST_UNPACKED_BYTES, MOST_MEMBERS = 300_000_000, 5_000
-"""Maximum size of all files in a zip archive after unpacking [bytes], and maximum number of files."""
+"""Maximum unpacked size of a zip archive [bytes], and maximum number of its files."""
 PREFERRED = (".shp", ".geojson", ".kml", ".gml", ".gpx", ".json", ".wkt", ".csv")
-"""File name endings that are read from other folders and archives, most preferred first."""
+"""File extensions in order of preference, for folders and archives of other formats."""
 BOUNDARIES, PLANS = ("Boundary.txt", "Headland.txt"), ("RecPath.txt", "TrackLines.txt")
-"""AgOpenGPS files of a field (all files are read) and of a plan (only the first file that contains lines is read)."""
+"""AgOpenGPS files of a field, all of which are read, and of a plan, in order of preference."""
 
 
 def field_shapes(path: Path) -> ShapeFile:
-    """Return the shapes of the files that describe a field. Raises `ScenarioError` for an unusable source."""
+    """Return the shapes of a field from a file, folder or archive. Raise `ScenarioError` for an unusable source."""
     return _shapes(path, _boundaries)
 
 
 def plan_shapes(path: Path) -> ShapeFile:
-    """Return the shapes of the file that describes a plan. Raises `ScenarioError` for an unusable source."""
+    """Return the shapes of a plan from a file, folder or archive. Raise `ScenarioError` for an unusable source."""
     return _shapes(path, _tracks)
 
 
@@ -49,7 +49,7 @@ def _shapes(path: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
 
 
 def _read(path: Path) -> ShapeFile:
-    """Return the shapes of a file. Shapes without a name are named after the file."""
+    """Return the shapes of a file. The file name is the default name of the shapes."""
     if path.name.upper() == TASKDATA:
         return _task_data(path)
     found = read_shapes(str(path.absolute()), MAX_BYTES, READERS)
@@ -58,7 +58,7 @@ def _read(path: Path) -> ShapeFile:
 
 @contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
-    """Yield the path of a file or folder; for a zip archive, the path of its unpacked files."""
+    """Yield the path of a file or folder, or the temporary folder with the unpacked files of a zip archive."""
     if not path.is_dir() and not path.is_file():
         raise ScenarioError(f"{path}: {absence(path)}")
     if not zipfile.is_zipfile(path):
@@ -76,7 +76,7 @@ def _unpacked(path: Path) -> Iterator[Path]:
 
 
 def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> ShapeFile:
-    """Return the shapes of the first known file in a folder or in one of its subfolders."""
+    """Return the shapes of the first readable file in a folder or in its direct subfolders."""
     for place in (folder, *sorted(each for each in folder.iterdir() if each.is_dir())):
         if tasks := [each for each in place.iterdir() if each.name.upper() == TASKDATA]:
             return _task_data(tasks[0])
@@ -89,7 +89,7 @@ def _of_folder(folder: Path, of_agopengps: Callable[[Path], ShapeFile]) -> Shape
 
 
 def _with_origin(found: ShapeFile, path: Path) -> ShapeFile:
-    """Return the shapes of an AgOpenGPS file with the geographic position of its local plane."""
+    """Return the shapes of a file, with the geographic position of the local plane for an AgOpenGPS file."""
     file = path.parent / "Field.txt"
     if found.crs or not file.is_file() or not is_folder_of_field(path.parent) or path.suffix.lower() != ".txt":
         return found

@@ -1,4 +1,4 @@
-"""Metric of runs along a field work plan, for comparisons and sweeps: coverage of the field, and excursions."""
+"""Metric of field work for comparisons and sweeps: coverage of the field, and excursions beyond the boundary."""
 
 from typing import Any, ClassVar, Literal
 
@@ -8,7 +8,7 @@ from agrobot_mj.metrics import Metric, RunView
 
 
 class FieldWork(Metric):
-    """Coverage of a field by field work, with sections that switch without delay."""
+    """Coverage of a field and excursions beyond its boundary, with sections that switch without delay."""
 
     kind: Literal["field_work"] = "field_work"
     columns: ClassVar[tuple[Column, ...]] = (
@@ -21,7 +21,7 @@ class FieldWork(Metric):
     )
 
     def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return coverage and excursions. Return an empty result for other paths and for runs without motion."""
+        """Return coverage and excursions. The result is empty for other paths and for runs without motion."""
         if not isinstance(view.path, FieldPlan) or not view.path.plan.ground:
             return {}
         import shapely

@@ -1,1 +1,1 @@
-"""Interactive driving in a browser, by a driver at the keyboard or by a guidance law."""
+"""Interactive driving in a browser, by keyboard or by a guidance law."""

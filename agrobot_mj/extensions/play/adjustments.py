@@ -1,4 +1,4 @@
-"""Adjustments during a drive: faults that start and end during the drive, and keys that require a restart."""
+"""Adjustments of the simulation during a drive: quantities applied as faults, and settings that require a restart."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -10,7 +10,8 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 class Adjustment(NamedTuple):
-    """Quantity that the driver can adjust during a drive. A new value acts from the next tick, as a recorded fault."""
+    """Quantity that the driver can adjust during a drive. A new value is applied at the next tick and recorded as a
+    fault."""
 
     label: str  # Text of the slider, with the unit
     low: float
@@ -19,11 +20,14 @@ class Adjustment(NamedTuple):
     kind: str  # Kind of the faults that apply the adjustment
     key: str  # Key of the adjusted value in the table of the fault
     others: tuple[Mapping[str, Any], ...] = ({},)
-    """Further keys of the faults that apply the adjustment, one table per fault."""
+    """Additional keys of the faults, one table per fault."""
     step: float = 0.001  # Resolution of the slider
 
     def faults(self, value: float) -> list[dict[str, Any]]:
-        """Return the faults, without times, that apply a value limited to the range; none for the neutral value."""
+        """Return the faults that apply `value`, limited to the range, as tables without times.
+
+        The list is empty for the neutral value.
+        """
         value = round(round(min(max(value, self.low), self.high) / self.step) * self.step, 6)
         if abs(value - self.neutral) < 1e-9:
             return []
@@ -39,13 +43,13 @@ ADJUSTMENTS = {
     "dead_band": Adjustment("valve dead band [+V]", 0.0, 2.0, 0.0, "valve_wear", "dead_band_v", ({"gain_share": 1.0},)),
     "latency": Adjustment("receiver latency [+s]", 0.0, 1.0, 0.0, "gnss_latency", "latency_s", step=TICK_S),
 }
-"""Adjustments by name, in the order of the panel."""
+"""Adjustments by name, in panel order."""
 FAULT_S = 5.0  # Default duration of an injected fault [s]
 STEEPEST_DEG = 40.0  # Maximum slope grade that the panel can set [deg]
 
 
 class NextStart(NamedTuple):
-    """Settings that require a new start of the drive."""
+    """Settings that are applied at the next start of the drive."""
 
     grade_deg: float  # Grade of the slope [deg]; level ground becomes a slope
     tyre: str = ""  # Kind of the tyre law, or an empty string to keep the law
@@ -53,24 +57,24 @@ class NextStart(NamedTuple):
 
 
 def fault_kinds() -> list[str]:
-    """Return the kinds of faults that a driver can inject, without the kinds used by adjustments."""
+    """Return the fault kinds that a driver can inject, without the kinds used by adjustments."""
     used = {each.kind for each in ADJUSTMENTS.values()}
     return [kind for kind in families()["fault"] if kind not in used]
 
 
 def tyre_kinds() -> list[str]:
-    """Return the kinds of tyre models for firm ground and for soil."""
+    """Return all kinds of tyre models, for firm ground and for soil."""
     return list(families()["plant.tyre"])
 
 
 def tyre_kind(scenario: Scenario) -> str:
-    """Return the kind of the tyres of a scenario."""
+    """Return the tyre model kind of a scenario."""
     assert isinstance(scenario.plant, Mujoco)
     return scenario.plant.tyre.kind
 
 
 def restarted(scenario: Scenario, settings: NextStart) -> Scenario:
-    """Return the scenario with these settings. Raises `ScenarioError` if a setting is invalid."""
+    """Return the scenario with the settings applied. Raise `ScenarioError` if a setting is invalid."""
     keys: dict[str, Any] = {}
     if hasattr(scenario.terrain, "grade_deg"):
         keys["terrain.grade_deg"] = settings.grade_deg

@@ -1,4 +1,4 @@
-"""Command of interactive driving: `play`."""
+"""Command `play` for interactive driving."""
 
 import io
 import sys
@@ -80,4 +80,4 @@ COMMANDS = {
         advanced=True,
     ),
 }
-"""Commands of this extension."""
+"""Commands of this extension with their help texts."""

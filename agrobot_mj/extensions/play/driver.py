@@ -1,4 +1,4 @@
-"""Conversion of keys, sliders and buttons used by a driver to inputs of a session."""
+"""Conversion of the driver's keys, sliders and buttons to session inputs."""
 
 from math import isnan, nan, radians
 from typing import NamedTuple
@@ -7,15 +7,15 @@ from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.session import PlaySession
 
 STEER_RATE = radians(30.0)
-"""Rate at which the wheels turn with a key pressed and return without one [rad/s]. Assumed value (20-60 deg/s)."""
+"""Steering rate while a key is pressed and while the wheels return [rad/s]. Assumed value (20-60 deg/s)."""
 ACCELERATION_M_S2 = 1.0  # Acceleration while a key is pressed [m/s2]. Assumed value (0.5-2).
 FASTEST_M_S, REVERSE_M_S = 6.0, -2.0  # Maximum speeds forward and in reverse [m/s]
 STALE_S = 0.4
-"""Time without a message [s] after which all keys are treated as released, because the page is closed or hidden."""
+"""Time without a key message after which all keys count as released [s]. The page is then closed or hidden."""
 
 
 class Keys(NamedTuple):
-    """Pressed keys, and the time `seen` at which their message was received [s]."""
+    """Pressed driving keys, and the time `seen` at which the key message was received [s]."""
 
     left: bool = False
     right: bool = False
@@ -24,55 +24,55 @@ class Keys(NamedTuple):
     seen: float = -1e9
 
     def at(self, now: float) -> "Keys":
-        """Return the keys pressed at time `now` [s], or none if the last message is older than `STALE_S`."""
+        """Return the pressed keys at time `now` [s]. No key is pressed if the last message is older than `STALE_S`."""
         return self if now - self.seen < STALE_S else Keys()
 
     @property
     def steering(self) -> int:
-        """Direction in which the keys turn the wheels: 1 left, -1 right, 0 none."""
+        """Steering direction of the pressed keys: 1 left, -1 right, 0 none."""
         return int(self.left) - int(self.right)
 
     @property
     def driving(self) -> int:
-        """Direction in which the keys change the speed: 1 faster, -1 slower, 0 none."""
+        """Speed change of the pressed keys: 1 faster, -1 slower, 0 none."""
         return int(self.faster) - int(self.slower)
 
 
 class PlayDriver:
-    """Driver who controls steering angle and speed, and can hand over to a guidance law."""
+    """Control of steering angle and speed by the driver, with handover to guidance laws."""
 
     def __init__(self, session: PlaySession) -> None:
         self.session = session
         self.angle, self.speed, self.law = 0.0, 0.0, 0
         self.law_speed = nan
-        """Speed for guidance laws [m/s], or NaN for the speed of the path."""
+        """Speed setpoint for guidance laws [m/s], or NaN for the speed of the path."""
         self.chosen = 1
-        """Index of the law, from 1, to which the driver hands over next."""
+        """Number of the guidance law for the next handover, from 1."""
         self.centring = True
-        """Whether the wheels return to straight ahead while no key is pressed."""
+        """Whether the wheels return to straight ahead while no steering key is pressed."""
 
     def take_over(self) -> None:
-        """Return control to the driver, starting from the current angle and speed."""
+        """Return control from a law to the driver, with the current steering angle and speed as setpoints."""
         if self.law:
             truth = self.session.sim.truth
             self.law, self.angle, self.speed = 0, truth.steer, _within(truth.speed)
 
     def hand_over(self, law: int) -> None:
-        """Hand over to the law with the number `law`."""
+        """Hand control over to the guidance law with the number `law`, from 1."""
         self.law = self.chosen = law
 
     def stop(self) -> None:
-        """Brake to standstill. The driver steers."""
+        """Return control to the driver, and brake to standstill."""
         self.take_over()
         self.speed = 0.0
 
     def set_angle(self, angle: float) -> None:
-        """Hold a steering angle [rad]."""
+        """Return control to the driver, and hold a steering angle [rad]."""
         self.take_over()
         self.angle, self.centring = angle, False
 
     def set_speed(self, speed: float) -> None:
-        """Set the speed of the driver, or the speed of the law if a law steers [m/s]."""
+        """Set the speed setpoint of the driver or of the active guidance law [m/s]."""
         if self.law:
             self.law_speed = abs(_within(speed))
         else:
@@ -80,13 +80,13 @@ class PlayDriver:
 
     @property
     def wanted_speed(self) -> float:
-        """Speed setpoint of the driver or of the law that steers [m/s]."""
+        """Speed setpoint of the driver or of the active guidance law [m/s]."""
         if not self.law:
             return self.speed
         return self.session.base.path.speed_m_s if isnan(self.law_speed) else self.law_speed
 
     def tick(self, keys: Keys) -> None:
-        """Advance one tick: apply the keys and pass the input to the session."""
+        """Apply the pressed keys and advance the session by one tick."""
         if keys.steering or keys.driving:
             self.take_over()
         if keys.steering:
@@ -108,7 +108,7 @@ class PlayDriver:
             self.law, self.angle, self.speed = 0, 0.0, 0.0
 
     def recalled(self) -> None:
-        """Continue with the inputs in the restored state of the session."""
+        """Set the steering angle, speed and law to the inputs of the restored session state."""
         given = self.session.given
         self.law, self.law_speed = given.law, given.speed if given.law else self.law_speed
         if not given.law:

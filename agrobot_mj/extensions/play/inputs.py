@@ -1,7 +1,7 @@
-"""Inputs of a drive, stored in a CSV file with one row for each change.
+"""Driver inputs of a drive, stored in a CSV file with one row for each change.
 
-Columns: first tick to which the row applies, number of the law that steers (0 for the driver), steering angle [rad],
-and speed [m/s]. An empty speed means the speed of the path. Numbers have all digits, so that a drive can be repeated
+Columns: first tick of the input, number of the active guidance law (0 for the driver), steering angle [rad], and speed
+[m/s]. An empty speed means the speed of the path. Numbers are stored with all digits, so that a drive can be repeated
 exactly.
 """
 
@@ -21,7 +21,7 @@ MOST_BYTES = 20_000_000  # Maximum size of a CSV file [bytes], sufficient for se
 
 
 class PlayInput(NamedTuple):
-    """Input of one tick. By default, the driver is in control and the tractor stops."""
+    """Driver input in one tick. Default: control by the driver at zero speed."""
 
     law: int = 0  # Index of the law that steers, from 1, or 0 for the driver
     steer: float = 0.0  # Steering angle of the driver [rad], left positive
@@ -29,19 +29,19 @@ class PlayInput(NamedTuple):
 
 
 class PlayTable(NamedTuple):
-    """Changes of the input, ordered by tick."""
+    """Changes of the driver input, ordered by tick."""
 
     ticks: Sequence[int]
     given: Sequence[PlayInput]
 
     def at(self, tick: int) -> PlayInput:
-        """Return the input of a tick, which is the default input before the first row."""
+        """Return the input in a tick, or the default input before the first change."""
         k = bisect_right(self.ticks, tick) - 1
         return self.given[k] if k >= 0 else PlayInput()
 
 
 def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
-    """Write changes of the input as a CSV file."""
+    """Write input changes, which are pairs of tick and input, as a CSV file."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
@@ -50,7 +50,10 @@ def write_inputs(path: Path, changes: Iterable[tuple[int, PlayInput]]) -> None:
 
 
 def read_inputs(name: str) -> PlayTable:
-    """Return the inputs in a CSV file, read again if changed. Raises ValueError that names the line and the fix."""
+    """Return the inputs in a CSV file. Raise a ValueError that names the line and the fix if the file is invalid.
+
+    The result is cached until the file changes.
+    """
     return _read(name, stamp(name))
 
 

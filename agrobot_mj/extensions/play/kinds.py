@@ -1,4 +1,4 @@
-"""Kinds of guidance laws added by this extension."""
+"""Guidance law kinds of this extension."""
 
 from agrobot_mj.extensions.play.played import Played
 

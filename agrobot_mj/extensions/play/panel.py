@@ -1,4 +1,4 @@
-"""Panel, keys and curves in the viewer, which send messages to the simulation and show its status.
+"""Control panel in the viewer: keys, sliders and curves, which exchange messages with the simulation.
 
 MuJoCo Studio runs this module in a separate thread.
 """
@@ -24,7 +24,7 @@ HELD = {
     "faster": (KEY.UpArrow, KEY.W),
     "slower": (KEY.DownArrow, KEY.S),
 }
-"""Keys by name of an action that lasts while a key is pressed."""
+"""Keys of actions that last while a key is pressed, by action."""
 PRESSED = {
     "stop": KEY.Space,
     "law": KEY.L,
@@ -35,7 +35,7 @@ PRESSED = {
     "pause": KEY.P,
     "restart": KEY.Backspace,
 }
-"""Keys by name of an action that is executed once per key press."""
+"""Keys of actions that are executed once per key press, by action."""
 HELP = (
     "arrows or WASD: steer, faster, slower\n"
     "Space stop   L law   H driver   P pause\n"
@@ -43,20 +43,20 @@ HELP = (
     "Backspace: start again"
 )
 WIDTH, TALLEST, MARGIN = 300.0, 780.0, 10.0
-"""Width and maximum height of the panel, and its distance from the border of the browser page [pixels]."""
+"""Width and maximum height of the panel, and its distance from the page border [pixels]."""
 CURVE_SHARE, CURVE_LEAST = 0.24, 180.0
-"""Height of the curves divided by the height of the browser page [-], and their minimum height [pixels]."""
+"""Height of the curve plots divided by the page height [-], and minimum height of the plots [pixels]."""
 LABEL = 125.0  # Width of the sliders in the panel [pixels]
 SHOWN_S = 20.0  # Duration of the signals shown by the curves [s]
 FLAG = imgui.WindowFlags
 FIXED = sum(map(int, (FLAG.NoNav, FLAG.NoTitleBar, FLAG.NoMove, FLAG.NoResize)))
-"""Flags of windows that cannot be closed or moved, and whose widgets ignore keys."""
+"""Window flags for a fixed window without title bar, whose widgets ignore keys."""
 WARNING = imgui.Vec4(0.9, 0.35, 0.1, 1.0)
 
 
 @dataclass(frozen=True)
 class Press(messages.Event):  # type: ignore[misc, unused-ignore]
-    """Message that a key or button has been pressed, or a slider moved."""
+    """Message about a pressed key, a pressed button or a moved slider."""
 
     name: str
     value: float = 0.0
@@ -65,21 +65,21 @@ class Press(messages.Event):  # type: ignore[misc, unused-ignore]
 
 @dataclass(frozen=True)
 class Restart(messages.Event):  # type: ignore[misc, unused-ignore]
-    """Message that requests a new start of the drive."""
+    """Message that requests a restart of the drive."""
 
     settings: NextStart
 
 
 @dataclass(frozen=True)
 class HeldKeys(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Message with the keys that are currently pressed."""
+    """Message with the currently pressed driving keys."""
 
     keys: Keys
 
 
 @dataclass(frozen=True, eq=False)
 class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
-    """Message with the quantities shown in the panel."""
+    """Message with the quantities displayed in the panel."""
 
     title: str = ""
     laws: Sequence[str] = ()
@@ -106,30 +106,30 @@ class PlayStatus(messages.Snapshot):  # type: ignore[misc, unused-ignore]
 
 
 class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
-    """Panel of a drive, with its keys and curves."""
+    """Panel of an interactive drive, with keys, sliders and curves."""
 
     def __init__(self, aim: Any) -> None:
-        """Create the panel. `aim` turns a camera towards the tractor."""
+        """Create the panel. The function `aim` points a camera at the tractor."""
         self.aim, self.status, self.fault = aim, PlayStatus(), 0
         self.edited: dict[str, float] = {}
-        """Values of sliders that are being dragged, and of sliders that take effect at a restart."""
+        """Values of sliders while they are dragged, and of sliders that are applied at a restart."""
         self.tyre: int | None = None
 
     @messages.handler
     def on_status(self, status: PlayStatus) -> None:
-        """Store the status, which is shown in the next frame."""
+        """Store the status for display in the next frame."""
         self.status = status
 
     @messages.handler
     def on_model(self, _: messages.PostModelEvent) -> None:
-        """Turn the camera towards the tractor of a new model."""
+        """Point the camera at the tractor of a new model, and reset edited sliders."""
         self.aim(self.viewer.camera)
         self.edited.clear()
         self.tyre = None
 
     @messages.handler
     def on_build_gui(self, _: messages.BuildGuiEvent) -> None:
-        """Read the keys and draw the panel."""
+        """Read the keys, and draw the panel and the curves."""
         self._keys()
         self._panel()
         self._curves()
@@ -213,7 +213,11 @@ class DrivePanel(plugin.ViewerPlugin):  # type: ignore[misc, unused-ignore]
     def _slider(
         self, name: str, label: str, value: float, low: float, high: float, live: bool = False, kept: bool = False
     ) -> None:
-        """Draw a slider, which sends its value during motion (`live`), on release, or not at all (`kept`)."""
+        """Draw a slider.
+
+        The slider sends its value while it is dragged (`live`), at a restart (`kept`), or by default when it is
+        released.
+        """
         imgui.SetNextItemWidth(LABEL)
         changed, new = imgui.SliderFloat(f"{label}##{name}", self.edited.get(name, value), low, high, "%.2f")
         if changed:

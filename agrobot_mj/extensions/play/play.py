@@ -1,4 +1,5 @@
-"""Interactive drives in a browser: real-time pace, messages of the panel, and a results folder for each drive."""
+"""Interactive drives in a browser: simulation in real time, messages of the panel, and a results folder for each
+drive."""
 
 import tempfile
 import time
@@ -48,7 +49,7 @@ class PlayOptions(NamedTuple):
 
 
 class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
-    """Messages received from the panel."""
+    """Storage of the messages received from the panel."""
 
     def __init__(self) -> None:
         self.presses: list[Press | Restart] = []
@@ -61,7 +62,7 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
     @messages.handler
     def on_restart(self, restart: Restart) -> None:
-        """Store the request for a new start of the drive."""
+        """Store a request to restart the drive."""
         self.presses.append(restart)
 
     @messages.handler
@@ -71,17 +72,17 @@ class Inbox(plugin.SimPlugin):  # type: ignore[misc, unused-ignore]
 
 
 class Play:
-    """Session with its driver and view, which executes requests of the panel."""
+    """Interactive drive with its session, driver and view, which executes the requests of the panel."""
 
     def __init__(self, scenario: Scenario, keep: Callable[[PlaySession], Any]) -> None:
-        """Prepare the first drive. `keep` writes the files of a finished drive."""
+        """Prepare the first drive. The function `keep` writes the files of a finished drive."""
         self.keep, self.paused = keep, False
         self.start(scenario)
         self.laws, self.faults, self.tyres = self.session.law_names, fault_kinds(), tyre_kinds()
         self.rate, self._measured = 1.0, (time.monotonic(), 0)
 
     def start(self, scenario: Scenario) -> None:
-        """Place the tractor at the start of a scenario."""
+        """Create a session with the tractor at the start of a scenario."""
         self.session = PlaySession(scenario)
         self.driver, self.view = PlayDriver(self.session), PlayView(self.session)
         self.times: list[float] = []
@@ -89,7 +90,7 @@ class Play:
         self.rolls: list[float] = []
 
     def restart(self, settings: NextStart) -> None:
-        """Save the current drive and start a new drive with these settings."""
+        """Save the current drive, and start a new drive with the given settings."""
         before = self.session
         try:
             self.start(restarted(before.base, settings))
@@ -98,8 +99,8 @@ class Play:
         else:
             self.keep(before)
 
-    def obey(self, press: Press | Restart) -> None:
-        """Execute the request of a pressed key or button, or of a moved slider."""
+    def execute(self, press: Press | Restart) -> None:
+        """Execute the request of a panel message."""
         if isinstance(press, Restart):
             self.restart(press.settings)
             return
@@ -145,13 +146,13 @@ class Play:
             del values[:-most]
 
     def measure(self, now: float, ticks: int) -> None:
-        """Measure the ratio of simulated to wall-clock time. `ticks` is the number of ticks since the start."""
+        """Update the ratio of simulated to wall-clock time. `ticks` is the number of ticks since the start."""
         since, before = self._measured
         if now - since >= RATE_S:
             self.rate, self._measured = (ticks - before) * TICK_S / (now - since), (now, ticks)
 
     def status(self) -> PlayStatus:
-        """Return the quantities shown in the panel."""
+        """Return the message with the quantities displayed in the panel."""
         session, driver, truth = self.session, self.driver, self.session.sim.truth
         base = session.base
         return PlayStatus(
@@ -187,10 +188,10 @@ def play(
     should_stop: Callable[[], bool],
     ready: Callable[[str], None] = lambda url: None,
 ) -> list[tuple[Path, Log]]:
-    """Drive in a browser until `should_stop` returns True. Return the folders and logs of all drives.
+    """Run interactive drives until `should_stop` returns True. Return the results folders and logs of all drives.
 
-    Each drive has its own results folder: `folder`, then `folder`-2, `folder`-3 and so on. `ready` is called with the
-    address of the page. Raises `ScenarioError` for an unsuitable scenario and for a port in use.
+    Each drive has a separate results folder: `folder`, then `folder`-2, `folder`-3 and so on. `ready` is called with
+    the address of the page. Raise `ScenarioError` for an unsuitable scenario or a port in use.
     """
     kept: list[tuple[Path, Log]] = []
 
@@ -221,7 +222,8 @@ def _loop(
     options: PlayOptions,
     should_stop: Callable[[], bool],
 ) -> None:
-    """Advance in real time or slower, and exchange messages with the viewer. Pause while no page shows the tractor."""
+    """Advance the drive in real time or slower, and exchange messages with the viewer. Pause while no browser is
+    connected."""
     began = due = time.monotonic()
     ticks = 0
     while not should_stop() and handle.is_running():
@@ -230,7 +232,7 @@ def _loop(
             break
         for press in inbox.presses[:]:
             with suppress(CommandError):
-                game.obey(press)
+                game.execute(press)
         inbox.presses.clear()
         if waiting := game.paused or not viewer.clients:
             due = now
@@ -245,7 +247,7 @@ def _loop(
 
 
 def save(session: PlaySession, folder: Path, recorded: bool) -> Log:
-    """Write the files of a drive, with a scenario that repeats the drive."""
+    """Write the files of a drive. The written scenario repeats the drive."""
     from agrobot_mj.recording import Recording
 
     with tempfile.TemporaryDirectory() as place:

@@ -1,4 +1,4 @@
-"""Guidance by a human driver, and by laws to which the driver hands over.
+"""Guidance by a human driver, and by guidance laws to which the driver hands over.
 
 `agrobot-mj play` sets the input of each tick. With `inputs.file`, the inputs are read from a table, so that a drive is
 repeated. A law that takes over starts at the point of the path nearest to the tractor. Its time on the path starts at
@@ -47,10 +47,10 @@ class Played(GuidanceLaw):
     inputs: PlayRecord = PlayRecord()
     """Recorded inputs of a drive to repeat."""
     laws: tuple[dict[str, Any], ...] = ()
-    """Guidance laws that can take over, as tables with a `kind`. In the table of inputs, they have numbers from 1."""
+    """Guidance laws that can take over, as tables with a `kind`. The table of inputs numbers the laws from 1."""
     search_s: Annotated[float, Field(gt=0, le=HUGE)] = 120.0
-    """Maximum time on the path in the search for the nearest point [s]. Default: one lap of the paper's path;
-    `agrobot-mj play` sets the duration of the first lap."""
+    """Duration of the path, from its start, that is searched for the nearest point [s]. Default: one lap of the paper's
+    path; `agrobot-mj play` sets the duration of the first lap."""
     _members: tuple[GuidanceLaw, ...] = PrivateAttr(())
 
     @field_validator("laws")
@@ -62,26 +62,26 @@ class Played(GuidanceLaw):
 
     @property
     def members(self) -> tuple[GuidanceLaw, ...]:
-        """Guidance laws that can take over."""
+        """Guidance laws that can take over, as objects."""
         return self._members or tuple(law_of(table, f"laws[{k}]") for k, table in enumerate(self.laws))
 
     @property
     def needs(self) -> dict[str, str]:
-        """Sensors required by the laws, each with the reason."""
+        """Sensors required by the guidance laws, with the reason for each sensor."""
         return {sensor: f"laws: {text}" for law in self.members for sensor, text in law.needs.items()}
 
     @property
     def follows_path(self) -> bool:
-        """False, because a driver may leave the path."""
+        """Whether the guidance follows the path, which is false because a driver may leave the path."""
         return False
 
     @property
     def outside(self) -> str:
-        """Name of the command that runs this guidance, or an empty string if recorded inputs are given."""
+        """Name of the command that provides the inputs, or an empty string for recorded inputs."""
         return "play" if self.inputs.file is None else ""
 
     def check(self) -> None:
-        """Read the recorded inputs. Raises ValueError if they are invalid or refer to a missing law."""
+        """Read the recorded inputs. Raise ValueError if they are invalid or refer to a missing law."""
         for law in self.members:
             law.check()
         if (file := self.inputs.file) is not None:
@@ -95,18 +95,20 @@ class Played(GuidanceLaw):
                 )
 
     def using(self, controller: YawController) -> "Played":
-        """Return this guidance with the yaw controller `controller` for all laws."""
+        """Return a copy of this guidance whose laws use the yaw controller `controller`."""
         found = self.model_copy()
         found._members = tuple(law.using(controller) for law in self.members)
         return found
 
     def init(self) -> PlayState:
-        """Return the initial state: the driver is in control at standstill."""
+        """Return the initial state: control by the driver at standstill."""
         return PlayState()
 
     def update(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the command of the driver, or of the law that steers. At standstill the pedal is in neutral, because
-        the speed loop would overshoot and move the tractor back."""
+        """Return the new state and the command of the driver or of the active guidance law.
+
+        At zero speed the pedal is in neutral, because the speed loop would overshoot and move the tractor back.
+        """
         given = state.given
         if self.inputs.file is not None:
             given = read_inputs(self.inputs.file).at(round(situation.t / TICK_S))
@@ -117,7 +119,7 @@ class Played(GuidanceLaw):
         return PlayState(given), Command(steer, given.speed, pedal=None if given.speed else 0.0)
 
     def _led(self, state: PlayState, situation: Situation, dt: float) -> tuple[PlayState, Command]:
-        """Return the command of the law that steers, evaluated at its time on the path."""
+        """Return the new state and the command of the active guidance law at its time on the path."""
         given, law, route = state.given, self.members[state.given.law - 1], situation.route
         if given.law != state.law:
             e = situation.estimate
@@ -133,12 +135,12 @@ class Played(GuidanceLaw):
         return state._replace(inner=inner, time=state.time + rate * dt), command
 
     def feedback(self, state: PlayState, command: Command) -> float:
-        """Return the feedback part of the steering angle of a law [rad], or the complete angle if the driver steers."""
+        """Return the feedback part of the steering angle [rad]. For the driver, this is the complete angle."""
         return self.members[state.law - 1].feedback(state.inner, command) if state.law else command.steer
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Log columns of the inputs."""
+        """Log columns of the driver inputs."""
         return (
             Column("play_law", "-", "number of the active guidance law, from 1; 0 for the driver"),
             Column("play_steer", "rad", "steering angle of the driver, left positive"),
@@ -151,7 +153,7 @@ class Played(GuidanceLaw):
 
 
 def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
-    """Return the guidance law defined by a table. Raises ValueError that names the `key`."""
+    """Return the guidance law defined by a table. Raise a ValueError that names `key` if the table is invalid."""
     from agrobot_mj.scenario.reference import families  # the schema contains this law
 
     kinds = families()["guidance"]
@@ -169,7 +171,7 @@ def law_of(table: dict[str, Any], key: str) -> GuidanceLaw:
 
 
 def nearest_time(route: Route, x: float, y: float, last: float) -> float:
-    """Return the time, up to `last` [s], at which the reference is nearest to the position (x, y) [m]."""
+    """Return the time, at most `last` [s], at which the reference is nearest to the position (x, y) [m]."""
     best = _nearest(route, x, y, 0.0, last, COARSE_S)
     return _nearest(route, x, y, max(best - COARSE_S, 0.0), min(best + COARSE_S, last), FINE_S)
 

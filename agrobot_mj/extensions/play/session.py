@@ -1,7 +1,7 @@
-"""Interactive drive without a viewer: a simulation with inputs of a driver, adjustments, faults, and result files.
+"""Interactive drive without a viewer: simulation with driver inputs, adjustments, faults, and result files.
 
-Every change of the machine or the ground becomes a fault in the scenario of the drive, starting at the next tick, so
-that the saved scenario repeats the drive.
+Each adjustment of the machine or the ground becomes a fault in the scenario of the drive, from the next tick. The saved
+scenario therefore repeats the drive.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ LONGEST_S = 3600.0  # Maximum duration of a drive [s]
 
 
 class Mark(NamedTuple):
-    """Saved state of a drive, which can be restored."""
+    """Saved state of a drive for later restoration."""
 
     state: Snapshot
     given: PlayInput
@@ -34,10 +34,11 @@ class Mark(NamedTuple):
 
 
 class PlaySession:
-    """Interactive drive of a tractor from the start of a scenario."""
+    """Simulation of an interactive drive from the start of a scenario."""
 
     def __init__(self, scenario: Scenario) -> None:
-        """Place the tractor at the start. Raises `ScenarioError` for a scenario that cannot be driven."""
+        """Place the tractor at the start. Raise `ScenarioError` for a scenario that is unsuitable for interactive
+        drives."""
         self.base = scenario
         self.sim = Simulation(drivable(scenario))
         self.law_names = [table["kind"] for table in self.played.laws]
@@ -52,25 +53,26 @@ class PlaySession:
 
     @property
     def played(self) -> Played:
-        """Guidance law of the drive."""
+        """Guidance of the drive, of kind `played`."""
         guidance = self.sim.scenario.guidance
         assert isinstance(guidance, Played)
         return guidance
 
     @property
     def ticks(self) -> int:
-        """Number of ticks simulated."""
+        """Number of simulated ticks."""
         return self.sim.rows.filled
 
     @property
     def driven(self) -> bool:
-        """Whether the tractor has moved or a law has steered."""
+        """Whether a law was active or a nonzero speed was set during the drive."""
         return any(given.law or given.speed for _, given in self._changes)
 
     def tick(self) -> None:
-        """Advance one tick with the current input. After the end of the run, there is no effect.
+        """Advance the simulation by one tick with the current input, unless the run has ended.
 
-        If a law raises an exception, the tractor stops and the driver takes over; `message` contains the reason.
+        If a guidance law raises an exception, the tractor stops and the driver takes over; `message` contains the
+        reason.
         """
         if self.sim.done:
             return
@@ -91,29 +93,36 @@ class PlaySession:
             self.message = f"{self.sim.outcome}: {self.sim.reason}" if self.sim.reason else self.sim.outcome
 
     def steer(self, angle: float, speed: float) -> None:
-        """Set the steering angle [rad] and speed [m/s] requested by the driver."""
+        """Set the driver's steering angle [rad] and speed [m/s]."""
         limit = self.base.tractor.steer_limit
         self.given = PlayInput(0, min(max(angle, -limit), limit), speed)
 
     def hand_over(self, law: int, speed: float = nan) -> None:
-        """Hand over to the law with a number from 1, at a speed [m/s]. NaN means the speed of the path."""
+        """Hand control over to the guidance law with the number `law`, from 1.
+
+        `speed` is its speed setpoint [m/s], or NaN for the speed of the path.
+        """
         if not 1 <= law <= len(self.law_names):
             raise CommandError(f"law: must be from 1 to {len(self.law_names)}, got {law}")
         self.given = PlayInput(law, 0.0, speed)
 
     def adjust(self, name: str, value: float) -> None:
-        """Set the value of an adjustment, effective from the next tick."""
+        """Set the value of an adjustment from the next tick."""
         faults = ADJUSTMENTS[name].faults(value)
         if self._script([name], [(f"{name}.{k}", fault, None) for k, fault in enumerate(faults)]):
             self.values[name] = value
 
     def inject(self, kind: str, seconds: float) -> None:
-        """Inject a fault with default values at the next tick, for a duration [s]."""
+        """Inject a fault with default parameters at the next tick, for `seconds`."""
         if self._script([], [("", {"kind": kind}, seconds)]):
             self.message = f"{kind} for {seconds:g} s"
 
     def _script(self, ended: list[str], begun: list[tuple[str, dict[str, Any], float | None]]) -> bool:
-        """End and start faults at the next tick. If the scenario becomes invalid, set `message` and return False."""
+        """End the faults of the adjustments `ended`, and start the faults `begun`, at the next tick. Return whether
+        this succeeds.
+
+        If the scenario becomes invalid, the drive is unchanged and `message` contains the reason.
+        """
         if self.sim.done:
             return False
         now = (self.ticks + 1) * TICK_S
@@ -142,7 +151,7 @@ class PlaySession:
         self.message = f"state at {self.sim.truth.t:.1f} s kept"
 
     def recall(self) -> None:
-        """Restore the saved state, and discard the part of the drive after it."""
+        """Restore the saved state, and discard the later part of the drive."""
         if self._mark is None:
             self.message = "no state has been kept"
             return
@@ -161,8 +170,11 @@ class PlaySession:
         return hypot(truth.x - r.x, truth.y - r.y) * (1.0 if side >= 0 else -1.0)
 
     def finished(self, folder: Path) -> Log:
-        """Write the inputs to a folder. Return the log of the drive, whose scenario repeats the drive. The last tick is
-        simulated again with the written inputs, so that the drive and its repetition have the same end."""
+        """Write the inputs to a folder. Return the log of the drive with a scenario that repeats the drive.
+
+        The last tick is simulated again with the written inputs, so that the drive and its repetition have the same
+        end.
+        """
         write_inputs(folder / INPUTS, self._changes)
         before = self._before if self._before is not None else self.sim.save()
         scenario = _repeating(self.sim.scenario, folder / INPUTS, max(self.ticks, 1))
@@ -173,7 +185,10 @@ class PlaySession:
 
 
 def drivable(scenario: Scenario) -> Scenario:
-    """Return the scenario with a human driver, who can hand over to any law, as guidance; reject unsuitable plants."""
+    """Return the scenario with guidance by a driver and by the suitable guidance laws.
+
+    Raise `ScenarioError` for a plant without 3D model or for external guidance.
+    """
     if scenario.plant.kind != "mujoco":
         raise ScenarioError(f'plant.kind: "{scenario.plant.kind}" has no 3D model to show; set plant.kind = "mujoco"')
     if scenario.guidance.outside and not isinstance(scenario.guidance, Played):
@@ -184,7 +199,7 @@ def drivable(scenario: Scenario) -> Scenario:
 
 
 def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the tables of all guidance laws that can control a scenario, the law of the scenario first."""
+    """Return the tables of all guidance laws that are valid for a scenario, starting with the law of the scenario."""
     own = scenario.guidance
     if isinstance(own, Played):
         return list(own.laws)
@@ -204,13 +219,13 @@ def laws_of(scenario: Scenario) -> list[dict[str, Any]]:
 def _without_empty(
     faults: list[dict[str, Any]], still: Mapping[str, int]
 ) -> tuple[list[dict[str, Any]], dict[str, int]]:
-    """Return the faults that do not end before they begin, and the new indices of the active faults."""
+    """Return the faults with positive duration, and the new indices of the active faults."""
     kept = [k for k, fault in enumerate(faults) if fault.get("end_s", fault["start_s"] + 1.0) > fault["start_s"]]
     return [faults[k] for k in kept], {name: kept.index(k) for name, k in still.items()}
 
 
 def _repeating(scenario: Scenario, inputs: Path, ticks: int) -> Scenario:
-    """Return the scenario that repeats `ticks` ticks with the inputs in a file."""
+    """Return the scenario that repeats a drive of `ticks` ticks with the inputs in a file."""
     end = ticks * TICK_S
     faults = [
         fault.model_dump(mode="json", exclude_none=True) for fault in scenario.fault if fault.start_s < end - TICK_S / 2

@@ -1,4 +1,4 @@
-"""View of the tractor and its ground in MuJoCo Studio: a model with all drawn geometry, in the simulated pose."""
+"""View of the tractor and its ground in MuJoCo Studio: a model for drawing, with the poses of the simulation."""
 
 from itertools import pairwise
 from typing import Any
@@ -20,11 +20,11 @@ FIELD = ((0.36, 0.42, 0.22), (0.40, 0.46, 0.25))
 SUN, HEADLIGHT = (0.6, 0.6, 0.6), (0.15, 0.15, 0.15)  # Colours of the lights. MuJoCo Studio adds light from the sky.
 SQUARE_M = 4.0  # Period of the ground pattern [m]
 CAMERA = (9.0, -18.0, 35.0)
-"""Distance [m], elevation [deg], and azimuth relative to the initial heading [deg] of the camera."""
+"""Initial camera position: distance [m], elevation [deg], and azimuth relative to the heading of the tractor [deg]."""
 
 
 class PlayView:
-    """MuJoCo model and data that show a drive."""
+    """MuJoCo model and data for displaying a drive."""
 
     def __init__(self, session: PlaySession) -> None:
         self.model = drawn_model(session.sim)
@@ -32,14 +32,14 @@ class PlayView:
         self.pose(session.sim)
 
     def pose(self, sim: Simulation) -> None:
-        """Copy pose and velocity of the simulated tractor to the view."""
+        """Copy the pose and velocity of the simulated tractor to the view."""
         data = plant_of(sim).data
         self.data.qpos[:] = data.qpos
         self.data.qvel[:] = data.qvel
         self.data.time = data.time
 
     def aim(self, camera: Any) -> None:
-        """Set a camera so that it follows the tractor from behind."""
+        """Point a camera at the tractor from behind, and let it track the tractor."""
         w, x, y, z = self.data.qpos[3:7]
         yaw = np.degrees(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         camera.type = int(mujoco.mjtCamera.mjCAMERA_TRACKING)
@@ -49,14 +49,14 @@ class PlayView:
 
 
 def plant_of(sim: Simulation) -> MujocoPlant:
-    """Return the simulated plant of a drive."""
+    """Return the MuJoCo plant of a simulation."""
     plant = sim.loop.plant
     assert isinstance(plant, MujocoPlant)
     return plant
 
 
 def drawn_model(sim: Simulation) -> mujoco.MjModel:
-    """Return a model for drawing, without contacts: the complete tractor, its ground and its path."""
+    """Return a model for drawing the tractor, its ground and its path, with contacts disabled."""
     plant, tyre = plant_of(sim), plant_of(sim).spec.tyre
     spec = tractor_spec(plant.machine)
     hitched = plant.machine.implement.hitched(plant.machine.tractor)

@@ -1,7 +1,7 @@
-"""Web viewer of MuJoCo Studio, by default accessible only from this computer.
+"""Web viewer of MuJoCo Studio, accessible only from this computer by default.
 
 MuJoCo Studio opens its port on all network interfaces without authentication, and accepts connections from pages of
-other sites. This viewer uses only the loopback interface unless network access is allowed, and rejects other sites.
+other sites. This viewer uses only the loopback interface and rejects other sites, unless network access is enabled.
 """
 
 import io
@@ -25,11 +25,11 @@ STATE = "/state"  # URL path of the stream of poses, to which each page that sho
 
 
 class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
-    """Web viewer with a selectable network address, unlike MuJoCo Studio, whose address is fixed."""
+    """Web viewer with a configurable network address. The address of MuJoCo Studio is fixed."""
 
     address = LOOPBACK
     clients = 0
-    """Number of browser pages that currently show the tractor."""
+    """Number of browser pages that currently display the tractor."""
 
     @property
     def _host(self) -> str:
@@ -41,7 +41,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @property
     def port(self) -> int:
-        """TCP port that serves the page."""
+        """TCP port of the page."""
         return int(self._http_sock.getsockname()[1])
 
     def _start_server(self) -> None:
@@ -51,7 +51,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
         super()._start_server()
 
     def _serve(self, handler: Callable[[ServerConnection], Awaitable[None]], **options: Any) -> Any:
-        """Start the server of MuJoCo Studio, and count the connected pages."""
+        """Start the server of MuJoCo Studio with a handler that counts the connected pages."""
 
         async def counted(connection: ServerConnection) -> None:
             shows = connection.request is not None and connection.request.path.startswith(STATE)
@@ -65,7 +65,7 @@ class PlayViewer(web_viewer.WebViewer):  # type: ignore[misc, unused-ignore]
 
     @property
     def origins(self) -> list[str] | None:
-        """Sites whose pages may connect to the server. None means all sites."""
+        """Sites whose pages may connect to the server, or None for all sites."""
         return [f"http://{name}:{self.port}" for name in (LOOPBACK, "localhost")]
 
 
@@ -79,7 +79,10 @@ class NetworkViewer(PlayViewer):
 def launch(
     port: int, network: bool, viewer_plugins: Sequence[Any], sim_plugins: Sequence[Any]
 ) -> tuple[Any, PlayViewer]:
-    """Start the viewer in a thread. Return its handle and the viewer. Raises `ScenarioError` if the port is in use."""
+    """Start the viewer in a thread. Return the handle of the thread, and the viewer.
+
+    Raise `ScenarioError` if the port is in use or the viewer does not start.
+    """
     started, found = threading.Event(), list[PlayViewer]()
     kind: Callable[..., PlayViewer] = NetworkViewer if network else PlayViewer
 
@@ -105,7 +108,7 @@ def launch(
 
 
 def closing(handle: Any) -> threading.Thread:
-    """Stop the viewer and its server in a thread, which is returned. Errors of the viewer are printed."""
+    """Start a thread that stops the viewer and its server, and return the thread. Errors of the viewer are printed."""
 
     def close() -> None:
         try:

@@ -24,15 +24,15 @@ HEADS = {
     "$Tram": "tram",
     "$RecPath": "recorded",
 }
-"""Role of the shapes in a file, by the first line of the file."""
+"""Shape roles in a file, by the first line of the file."""
 LINE_M = 1000.0  # Length of an AB line on each side of its points [m], as in exports of AgOpenGPS
 AB_LINE, PIVOT = 2, 64  # Modes of tracks: straight line through two points, and circle
 WHOLE, DECIMALS = re.compile(r"[+-]?\d+"), re.compile(r"\d+(?:[eE][+-]?\d+)?")
-"""Patterns of the digits before and after a decimal comma."""
+"""Patterns of the integer part and the decimals of a number with a decimal comma."""
 
 
 class _Lines:
-    """Lines of a text file, read one after another."""
+    """Reader of the lines of a text file."""
 
     def __init__(self, text: str) -> None:
         self.lines = [line.strip() for line in text.splitlines()]
@@ -42,25 +42,25 @@ class _Lines:
         return any(self.lines[self.at :])
 
     def peek(self) -> str:
-        """Return the next line without reading it, or an empty string at the end."""
+        """Return the next line without advancing, or an empty string at the end."""
         return self.lines[self.at] if self.at < len(self.lines) else ""
 
     def next(self) -> str:
-        """Return the next line. Raise ValueError at the end of the file."""
+        """Return the next line and advance. Raise ValueError at the end of the file."""
         if self.at >= len(self.lines):
             raise ValueError("the file ends in the middle of a list of points; export it again")
         self.at += 1
         return self.lines[self.at - 1]
 
     def count(self) -> int:
-        """Return the number of points on the next line. Raise ValueError for another line."""
+        """Return the point count on the next line. Raise ValueError if the line is not an integer."""
         line = self.next()
         if not line.isdecimal():
             raise ValueError(f"line {self.at}: {line[:30]!r} is not a number of points; export it again")
         return int(line)
 
     def numbers(self, count: int) -> list[float]:
-        """Return the first `count` numbers of the next line, which may have decimal commas."""
+        """Return the first `count` numbers of the next line, with decimal points or commas."""
         line = self.next()
         found = comma_numbers(line, count)
         if len(found) < count or not np.isfinite(found).all():
@@ -68,11 +68,12 @@ class _Lines:
         return found[:count]
 
     def points(self) -> Array:
-        """Read a line with the number of points, then the points; return the points, shape (n, 2) [m]."""
+        """Read a line with the point count and one line for each point. Return the points, shape (n, 2) [m]."""
         return self.table()[:, :2]
 
     def table(self, width: int = 2) -> Array:
-        """Read a line with the number of rows, then rows of `width` numbers; return the rows, shape (n, width)."""
+        """Read a line with the row count and one line of `width` numbers for each row. Return the rows, shape (n,
+        width)."""
         count = self.count()
         if count > len(self.lines) - self.at:
             raise ValueError(f"line {self.at}: {count} points are announced, but the file has fewer; export it again")
@@ -80,7 +81,10 @@ class _Lines:
 
 
 def comma_numbers(line: str, count: int) -> list[float]:
-    """Return up to `count` numbers of a line; two integers become one number if they are split by a decimal comma."""
+    """Return up to `count` numbers of a comma-separated line.
+
+    Two adjacent integer cells form one number if the line uses decimal commas.
+    """
     cells = [cell.strip() for cell in line.split(",")]
     if len(cells) >= 2 * count and not any("." in cell for cell in cells):
         pairs = list(zip(cells[::2], cells[1::2], strict=False))
@@ -93,7 +97,8 @@ def comma_numbers(line: str, count: int) -> list[float]:
 
 
 def read_agopengps(text: str) -> ShapeFile:
-    """Return the shapes in the text of one field file. Raise ValueError for damaged text or another file type."""
+    """Return the shapes in the text of one AgOpenGPS field file. Raise ValueError for damaged text or another file
+    type."""
     lines = _Lines(text)
     while lines and lines.peek() not in HEADS:
         lines.next()
@@ -129,7 +134,7 @@ def _headlines(lines: _Lines) -> Iterator[Polyline]:
 
 
 def _tracks(lines: _Lines) -> Iterator[Polyline]:
-    """Yield the guidance lines of TrackLines.txt; a straight line extends by LINE_M on both sides."""
+    """Yield the guidance lines of TrackLines.txt. AB lines extend by LINE_M beyond both points."""
     extra = 2 if lines.head == "$TwolTracks" else 0
     while lines:
         if not lines.peek():
@@ -160,14 +165,16 @@ def _tram(lines: _Lines) -> Iterator[Polyline]:
 
 
 def _recorded(lines: _Lines) -> Iterator[Polyline]:
-    """Yield the recorded path of RecPath.txt, with rows of east, north, heading, speed [km/h] and button state."""
+    """Yield the recorded path of RecPath.txt, whose rows contain east, north, heading, speed [km/h] and button
+    state."""
     rows = lines.table(4)
     if len(rows):
         yield Polyline(rows[:, :2], False, "recorded", "recorded path", {"speed": rows[:, 3] / 3.6})
 
 
 def read_origin(text: str) -> Origin | None:
-    """Return the geographic position of the plane from Field.txt, or None if the start fix is missing."""
+    """Return the geographic position of the local plane from the text of Field.txt, or None if `StartFix` is
+    missing."""
     lines = [line.strip() for line in text.splitlines()]
     if "StartFix" not in lines[:-1]:
         return None
@@ -178,5 +185,5 @@ def read_origin(text: str) -> Origin | None:
 
 
 def is_folder_of_field(folder: Path) -> bool:
-    """Return whether a folder is a field of AgOpenGPS."""
+    """Return whether a folder contains an AgOpenGPS field."""
     return any((folder / name).is_file() for name in ("Field.txt", "Boundary.txt"))

@@ -1,8 +1,8 @@
 """Removal of points that a tractor cannot follow: repeated points, scatter at standstill, and single outliers.
 
-At standstill, noise makes a recorded track turn back over short legs. Such a track is thinned with the smallest
-distance between points that removes these legs. A track that turns back over long legs contains reversing, and is
-unchanged.
+At standstill, position noise makes a recorded track reverse its direction over short legs. Such a track is thinned with
+the smallest point distance that removes these legs. A track that reverses over long legs contains reverse driving and
+is unchanged.
 """
 
 import numpy as np
@@ -13,18 +13,19 @@ from agrobot_mj.paths.track import Index
 CLOSEST_M = 0.001  # Minimum distance between consecutive points [m]
 SHORT_M = 1.0  # Length of a leg below which turning back is noise [m]. Assumed value, shorter than any manoeuvre.
 THINNINGS_M = (0.05, 0.1, 0.2, 0.4, 0.8)
-"""Minimum distances between points evaluated in this order for thinning a track with a standstill [m]."""
+"""Minimum point distances for thinning a track with a standstill [m], applied in this order until one is sufficient."""
 BACK = np.cos(np.radians(100.0))  # Cosine of the change of direction, 100 degrees, above which a track turns back [-]
 OUTLYING = 3.0
-"""Minimum distance of an outlier from the median of the other points, divided by their extent [-]. Assumed value."""
+"""Minimum distance of an outlier from the median point, divided by the extent of the other points [-]. Assumed
+value."""
 MOST_OUTLIERS, FEWEST_POINTS = 3, 5
-"""Maximum number of outliers, and minimum number of points for a detection of outliers."""
+"""Maximum number of outliers in a file, and minimum number of points for outlier detection."""
 
 
 def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
-    """Return the indices of the points to keep, shape (m,), and sentences about the removed points.
+    """Return the indices of the kept points, shape (m,), and sentences about the removed points.
 
-    `points` have the shape (n, 2) [m]; the last point of a closed track is joined to the first.
+    `points` has shape (n, 2) [m]. The last point of a closed track is joined to the first point.
     """
     notes, kept = list[str](), distinct(points)
     if repeated := len(points) - len(kept):
@@ -42,7 +43,10 @@ def cleaned(points: Array, closed: bool = False) -> tuple[Index, list[str]]:
 
 
 def outliers(points: Array) -> Index:
-    """Return the indices of points far from all others, shape (k,). Empty if there are over MOST_OUTLIERS."""
+    """Return the indices of outliers, shape (k,), which are points far from all other points.
+
+    The array is empty if there are more than MOST_OUTLIERS outliers.
+    """
     found = np.zeros(len(points), dtype=bool)
     while len(points) - found.sum() >= FEWEST_POINTS:
         others = points[~found]
@@ -60,7 +64,7 @@ def outliers(points: Array) -> Index:
 
 
 def distinct(points: Array) -> Index:
-    """Return the indices of the points at least CLOSEST_M from the previously kept point."""
+    """Return the indices of the points that are at least CLOSEST_M from the previously kept point."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     if (steps >= CLOSEST_M).all():
         return np.arange(len(points))
@@ -68,7 +72,10 @@ def distinct(points: Array) -> Index:
 
 
 def thinned(points: Array, distance: float, closed: bool) -> Index:
-    """Return the indices of the points at least `distance` [m] from the previously kept one, and of the last point."""
+    """Return the indices of points that are at least `distance` [m] from the previously kept point.
+
+    For an open track, the last point is also kept, in place of the last kept point.
+    """
     rows, kept = points.tolist(), [0]
     x, y = rows[0]
     limit = distance**2
@@ -83,7 +90,7 @@ def thinned(points: Array, distance: float, closed: bool) -> Index:
 
 
 def _turning_back(points: Array) -> Index:
-    """Return the indices of the points at which the track turns back with a short leg on one side."""
+    """Return the indices of points where the track reverses its direction next to a short leg."""
     legs = np.diff(points, axis=0)
     lengths = np.maximum(np.hypot(*legs.T), 1e-12)
     along = (legs[1:] * legs[:-1]).sum(axis=1) / (lengths[1:] * lengths[:-1])

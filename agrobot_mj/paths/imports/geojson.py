@@ -12,15 +12,15 @@ from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 NAME_KEYS = ("name", "Name", "NAME", "id", "title")
 LOCAL = {"type": "name", "properties": {"name": "local plane in metres"}}
-"""Member `crs` of files whose coordinates are metres east and north of an unknown origin."""
+"""Value of the member `crs` in files with coordinates in metres east and north of an unknown origin."""
 SCRIPT = re.compile(r"\s*(?:export\s+)?(?:var|let|const)\s+\w+\s*=\s*(?=[{\[])")
-"""Pattern of the assignment before the GeoJSON in a script of a web map."""
+"""Pattern of the JavaScript assignment before GeoJSON data in a web map."""
 NUMBERS = ("speed", "speed_m_s", "working", "direction")
-"""Names of properties that contain one number for each point of a line."""
+"""Names of feature properties that contain one number for each point of a line."""
 
 
 def read_geojson(text: str) -> ShapeFile:
-    """Return the shapes of a GeoJSON file. Raise ValueError for other content."""
+    """Return the shapes in the text of a GeoJSON file. Raise ValueError for other content."""
     try:
         content = json.loads(SCRIPT.sub("", text, count=1).rstrip().rstrip(";") if SCRIPT.match(text) else text)
     except (json.JSONDecodeError, RecursionError) as error:
@@ -56,7 +56,7 @@ def _id(feature: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _crs(content: Mapping[str, Any]) -> str:
-    """Return the coordinate system in the member `crs` of older GeoJSON files, or degrees if the member is missing."""
+    """Return the coordinate system in the member `crs` of older GeoJSON files. Default: latitude and longitude."""
     if content.get("crs") == LOCAL:
         return ""
     named = str(_mapping(_mapping(content.get("crs")).get("properties")).get("name", ""))

@@ -1,8 +1,9 @@
-"""Conversion of the coordinates of files to a local plane in metres, x east and y north.
+"""Conversion of file coordinates to a local plane in metres, x east and y north.
 
-Degrees use the plane of `core.geodesy` with the middle of the file as its origin. Coordinates of a named system, such
-as EPSG:25832, become degrees first (pyproj), so that all files of a field share one plane. Coordinates in metres of an
-unknown system are unchanged, or shifted to the middle of the file if they are far from their origin.
+Latitudes and longitudes are projected to the plane of `core.geodesy`, with the middle of the file as its origin.
+Coordinates of a named system, such as EPSG:25832, are converted to degrees first (pyproj), so that all files of a field
+share one plane. Coordinates in metres of an unknown system are unchanged, or shifted to the middle of the file if they
+are far from their origin.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,14 +19,14 @@ from agrobot_mj.paths.imports.shapes import DEGREES, LocalShapes, Polyline, Shap
 FAR_M = 2000.0
 """Distance from the origin above which coordinates belong to a map grid [m]. Assumed value: larger than a field."""
 LARGEST_M, SMALLEST_M = 100e3, 1.0
-"""Maximum extent of a file, and minimum extent of coordinates in metres: smaller values are degrees [m]."""
+"""Maximum extent of a file, and minimum extent of coordinates in metres [m]. A smaller extent indicates degrees."""
 
 
 def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = None) -> LocalShapes:
     """Return the shapes of a file in metres of a local plane.
 
-    `crs` names the coordinate system of a file that contains no system. `plane` is the result for another file, whose
-    plane is used. Raise ValueError if the coordinates do not belong to the system.
+    `crs` replaces the coordinate system of the file. `plane` is the result for another file of the same field; its
+    local plane is reused. Raise ValueError if the coordinates do not match the coordinate system.
     """
     if not any(len(shape.points) for shape in file.shapes):
         raise ValueError("the file contains no positions; export it again")
@@ -40,7 +41,7 @@ def local_shapes(file: ShapeFile, crs: str = "", plane: LocalShapes | None = Non
 
 
 def _from_degrees(file: ShapeFile, crs: str, shapes: list[Polyline], plane: LocalShapes | None) -> LocalShapes:
-    """Convert shapes in degrees, with longitudes continuous over the antimeridian, to metres of a local plane."""
+    """Convert shapes from degrees to metres of a local plane; longitudes must be continuous across the antimeridian."""
     if plane is not None and plane.origin is None:
         raise ValueError("the file has geographic coordinates, but the field does not; use one coordinate system")
     lon, lat = np.vstack([shape.points for shape in shapes]).T
@@ -73,7 +74,7 @@ def _geographic(file: ShapeFile, crs: str) -> list[Polyline]:
 
 
 def _around(longitude: float, points: Array) -> Array:
-    """Return points in degrees with longitudes within 180 deg of a given longitude."""
+    """Return points in degrees with their longitudes shifted to within 180 deg of `longitude`."""
     return np.column_stack([longitude + (points[:, 0] - longitude + 180) % 360 - 180, points[:, 1]])
 
 
@@ -94,7 +95,8 @@ def _converter(crs: str) -> Callable[[Array], Array]:
 
 
 def _far(shapes: Iterable[Polyline]) -> tuple[float, float]:
-    """Return the offset [m] to subtract from coordinates far from their origin, (0, 0) for coordinates near it."""
+    """Return the offset [m] to subtract from coordinates far from their origin, or (0, 0) for coordinates near the
+    origin."""
     points = np.vstack([shape.points for shape in shapes if len(shape.points)])
     if np.hypot(*points.T).min() <= FAR_M:
         return 0.0, 0.0
@@ -115,7 +117,7 @@ def _shifted(file: ShapeFile, shift: tuple[float, float], origin: Origin | None)
 
 
 def checked_extent(shapes: Iterable[Polyline]) -> float:
-    """Return the extent of shapes [m]. Raise ValueError if it is more than LARGEST_M."""
+    """Return the extent of shapes [m]. Raise ValueError if the extent is above LARGEST_M."""
     extent = float(np.ptp(np.vstack([shape.points for shape in shapes if len(shape.points)]), axis=0).max())
     if extent > LARGEST_M:
         raise ValueError(

@@ -1,4 +1,5 @@
-"""Reading of position files, whose type is recognised by their first characters; other text files are tables."""
+"""Reading of position files. The first characters identify the file type; unidentified text files are read as
+tables."""
 
 import csv
 from collections.abc import Callable
@@ -24,11 +25,11 @@ READERS: Readers = {
     "GeoJSON": (lambda head: head.lstrip()[:1] in ("{", "[") or bool(SCRIPT.match(head)), read_geojson),
     "AgOpenGPS": (lambda head: any(name in head for name in HEADS), read_agopengps),
 }
-"""Readers of text files by type, each with a test of the first characters; other files are read as tables."""
+"""Text readers by file type, each with a test of the first characters of the file."""
 
 
 def read_shapes(name: str, most_bytes: int = MAX_BYTES, more: Readers | None = None) -> ShapeFile:
-    """Return the shapes of a file. Raise ValueError that names the file, the problem and the fix."""
+    """Return the shapes of a file. Raise a ValueError that names the file, the problem and the fix if this fails."""
     path = checked(name, (), most_bytes)
     try:
         data = path.read_bytes()
@@ -57,7 +58,7 @@ def _decoded(data: bytes) -> str:
 
 
 def text_type(text: str, readers: Readers = READERS) -> str:
-    """Return the type of a text file with positions, or an empty string for a table or an unknown type."""
+    """Return the type of a text file with positions, or an empty string for a table or an unidentified file."""
     head = text[:HEAD_CHARACTERS]
     return next((name for name, (recognises, _) in readers.items() if recognises(head)), "")
 

@@ -1,4 +1,4 @@
-"""Shapes of a file: polylines, rings and sequences of points, in the coordinates of the file or in a local plane."""
+"""Shapes of a position file: polylines, rings and sequences of points, in file coordinates or in a local plane."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,25 +15,26 @@ DEGREES = "EPSG:4326"  # Coordinate system of latitudes and longitudes on WGS84
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """Polyline, ring or sequence of points."""
+    """Polyline, ring or sequence of points, with its role and properties."""
 
     points: Array  # Points, shape (n, 2): east then north [m], or longitude then latitude [deg]
     ring: bool = False  # Whether the shape is the outline of an area
     role: str = ""  # Role of the shape in its file: boundary, hole, obstacle, headland, track, tram or other
     name: str = ""
     columns: Mapping[str, Array] = field(default_factory=dict)
-    """Further values per point by name, shape (n,) each: speed [m/s], working [-], direction [-], table row."""
+    """Additional quantities per point by name, each of shape (n,): speed [m/s], working [-], direction [-], table
+    row."""
     properties: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeFile:
-    """Shapes of one file in the coordinates of this file."""
+    """Shapes of one file in the coordinates of the file."""
 
     shapes: tuple[Polyline, ...]  # Shapes in the order of the file; a hole follows the ring around it
     crs: str = ""  # Coordinate system, for example EPSG:4326 for degrees, or "" for metres of an unknown system
     origin: Origin | None = None
-    """Geographic position of the point (0, 0) if the coordinates are local metres, or None if unknown."""
+    """Geographic position of the coordinate origin of a file in local metres, or None if unknown."""
     name: str = ""
     notes: tuple[str, ...] = ()  # Sentences about omitted or repaired shapes
 

@@ -1,11 +1,12 @@
-"""Positions from a CSV file, by column names.
+"""Positions from a CSV file, with columns identified by name.
 
-A first row of words, or a comment above the first row of numbers, names the columns: x and y, or east and north, in
-metres; or lat and lon in degrees. The columns speed, working and direction are also read; other columns, such as a
-heading, are ignored. A file without names has the columns x, y[, speed]; a third column with other values is ignored.
+A title row, or a comment above the first row of numbers, names the columns. Positions are x and y, or east and north,
+in metres, or lat and lon in degrees. The columns speed, working and direction are also read; other columns, such as a
+heading, are ignored. A file without column names has the columns x, y and optionally speed. A third column that
+contains other values is ignored.
+
 Columns are separated by commas, semicolons, tabs or spaces; numbers with decimal commas need semicolons or tabs. Rows
-that begin with # or % are comments. Every error is a ValueError that names the row, as numbered in an editor, and the
-fix.
+that begin with # or % are comments. Every error is a ValueError that gives the row number of the file and the fix.
 """
 
 import csv
@@ -32,9 +33,9 @@ NAMES = {
     "working": ("working", "work", "implement", "on"),
     "direction": ("direction", "gear"),
 }
-"""Accepted names of each column, without prefixes and units, in lower case."""
+"""Accepted names of each column in lower case, without prefix and unit."""
 PREFIX = re.compile(r"^(?:(?:field|pose|pos|position|point|translation|transform|fix|gps|odom|location|utm|local)_)+")
-"""Pattern for the prefix of a column name, as in field.pose.position.x of ROS recordings."""
+"""Pattern of column name prefixes, such as field.pose.position of ROS recordings."""
 KNOWN = {name: key for key, names in NAMES.items() for name in names}
 COMMENTS, MOST_TITLES = ("#", "%"), 50  # First characters of comments, and maximum number of rows above the numbers
 UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}
@@ -42,16 +43,17 @@ UNITS = {"km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "km_h": 1 / 3.6, "mph"
 UNIT = re.compile(r"[_\s]*(?:[\[(]([^\])]*)[\])]|_(m_s|mps|m|deg|km_h|kmh|kph|mph|kn))\s*$")
 """Pattern of the unit at the end of a column name."""
 WORDS = {"true": 1.0, "yes": 1.0, "on": 1.0, "forward": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "backward": -1.0}
-"""Words in the columns working and direction, and their values."""
+"""Numerical values of the words in the columns working and direction."""
 DECIMALS = "write decimal points instead of decimal commas"
-"""Fix for rows whose numbers are split at decimal commas."""
+"""Fix text of error messages for numbers split at decimal commas."""
 MOST_DEGREES = 180.0  # Maximum absolute longitude [deg]
 FEWEST, NEAR_RAD = 5, 0.2
-"""Minimum number of rows, and maximum median difference from the direction of the path, of a column of headings."""
+"""Minimum number of rows for detecting a column of headings, and maximum median difference between the column and the
+direction of the path [rad]."""
 
 
 class TableColumn(NamedTuple):
-    """Column of a CSV file that contains a known quantity."""
+    """Column of a CSV file with an identified quantity."""
 
     name: str
     place: int
@@ -59,7 +61,7 @@ class TableColumn(NamedTuple):
 
 
 def read_table(text: str) -> ShapeFile:
-    """Return the points in the text of a CSV file as one shape. Raise ValueError naming the invalid row."""
+    """Return the points in the text of a CSV file as one shape. Raise a ValueError that names the first invalid row."""
     lines = text.splitlines()
     titles, names = _titles(lines)
     rows = _rows(lines, titles)
@@ -95,7 +97,7 @@ def read_table(text: str) -> ShapeFile:
 
 
 def _titles(lines: list[str]) -> tuple[int, list[str]]:
-    """Return number and cells of the last row with column names above the numbers, or 0 if there are no names."""
+    """Return the row number and cells of the last title row above the numbers, or 0 and no cells without titles."""
     found = 0, list[str]()
     for number, line in enumerate(lines[:MOST_TITLES], start=1):
         cells = _cells(line.strip().lstrip("".join(COMMENTS)), _separator(line))
@@ -112,7 +114,8 @@ def _without_empty_end(cells: list[str]) -> list[str]:
 
 
 def _is_speed(values: Array) -> bool:
-    """Return whether the third column of a table (n, 3) without names is a speed, rather than a height or heading."""
+    """Return whether the third column of an untitled table, shape (n, 3), is a speed. Other quantities are height and
+    heading."""
     points, third = values[:, :2], values[:, 2]
     speeds = np.count_nonzero((third >= SLOWEST_M_S) & (third <= FASTEST_M_S))
     along = np.diff(points, axis=0)
@@ -146,7 +149,8 @@ def _rows(lines: list[str], first: int) -> Iterator[tuple[int, list[str]]]:
 
 
 def _key(cell: str) -> tuple[str, float]:
-    """Return the quantity of a column with this name, or an empty text, and the factor to the unit of the quantity."""
+    """Return the quantity for a column name, or an empty string for an unknown name, and the conversion factor of its
+    unit."""
     unit = UNIT.search(cell)
     name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", (cell[: unit.start()] if unit else cell).strip())
     key = KNOWN.get(PREFIX.sub("", re.sub(r"[\s./-]+", "_", name).lower().strip("_")), "")
@@ -179,7 +183,7 @@ def _positional(number: int, cells: list[str]) -> list[TableColumn]:
 
 
 def _split_decimals(cells: list[str]) -> bool:
-    """Return whether the cells of a row are numbers that are split at decimal commas."""
+    """Return whether the cells of a row are fragments of numbers with decimal commas."""
     return len(cells) in (4, 6) and all(cell.lstrip("+-").isdecimal() for cell in cells)
 
 

@@ -10,7 +10,7 @@ from agrobot_mj.paths.imports.shapes import DEGREES, Polyline, ShapeFile
 
 
 def parsed_xml(text: str) -> ElementTree.Element:
-    """Return the root of an XML document without namespaces. Raise ValueError if it is damaged."""
+    """Return the root of an XML document, with namespaces removed. Raise ValueError if the document is damaged."""
     try:
         root = ElementTree.fromstring(text.encode())
     except (ElementTree.ParseError, ValueError) as error:
@@ -23,7 +23,7 @@ def parsed_xml(text: str) -> ElementTree.Element:
 
 
 def read_kml(text: str) -> ShapeFile:
-    """Return the placemarks of a KML file: lines, rings, tracks and points."""
+    """Return the lines, rings, tracks and points in the placemarks of a KML file."""
     root = parsed_xml(text)
     shapes = tuple(shape for mark in root.iter("Placemark") for shape in _of_placemark(mark))
     name = root.findtext(".//Placemark/name") or root.findtext(".//Document/name") or ""
@@ -47,7 +47,7 @@ def _of_placemark(mark: ElementTree.Element) -> Iterator[Polyline]:
 
 
 def _coordinates(element: ElementTree.Element) -> Array:
-    """Return the positions of a KML element: longitude,latitude[,height] separated by spaces."""
+    """Return the positions of a KML element, shape (n, 2) [deg], from tuples longitude,latitude[,height]."""
     text = "".join(each.text or "" for each in element.iter("coordinates"))
     return _numbers([part.split(",") for part in text.split()])
 

@@ -1,1 +1,1 @@
-"""Time plots of a recording."""
+"""Time plots of a recording: catalogue, axes and recorders."""

@@ -2,7 +2,7 @@
 
 The viewer labels multiples of a power of ten that are at least 20 pixels apart. An automatic range such as -8 to 8 may
 contain a single label, which does not define a scale. Sizes are given for a window of 1400 x 850 pixels, which is
-typical of browsers; larger windows show more labels.
+typical of browsers. Larger windows show more labels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,29 +20,31 @@ TAB_PIXELS, BARS_PIXELS, STEP_PIXELS = 750.0, 55.0, 20.0
 MARGIN = 0.04  # Margin above and below the values [fraction of the range], so that the outermost label is complete
 THIRD = 1.6  # Maximum factor by which an axis is extended to obtain a third label [-]
 USUAL_STEPS, FEW_STEPS = 6.0, 1.35
-"""Number of labelled steps of an axis with unknown values, and number below which steps are divided by ten [-]."""
+"""Number of labelled steps of an axis without a known range, and number of steps below which steps are divided by ten
+[-]."""
 ROOM = 1.02  # Length of the time axis divided by the duration of the run [-]
 EDGE = 0.045  # Width at the end of the time axis within which a label would be cut off [fraction of the axis]
 CUT_QUANTILE, CUT_ABOVE, CUT_AT = 0.9, 3.0, 1.5
-"""Limits for axes that cut off rare values: with e = `CUT_AT` times the quantile `CUT_QUANTILE` of the values, the axis
-ends at e if the maximum exceeds `CUT_ABOVE` times e."""
+"""Parameters for clipping rare large values [-]. The clipped axis ends at e = `CUT_AT` times the quantile
+`CUT_QUANTILE` of the values. An axis is clipped if the maximum exceeds `CUT_ABOVE` times e."""
 CORNERS: Mapping[Corner2D, tuple[bool, bool]] = {
     Corner2D.RightTop: (True, True),
     Corner2D.LeftTop: (False, True),
     Corner2D.RightBottom: (True, False),
     Corner2D.LeftBottom: (False, False),
 }
-"""Corners for a legend in order of preference, with two flags: on the right, at the top."""
+"""Corners for a legend in order of preference, each with two flags: whether it is on the right, and at the top."""
 LEGEND_PIXELS = 52.0, 7.5, 14.0, 24.0
 """Size of a legend: width without text, width per character, height without entries, height per entry [pixels]."""
 MOST_HIDDEN, MOST_ROOM = 0.06, 0.25
-"""Maximum fractions [-]: of points hidden by a legend, and of an axis reserved for a legend. Assumed values."""
+"""Maximum fraction of points hidden by a legend, and maximum fraction of an axis reserved for it [-]. Assumed
+values."""
 PLOT_PIXELS, BESIDE_PIXELS = (420.0, 180.0), (520.0, 180.0)
-"""Plot sizes [pixels]: on a tab of nine plots, and next to the scene in a column of three plots."""
+"""Width and height of a plot [pixels]: on a tab with nine plots, and next to the scene in a column of three plots."""
 
 
 class Range(NamedTuple):
-    """Value range of an axis."""
+    """Value range of a plot axis."""
 
     low: float
     high: float
@@ -50,7 +52,7 @@ class Range(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """Axes and legend of a plot."""
+    """Value axis, legend position and moving mean of a plot."""
 
     values: Range | None = None  # Range of the values, or None for the automatic range of the viewer
     legend: Corner2D = Corner2D.RightTop
@@ -59,7 +61,10 @@ class Frame(NamedTuple):
 
 
 def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
-    """Return the axes of a plot, next to the scene if `beside`, of `numbers` (n, series) at times `t` (n,) [s]."""
+    """Return the axes and legend of a plot of `numbers` (n, series) at times `t` (n,) [s].
+
+    `beside` selects the size of a plot next to the scene.
+    """
     values = value_range(numbers, plot.includes, plot.may_be_cut)
     if values is None:
         return Frame()
@@ -77,14 +82,17 @@ def frame(t: Array, numbers: Array, plot: Plot, beside: bool) -> Frame:
 
 
 def legend_size(names: Sequence[str], of: tuple[float, float] = PLOT_PIXELS) -> tuple[float, float]:
-    """Return the size of a legend with `names` as fractions (width, height) of a plot of the size `of` [pixels]."""
+    """Return the width and height of a legend with `names`, as fractions of the plot size `of` [pixels]."""
     (width, character, height, line), most = LEGEND_PIXELS, max(map(len, names), default=0)
     return (width + character * most) / of[0], (height + line * len(names)) / of[1]
 
 
 def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, float]) -> tuple[Corner2D, int]:
-    """Return the corner in which a legend hides the fewest points, and the number of hidden points. `numbers` (n,
-    series) are the values, `along` (n,) their positions on the time axis and `size` the size of the legend [-]."""
+    """Return the corner in which a legend hides the fewest points, and the number of hidden points.
+
+    `numbers` (n, series) are the plotted values, and `along` (n,) their positions on the time axis [-]. `size` is the
+    size of the legend as fractions of the plot [-].
+    """
     up = (numbers - values.low) / (values.high - values.low)
 
     def hidden(corner: Corner2D) -> int:
@@ -98,7 +106,8 @@ def free_corner(along: Array, numbers: Array, values: Range, size: tuple[float, 
 
 
 def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
-    """Return the range from `low` to `high`, extended until an axis with at most `most_steps` steps has two labels."""
+    """Return the range from `low` to `high`, extended so that an axis with at most `most_steps` steps has two
+    labels."""
     span = high - low
     step = 10.0 ** ceil(log10(span * (1 + 2 * MARGIN) / most_steps) - 1e-9)
     for steps, longest in ((1, np.inf), (2, THIRD * span)):
@@ -113,12 +122,12 @@ def readable(low: float, high: float, most_steps: float) -> tuple[float, float]:
 
 
 def most_steps(share: float) -> float:
-    """Return the maximum number of axis steps of a plot that takes up the fraction `share` of the height of a tab."""
+    """Return the maximum number of axis steps of a plot whose height is the fraction `share` of the tab."""
     return max(1.0, (TAB_PIXELS * share - BARS_PIXELS) / STEP_PIXELS)
 
 
 def pixels(values: Range | None) -> float:
-    """Return the height of a plot [pixels] at which its value axis has space for all labels."""
+    """Return the height of a plot with space for all labels of its value axis [pixels]."""
     steps = USUAL_STEPS
     if values is not None:
         span = (values.high - values.low) * (1 + 2 * MARGIN)
@@ -128,7 +137,10 @@ def pixels(values: Range | None) -> float:
 
 
 def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool = False) -> Range | None:
-    """Return the range of the finite `values` and of `includes`. None (automatic range) if all are equal."""
+    """Return the range of the finite `values` and of `includes`, or None (automatic range) if all values are equal.
+
+    If `may_be_cut`, the range excludes rare large values.
+    """
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
@@ -140,7 +152,7 @@ def value_range(values: Array, includes: Sequence[float] = (), may_be_cut: bool 
 
 
 def time_end(run_s: float, room: float = 0.0) -> float:
-    """Return the end of the time axis [s] of a run of `run_s` [s], with space for the last label and a legend."""
+    """Return the end of the time axis of a run of `run_s` [s], with space for the last label and a legend [s]."""
     end = ROOM * run_s / (1 - room)
     step = 10.0 if end < 120.0 else 60.0 if end < 600.0 else 600.0
     last = end - end % step

@@ -1,7 +1,7 @@
 """Catalogue of plots: log column, unit, label and colour of each line.
 
-A recording contains `PLOTS` and `network.network_plots`; a comparison contains `COMPARED`. Plots whose columns are
-missing in the log are omitted. `derived` computes quantities from the log.
+A recording of a run contains `PLOTS` and `network.network_plots`; a comparison contains `COMPARED`. Plots whose columns
+are missing in the log are omitted. `derived` computes further quantities from the log.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -20,14 +20,14 @@ FACTORS = {
     **{"cm": 100.0, "kN": 1e-3, "%": 100.0, "l/min": 6e4, "bar": 1e-5},
     **{"deg": degrees(1), "deg/s": degrees(1), "deg/s2": degrees(1)},
 }
-"""Conversion factors from the unit of the log to the unit of a plot, where the units differ."""
+"""Conversion factors from log units to plot units, by plot unit. Default: 1."""
 TRUE, MEASURED, WANTED = rgba(SKY_BLUE), rgba(ORANGE), rgba(GREY)
 PD, NETWORK, BOUND = rgba(VERMILION), rgba(BRIGHT_BLUE), 0x8A8A8AFF
 WHEEL_COLOURS = (rgba(SKY_BLUE), rgba(ORANGE), rgba(GREEN), rgba(PINK))
 
 
 class Series(NamedTuple):
-    """Line of a plot."""
+    """Line of a plot: log column, label and style."""
 
     label: str
     column: str  # Column of the log, or key of the result of `derived`
@@ -52,12 +52,12 @@ class Plot(NamedTuple):
 
     @property
     def factor(self) -> float:
-        """Conversion factor from the unit of the log to the unit of the plot [-]."""
+        """Conversion factor from log units to plot units [-]."""
         return 1.0 if self.as_logged else FACTORS.get(self.unit, 1.0)
 
     @property
     def entity(self) -> str:
-        """Entity path of the plot in the recording."""
+        """Rerun entity path of the plot."""
         return f"plots/{self.path}"
 
     @property
@@ -128,11 +128,11 @@ PLOTS = (
     ),
     Plot("attitude", "Attitude", "deg", _ATTITUDE),
 )
-"""All plots of a run, in the order of the tabs, except the plots of the fuzzy neural network."""
+"""Plots of a run in the order of the tabs, without the plots of the fuzzy neural network."""
 DRIVE = ("tracking/", "yaw_rate/loop", "control/command")  # Path prefixes of the plots next to the scene
 
 DIFFERENCE = "difference"
-"""Name of the difference signal of a comparison: cross-track error minus the cross-track error of the first run."""
+"""Name of a signal of comparisons: cross-track error minus the cross-track error of the first run."""
 COMPARED = (
     _single("cross_track", "Cross-track error, left +", "m", "", "cross_track"),
     _single("difference", "Cross-track error minus that of", "m", "", DIFFERENCE),
@@ -141,17 +141,18 @@ COMPARED = (
     _single("yaw_rate", "Yaw-rate error", "deg/s", "", "e_yaw_rate"),
     _single("speed", "Speed", "m/s", "", "speed"),
 )
-"""Plots of a comparison. Each plot has one line per run, with the name and colour of the run."""
+"""Plots of a comparison. Each plot has one line per run in the run colour."""
 NEGATED = ("tau_n",)  # Columns plotted with the opposite sign in a comparison
 
 
 SHOWN_IN = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "N": "kN", "Pa": "bar", "m3/s": "l/min"}
-"""Plotted unit for each unit of a log column, for plots that do not define a unit."""
+"""Plot unit by log unit, for plots of log columns outside the catalogue."""
 REPORTED = "reported/"  # Path prefix of the plots of log columns that are not listed in the catalogue
 
 
 def reported_plots(table: Sequence[Column], elsewhere: Collection[str]) -> list[Plot]:
-    """Return a plot for each log column that is marked for plotting and is not in the columns `elsewhere`."""
+    """Return a plot for each log column that is marked for plotting and is absent from the catalogue and from
+    `elsewhere`."""
     known = {series.column for plot in PLOTS for series in plot.series} | set(elsewhere) | set(COLUMNS)
     return [
         _single(f"{REPORTED}{c.name}", _title(c), SHOWN_IN.get(c.unit, c.unit), c.name, c.name)._replace(
@@ -185,5 +186,5 @@ def derived(rows: Rows, first: int) -> dict[str, Array]:
 
 
 def shown_by(plot: Plot, known: Mapping[str, object]) -> bool:
-    """Return whether all columns of the plot are in `known`."""
+    """Return whether `known` contains all columns of a plot."""
     return all(series.column in known for series in plot.series)

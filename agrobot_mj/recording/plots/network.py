@@ -1,7 +1,7 @@
-"""Plots of the fuzzy neural network of a run: its parameters, and heat maps of its normalised firing strengths.
+"""Plots of the fuzzy neural network of a run: parameters, and heat maps of the normalised firing strengths.
 
-The size of the network follows from the columns of the log. Heat maps are sent four times per second, with the value of
-each cell as text.
+The log columns determine the size of the network. Heat maps are recorded four times per second, with the value of each
+cell as text.
 """
 
 from collections.abc import Sequence
@@ -36,15 +36,16 @@ MOST_LINES = 18  # Maximum number of lines of a plot. For larger networks, evenl
 EVERY_TICKS = 5  # Number of ticks between heat maps, and between points of the parameter plots. Both vary slowly.
 MOST_LABELS = 64  # Maximum number of cells of a heat map whose values are shown as text
 BESIDE, ABOVE = 0.2, 0.2
-"""Distance of the set names from the heat map: left [fraction of its width], above [fraction of its height]."""
+"""Distance of the set names from the heat map: to the left [fraction of its width], and above [fraction of its
+height]."""
 MOST_SHARE = 1e3  # Normalised firing strength above which the network has diverged and heat maps are omitted [-]
 PICTURE, LABELS = rr.DepthImage.descriptor_buffer(), rr.Points2D.descriptor_labels()
 INPUTS = {"1": "deg/s", "2": "deg/s2"}
-"""Unit of each input of the network: 1, yaw-rate error; 2, derivative of the yaw-rate error."""
+"""Units of the network inputs: 1, yaw-rate error; 2, derivative of the yaw-rate error."""
 
 
 class Map(NamedTuple):
-    """Heat map of firing strengths. Each row is a fuzzy set of input x1, each column a fuzzy set of input x2."""
+    """Heat map of firing strengths. A row is a fuzzy set of input x1, and a column is a fuzzy set of input x2."""
 
     entity: str
     title: str
@@ -53,7 +54,7 @@ class Map(NamedTuple):
 
 
 def network_plots(columns: Sequence[str]) -> list[Plot]:
-    """Return the plots of the network whose parameters are in the log `columns`. Empty without a network."""
+    """Return the plots of the network parameters in the log `columns`, or an empty list for a run without network."""
     if not family("c1", columns):
         return []
     return [
@@ -79,13 +80,14 @@ def _sets(path: str, title: str, k: str, families: tuple[str, ...], columns: Seq
 
 
 def _rule(column: str) -> Series:
-    """Return the line of a rule consequent. The colour shows the set of x2, the line width the set of x1."""
+    """Return the plot line of a rule consequent. Its colour depends on the set of x2, and its width on the set of
+    x1."""
     i, j = (int(number) for number in column.split("_")[1:])
     return Series(f"{i},{j}", column, COLOURS[j % len(COLOURS)], wider=i)
 
 
 def _set(column: str) -> Series:
-    """Return the line of a fuzzy-set parameter. The colour shows the set, the line width the lower or upper bound."""
+    """Return the plot line of a fuzzy-set parameter. Its colour depends on the set, and its width on the bound."""
     kind, _, number = column.rpartition("_")
     bound = kind[1:].partition("_")[2]
     return Series(
@@ -99,12 +101,12 @@ def _lines(series: list[Series]) -> tuple[Series, ...]:
 
 
 def family(start: str, columns: Sequence[str]) -> list[str]:
-    """Return the columns whose name consists of `start` and one or two numbers: `start`_0, ... or `start`_0_0, ..."""
+    """Return the columns whose name is `start` followed by one or two indices, such as `start`_0 or `start`_0_0."""
     return [name for name in columns if name.startswith(f"{start}_") and name.removeprefix(f"{start}_")[0].isdigit()]
 
 
 def network_columns(columns: Sequence[str]) -> list[str]:
-    """Return the columns of the network in a log. Without a network, the list is empty."""
+    """Return the network columns of a log, or an empty list for a run without network."""
     if not family("c1", columns):
         return []
     starts = ("c1", "c2", "d1_lower", "d1_upper", "d2_lower", "d2_upper", "f", "w_lower", "w_upper")
@@ -112,7 +114,7 @@ def network_columns(columns: Sequence[str]) -> list[str]:
 
 
 class Firing:
-    """Recorder of the heat maps of rule firing strengths, for runs with a network."""
+    """Recorder of heat maps of rule firing strengths."""
 
     def __init__(self, rows: Rows) -> None:
         self.rows, columns = rows, rows.columns
@@ -129,7 +131,8 @@ class Firing:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send a heat map for every fifth row from `first` to `rows.filled`; `times` (n,) are the row times."""
+        """Send a heat map for every fifth log row from `first` to `rows.filled`. `times` (n,) are the times of the
+        rows."""
         chosen = np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
         for shown in self.maps:
             values = self.rows.values[np.ix_(first + chosen, shown.columns)]
@@ -162,7 +165,7 @@ class Firing:
 
 
 def _buffers(values: Array) -> pa.Array:
-    """Return one image per row of `values` (n, cells) in Rerun's memory layout, because Rerun's conversion is slow."""
+    """Return one image per row of `values` (n, cells) as an Arrow array, which avoids Rerun's slow conversion."""
     cells = values.astype(np.float32)
     ends = np.arange(len(cells) + 1, dtype=np.int32) * cells.strides[0]
     kind = ImageBufferBatch([]).as_arrow_array().type
@@ -170,7 +173,7 @@ def _buffers(values: Array) -> pa.Array:
 
 
 def _text(places: list[tuple[float, float]], colour: int, labels: list[str] | None = None) -> rr.Points2D:
-    """Return text labels at `places`. Default labels: the labels sent last."""
+    """Return text labels at the positions `places`. Without `labels`, the previous labels remain."""
     return rr.Points2D.from_fields(
         positions=places, labels=labels, colors=[colour], radii=rr.Radius.ui_points(0.0), show_labels=True
     )

@@ -2,7 +2,7 @@
 
 The entity `plots/<path>` contains the series of one plot. Series are sent as columns, which is ten times as fast as
 sending rows. Rows with a missing value are omitted; therefore signals that may be missing have separate plots. At the
-end of the run, noisy series get a bold moving mean in the entity `plots/<path>/mean`.
+end of the run, a bold moving mean is added to noisy series, in the entity `plots/<path>/mean`.
 """
 
 from collections.abc import Collection, Sequence
@@ -22,20 +22,20 @@ from agrobot_mj.simulation.log import Rows
 SETTLED_S = 5.0  # Time after which axes include the bounds of the estimate [s]. The initial bounds are wide.
 SCALARS = rr.Scalars.descriptor_scalars()
 WIDTH, PALE_WIDTH, BOLD_WIDTH, WIDER = 1.5, 1.0, 2.5, 1.25
-"""Line widths [pixels]: normal signal, signal with a moving mean, moving mean; increment per step of `Series.wider`."""
+"""Line widths [pixels]: signal, signal with a moving mean, moving mean; additional width per step of `Series.wider`."""
 PALE = 0x48  # Opacity of a signal that has a mean, out of 0xFF
 MEAN_S = 2.0  # Window length of the moving mean [s]: two furrows of 0.75 m at 0.8 m/s
 MEAN_TICKS = 5  # Number of ticks between points of the moving mean
 MEAN = "mean"  # Name of the entity with the moving means, below the entity of the plot
 WINDOWS = 100
-"""Number of windows in which the noise of a run is evaluated. A window is 6 pixels wide, so that its lines overlap."""
+"""Number of windows for evaluating the noise of a run. A window is 6 pixels wide, so that the lines in it overlap."""
 MOST_NOISE = 0.1
-"""Mean noise amplitude in the noisier half of the windows, divided by the signal range [-], above which a mean is
-drawn. Assumed value."""
+"""Noise above which a moving mean is drawn [-]: mean noise amplitude in the noisier half of the windows, divided by the
+signal range. Assumed value."""
 
 
 class _Lines(NamedTuple):
-    """Plot with the columns and factors of its series."""
+    """Plot with the table columns and conversion factors of its series."""
 
     plot: Plot
     columns: Index  # Column of each series in the table of all signals
@@ -43,10 +43,10 @@ class _Lines(NamedTuple):
 
 
 class Signals:
-    """Recorder of the plots of a run, in blocks of log rows."""
+    """Recorder of plots from blocks of log rows."""
 
     def __init__(self, rows: Rows, more: Sequence[Plot] = (), without: Collection[str] = ()) -> None:
-        """Create the catalogue plots for the existing columns except `without`, followed by the plots `more`."""
+        """Select the catalogue plots with existing columns, without the columns `without`, and add the plots `more`."""
         self.rows, self.shown = rows, list[Plot]()
         known = {name: k for k, name in enumerate((*rows.columns, *derived(rows, 0)))}
         self.lines = [
@@ -61,7 +61,7 @@ class Signals:
         ]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the log rows `first` to `rows.filled`; `times` (n,) are the times of these rows."""
+        """Send the log rows from `first` to `rows.filled`. `times` (n,) are the times of the rows."""
         table = self._table(first)
         finite, turns = np.isfinite(table), first + np.arange(len(times))
         clocks: dict[bytes, rr.TimeColumn] = {}
@@ -78,7 +78,7 @@ class Signals:
             _send(stream, plot.entity, clocks[which], table[:, columns][there] * factors)
 
     def finish(self, stream: rr.RecordingStream) -> dict[str, Frame]:
-        """Send the means of noisy series. Return the axes of all plots whose values vary, by path of the plot."""
+        """Send the moving means of noisy series. Return the axes of all plots with varying values, by plot path."""
         found, t, width = dict[str, Frame](), self.rows.column("t"), len(self.rows.columns)
         with np.errstate(over="ignore", invalid="ignore"):
             further = list(derived(self.rows, 0).values())
@@ -117,7 +117,7 @@ def _varies(numbers: Array) -> bool:
 
 
 def noisy_means(numbers: Array) -> Array | None:
-    """Return the moving means of `numbers` (rows, series), NaN at missing values. Return None if no series is noisy."""
+    """Return the moving means of `numbers` (rows, series), or None if no series is noisy. Missing values give NaN."""
     finite = np.isfinite(numbers)
     span = np.max(numbers, where=finite, initial=-np.inf) - np.min(numbers, where=finite, initial=np.inf)
     if len(numbers) < 2 * WINDOWS or not 0 < span < np.inf:
@@ -130,7 +130,7 @@ def noisy_means(numbers: Array) -> Array | None:
 
 
 def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -> None:
-    """Send the moving `means` (rows, series) of a noisy plot, and a style that draws its signals faintly."""
+    """Send the moving `means` (rows, series) of a noisy plot, and reduce the opacity of its signals."""
     there = np.isfinite(means).all(axis=1) & (np.arange(len(t)) % MEAN_TICKS == 0)
     entity = f"{plot.entity}/{MEAN}"
     stream.log(plot.entity, style(plot, PALE, PALE_WIDTH), static=True)
@@ -140,7 +140,7 @@ def send_means(stream: rr.RecordingStream, plot: Plot, t: Array, means: Array) -
 
 
 def style(plot: Plot, opacity: int = 0xFF, width: float = WIDTH) -> rr.SeriesLines:
-    """Return names, colours and widths of the lines of a plot. Spikes remain visible when the plot is zoomed out."""
+    """Return names, colours and widths of the lines of a plot. Spikes remain visible at low zoom."""
     colours = [series.colour & ~0xFF | opacity for series in plot.series]
     return rr.SeriesLines(
         names=plot.names,

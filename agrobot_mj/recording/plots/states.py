@@ -1,6 +1,6 @@
-"""States over time, shown as coloured lanes: GNSS solution, steering limit, supervisor, link, faults and run outcome.
+"""States over time as coloured lanes: GNSS solution, steering limit, supervisor, link, faults and run outcome.
 
-A lane in `LANES` is recorded if the log contains its column. Only changes are sent.
+A lane in `LANES` is recorded if the log contains its column. Only changes of a state are sent.
 """
 
 from collections.abc import Sequence
@@ -20,28 +20,28 @@ GOOD, DOUBTFUL, BAD, PLAIN = rgba(GREEN), rgba(ORANGE), rgba(VERMILION), 0x56708
 
 
 class Lane(NamedTuple):
-    """Lane of a state over time. A state is an integer, from 0, that indexes `labels` and `colours`."""
+    """Lane of a state over time. A state is an index, from 0, in `labels` and `colours`."""
 
     path: str
     labels: tuple[str, ...]
     colours: tuple[int, ...]
     column: str = ""
     faults: tuple[Scripted, ...] = ()
-    """Faults shown by a fault lane, which has no column: the state is 1 while one of them is active."""
+    """Faults of a fault lane, which has no log column. The state is 1 while at least one of the faults is active."""
 
     @property
     def entity(self) -> str:
-        """Entity path of the lane in the recording."""
+        """Rerun entity path of the lane."""
         return f"states/{self.path}"
 
     def values(self, rows: Rows, first: int) -> Array:
-        """Return the state in each row from `first`, shape (n,)."""
+        """Return the state in each log row from `first`, shape (n,)."""
         if self.faults:
             return under(self.faults, rows.column("t", first)).astype(float)
         return rows.column(self.column, first)
 
     def label(self, value: int) -> str:
-        """Return the label of a state."""
+        """Return the label of a state value."""
         return self.labels[value] if 0 <= value < len(self.labels) else UNKNOWN
 
 
@@ -62,22 +62,22 @@ LANES = (
 RUNNING = "running"
 ENDS = dict.fromkeys(get_args(Outcome), BAD) | {"completed": GOOD, "aborted": DOUBTFUL}
 RUN = Lane("run", (RUNNING, *ENDS), (PLAIN, *ENDS.values()))
-"""Lane of the run: `running`, then the outcome at the end of the run."""
+"""Lane of the run state: `running`, then the outcome."""
 
 
 def by_subject(faults: Sequence[Scripted]) -> dict[str, tuple[Scripted, ...]]:
-    """Return the faults by subject, which is the affected part. The faults of a subject share a lane."""
+    """Return the faults grouped by subject, the affected component. Each group has one lane."""
     subjects = dict.fromkeys(fault.subject for fault in faults)
     return {subject: tuple(fault for fault in faults if fault.subject == subject) for subject in subjects}
 
 
 def under(faults: Sequence[Scripted], t: Array) -> "np.ndarray[tuple[int, ...], np.dtype[np.bool_]]":
-    """Return whether at least one of the faults is active at each time `t` (n,) [s]."""
+    """Return whether at least one of `faults` is active at each time `t` (n,) [s]."""
     return np.array([any(fault.active(at) for fault in faults) for at in t.tolist()], dtype=bool)
 
 
 class States:
-    """Recorder of the state lanes. A state is sent when it changes."""
+    """Recorder of state lanes, which sends each change of a state."""
 
     def __init__(self, rows: Rows, faults: Sequence[Scripted]) -> None:
         scripted = [
@@ -89,11 +89,12 @@ class States:
 
     @property
     def count(self) -> int:
-        """Number of lanes, including the lane of the run."""
+        """Number of lanes, including the run lane."""
         return len(self.lanes) + 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the state changes in the log rows `first` to `rows.filled`; `times` (n,) are the times of these rows."""
+        """Send the state changes in the log rows from `first` to `rows.filled`. `times` (n,) are the times of the
+        rows."""
         if first == 0:
             stream.log(RUN.entity, _style(RUN), static=True)
             _send(stream, RUN, times[:1], [RUNNING])
@@ -108,7 +109,7 @@ class States:
                 _send(stream, lane, times[changed], [lane.label(v) for v in values[changed + min(first, 1)].tolist()])
 
     def finish(self, stream: rr.RecordingStream, outcome: str) -> None:
-        """Send the outcome of the run."""
+        """Send the outcome of the run as the last state of the run lane."""
         if self.rows.filled:
             _send(stream, RUN, nanoseconds(self.rows.column("t")[-1:]), [outcome])
 

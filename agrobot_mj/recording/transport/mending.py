@@ -1,4 +1,4 @@
-"""Repair of incomplete recordings, whose writing process was killed or is still active.
+"""Repair of incomplete recordings of a killed or active process.
 
 A complete recording ends with a footer. The viewer cannot open a recording that ends within a chunk, but Rerun's
 command-line program can copy its complete chunks.
@@ -15,11 +15,11 @@ from pathlib import Path
 from agrobot_mj.recording.transport.viewer import RERUN
 
 FOOTER, FOOTER_END = b"RRF2FOOT", 32
-"""Marker in the footer of a complete recording, and number of bytes at the end of the file that include the marker."""
+"""Marker in the footer of a complete recording, and length of the file end that contains the marker [bytes]."""
 
 
 def ends_well(path: Path) -> bool:
-    """Return whether a recording is complete: the file has a footer."""
+    """Return whether a recording is complete, which is indicated by its footer."""
     with path.open("rb") as file:
         file.seek(-min(FOOTER_END, path.stat().st_size), os.SEEK_END)
         return FOOTER in file.read()
@@ -27,7 +27,7 @@ def ends_well(path: Path) -> bool:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield a recording that the viewer can open: `path`, or a temporary repaired copy if incomplete."""
+    """Yield the path of a readable recording: `path`, or a temporary repaired copy of an incomplete recording."""
     if ends_well(path):
         yield path
         return

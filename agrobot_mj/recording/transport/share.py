@@ -1,7 +1,7 @@
-"""HTML page with a recording and Rerun's web viewer in one file, which opens in a browser without a network.
+"""HTML page with a recording and Rerun's web viewer in one file, for browsers without network access.
 
-The viewer comes from the installed rerun-sdk, whose server provides its files on the loopback interface. Viewer and
-recording are compressed and embedded as text. Browsers older than 2023 cannot decompress them.
+The viewer comes from the installed rerun-sdk, whose server provides its files on the loopback interface. The viewer and
+the recording are compressed and embedded as text. Browsers older than 2023 cannot decompress them.
 """
 
 import base64
@@ -65,7 +65,10 @@ if (typeof DecompressionStream === "undefined") {
 
 
 def write_shared(recording: Path, page: Path, title: str, facts: str, poster: Path | None = None) -> Path:
-    """Write a page with a recording, and a PNG shown until the viewer has started. Return the path of the page."""
+    """Write an HTML page with a recording, and return its path.
+
+    `poster` is a PNG image that is shown until the viewer has started.
+    """
     files = viewer_files()
     with whole(recording) as readable:
         content = readable.read_bytes()
@@ -93,7 +96,7 @@ def _base64(data: bytes) -> str:
 
 
 def viewer_files() -> Mapping[str, bytes]:
-    """Return the files of rerun-sdk's web viewer by name. Raises OSError if they cannot be obtained."""
+    """Return the files of rerun-sdk's web viewer by name. Raise OSError if its server does not start."""
     web = free_port()
     ports = ("--port", str(free_port()), "--web-viewer-port", str(web))
     command = (*RERUN, "--web-viewer", "--bind", "127.0.0.1", *ports)

@@ -1,7 +1,8 @@
-"""Destination of a recording: a file that can be opened at any time, a viewer, or both.
+"""Destination of a recording: a file, a viewer, or both. The file is readable at any time.
 
 Rerun writes in the background without reporting errors, and a file that ends within a chunk cannot be opened. Each
-flush therefore waits for the file. If a flush fails, as on a full disk, the file is cut to the previous flush.
+flush therefore waits for the file. If a flush fails, for example on a full disk, the file is truncated to the end of
+the previous flush.
 """
 
 import ctypes
@@ -27,13 +28,14 @@ except ImportError:  # pragma: no cover - Windows has no file size limits
 PATIENCE_S = 5.0  # Time limit for a flush [s], a thousand times the duration of a normal flush
 LAST_WORDS_S = 0.5  # Delay after a failed flush before the file is truncated, because Rerun tries again to write [s]
 FULL_BYTES = 200_000
-"""Free space below which a disk is full [bytes]. On a full disk, Rerun writes incomplete chunks without an error."""
+"""Free space below which a disk counts as full [bytes]. On a full disk, Rerun writes incomplete chunks without an
+error."""
 LEAST_BYTES = 10_000
-"""Minimum file size limit (`ulimit -f`) for the static content [bytes]. Below this limit, Rerun would wait forever."""
+"""Minimum file size limit (`ulimit -f`) of the process [bytes]. Below this limit, Rerun waits forever."""
 
 
 class Sink:
-    """Connection of a recording stream to a file, a viewer, or both."""
+    """Output of a recording stream to a file, a viewer, or both."""
 
     def __init__(self, stream: rr.RecordingStream, path: Path | None, live: bool = False, spare: int = 0) -> None:
         self.stream, self.path, self.live, self.whole, self.spare = stream, path, live, 0, spare
@@ -50,7 +52,8 @@ class Sink:
                 raise OSError(errno.EIO, str(error), str(path)) from None
 
     def flush(self) -> bool:
-        """Write all logged data. If the file cannot grow, print a message to stderr and return False."""
+        """Write all logged data. If the file cannot grow, print a message to stderr and return False, otherwise return
+        True."""
         try:
             self.stream.flush(timeout_sec=PATIENCE_S)
         except RuntimeError:
@@ -89,8 +92,10 @@ class Sink:
 
 
 def _make(path: Path) -> None:
-    """Replace a link or an existing recording by an empty file. Raises OSError if this fails, and `ScenarioError` if
-    the folder contains files that agrobot-mj did not write."""
+    """Create an empty file in place of a link or an earlier recording.
+
+    Raise OSError if this fails, and `ScenarioError` if the folder contains files of other programs.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     if owned(path.parent) is not None or not any(path.parent.iterdir()):
         claim(path.parent, [path.name])
@@ -103,8 +108,10 @@ def _make(path: Path) -> None:
 
 
 def enabled(stream: rr.RecordingStream, path: Path | None) -> bool:
-    """Return whether Rerun is enabled; the environment variable `RERUN` may disable it. If Rerun is disabled, a message
-    is printed once to stderr, and a recording of an earlier run at `path` is deleted."""
+    """Return whether Rerun is enabled. The environment variable `RERUN` may disable it.
+
+    If Rerun is disabled, print one message to stderr and delete an earlier recording at `path`.
+    """
     if rr.is_enabled(stream):
         return True
     if path is not None:
@@ -120,6 +127,6 @@ def _report_switched_off() -> None:
 
 
 def abandon(stream: rr.RecordingStream) -> None:
-    """Keep a stream alive until the process ends, because Rerun may wait forever for a writer that has failed."""
+    """Keep a stream alive until the process exits, because Rerun may wait forever for a failed writer."""
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(stream))
     rr.unregister_shutdown()

@@ -1,8 +1,8 @@
 """Images and animations of a recording, rendered by the Rerun viewer without a display.
 
-The viewer needs a Vulkan driver; the software driver of Mesa is sufficient. The title bar, which describes the
-computer, is removed. Images are written completely or not at all. A viewer that fails or exceeds its time limit, for
-example on a busy machine, is restarted with a longer limit.
+The viewer needs a Vulkan driver; the software driver of Mesa is sufficient. The title bar of the viewer, which contains
+information about the computer, is removed. Image files are written atomically. A viewer that fails or exceeds its time
+limit, for example on a busy machine, is restarted with a longer limit.
 """
 
 import io
@@ -32,23 +32,23 @@ from agrobot_mj.simulation.results import atomic, check_names
 Kind = Literal["png", "gif", "mp4"]  # Format of the output file
 SIZE, TITLE_BAR = (1920, 1080), 37  # Width and height of the images, and height of the removed title bar [pixels]
 ANIMATED_S, FRAMES_PER_S, ANIMATED_SIZE, ANIMATED_COLOURS = 10.0, 10, (960, 540), 128
-"""Duration of an animation [s], frame rate [1/s], maximum size [pixels], and number of colours."""
+"""Duration [s], frame rate [1/s], maximum size [pixels] and number of colours of an animation."""
 SHOWN_S = 60.0  # Default time at which an image shows the recording [s]. A shorter recording is shown at its end.
 TRIES = 3  # Maximum number of attempts. Attempt number n has n times the time limits of the first attempt.
 START_S = 30.0  # Time limit for the start of the viewer in the first attempt [s]
 LOAD_S = 60.0  # Time limit for loading a recording in the first attempt [s]
 TOASTS_S = 4.5  # Time after the start during which messages of the viewer cover the image [s]
 SETTLE_S, SETTLE_FRAME_S = 0.4, 0.05
-"""Time for the viewer to render all views [s]: after a change of time or tab, and after each frame of an animation."""
+"""Waiting times for rendering all views [s]: after a change of time or tab, and after each frame of an animation."""
 REMEDY = "on Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1"
 
 
 class SnapshotError(Exception):
-    """Error that prevents rendering; the message names the file and the fix."""
+    """Error that prevents rendering. The message names the file and the fix."""
 
 
 class _LateError(Exception):
-    """Failure of the viewer that may not occur in another attempt."""
+    """Temporary failure of the viewer, after which rendering is repeated."""
 
 
 def snapshots(
@@ -60,14 +60,14 @@ def snapshots(
     size: tuple[int, int] = SIZE,
     quiet: bool = True,
 ) -> list[Path]:
-    """Write a PNG of each tab (default: all) at each time [s] to `folder`/<tab>_<time>.png. Return the files.
+    """Write an image of each tab (default: all) at each time [s] to `folder`/<tab>_<time>.png. Return the files.
 
-    If `tabs` contains the name of a 3D view, the view fills the image. The kinds `gif` and `mp4` are animations that
-    start at each time and last 10 s, or end with the recording; `mp4` needs the program ffmpeg. Default time:
-    `SHOWN_S`, or the end of a shorter recording. `size` is the width and height of the images [pixels]. Progress is
-    printed to stderr unless `quiet`.
+    If `tabs` contains the name of a 3D view, the view fills the image. The kinds `gif` and `mp4` are animations of 10 s
+    that start at each time, or end with the recording; `mp4` requires the program ffmpeg. Default time: `SHOWN_S`, or
+    the end of a shorter recording. `size` is the width and height of the images [pixels]. Progress is printed to stderr
+    unless `quiet`.
 
-    Raises `SnapshotError` if the viewer cannot render or open the file, `ScenarioError` for an unknown tab or a time
+    Raise `SnapshotError` if the viewer cannot render or open the file, and `ScenarioError` for an unknown tab or a time
     after the end.
     """
     if kind == "mp4" and shutil.which("ffmpeg") is None:
@@ -152,7 +152,7 @@ def _animation(
 
 
 def as_mp4(frames: Sequence[Image.Image]) -> bytes:
-    """Encode frames with ffmpeg as an MP4 video that browsers can play. Raises `SnapshotError` if ffmpeg fails."""
+    """Return the frames as an MP4 video for browsers, encoded with ffmpeg. Raise `SnapshotError` if ffmpeg fails."""
     even = "scale=trunc(iw/2)*2:trunc(ih/2)*2"  # the pixel format requires even sizes
     with tempfile.TemporaryDirectory() as place:
         file = Path(place) / "video.mp4"
@@ -166,7 +166,10 @@ def as_mp4(frames: Sequence[Image.Image]) -> bytes:
 
 
 def frame_times(t: float, end: float) -> Array:
-    """Return the frame times of an animation that starts at `t` [s], or earlier if the recording ends at `end` [s]."""
+    """Return the frame times of an animation from `t` [s].
+
+    The animation starts earlier if less than `ANIMATED_S` remain until the end of the recording, `end` [s].
+    """
     times = max(min(t, end - ANIMATED_S), 0.0) + np.arange(round(ANIMATED_S * FRAMES_PER_S)) / FRAMES_PER_S
     return times[: max(np.searchsorted(times, end), 1)]
 
@@ -177,7 +180,7 @@ def _end(viewer: ViewerClient) -> float:
 
 
 def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
-    """Return a palette for all frames of an animation, computed from ten evenly spaced frames including the last."""
+    """Return one colour palette for all frames of an animation, computed from about ten evenly spaced frames."""
     some = frames[:: -max(len(frames) // 10, 1)]
     still = Image.new("RGB", (some[0].width, sum(frame.height for frame in some)))
     for k, frame in enumerate(some):
@@ -186,7 +189,7 @@ def common_palette(frames: Sequence[Image.Image]) -> Image.Image:
 
 
 def _frame(viewer: ViewerClient, t: float, view: str | None, settle_s: float = SETTLE_S) -> Image.Image:
-    """Return an image of the viewer without its title bar, or of its view named `view`, at time `t` [s]."""
+    """Return an image of the viewer, or of its view with the id `view`, at time `t` [s]. The title bar is removed."""
     viewer.set_time(TIMELINE, duration=t, play_state="paused")
     viewer.take_screenshot(max_size=64)  # loads the data of the first frame
     time.sleep(settle_s)

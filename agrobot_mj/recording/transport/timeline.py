@@ -1,4 +1,4 @@
-"""Shared definitions of recordings: application name, timeline `sim_time` (time since the start), and columns."""
+"""Shared definitions of recordings: application name, timeline `sim_time` (simulated time), and data columns."""
 
 from collections.abc import Iterable
 
@@ -14,17 +14,19 @@ Times = np.ndarray[tuple[int, ...], np.dtype[np.timedelta64]]
 
 
 def nanoseconds(t: Array) -> Times:
-    """Convert times (n,) in seconds to integer nanoseconds, so that equal times compare equal."""
+    """Return times (n,) [s] as integer nanoseconds, so that equal times compare equal."""
     return np.rint(t * 1e9).astype("timedelta64[ns]")
 
 
 def send(stream: rr.RecordingStream, entity: str, times: Times, columns: Iterable[rr.ComponentColumn]) -> None:
-    """Send columns of data to an entity, for the times `times` (n,)."""
+    """Send data columns to an entity at the times `times` (n,)."""
     stream.send_columns(entity, [rr.TimeColumn(TIMELINE, duration=times)], columns)
 
 
 def partitioned(descriptor: rr.ComponentDescriptor, batch: rr.ComponentBatchLike, size: int = 1) -> rr.ComponentColumn:
-    """Return a column with `size` instances of a component at each time. The method `columns` of a Rerun archetype
-    gives the same result, but takes four times as long."""
+    """Return a column with `size` instances of a component at each time.
+
+    The method `columns` of a Rerun archetype returns the same column, but takes four times as long.
+    """
     offsets = np.arange(0, len(batch.as_arrow_array()) + 1, size, dtype=np.int32)
     return rr.ComponentColumn(descriptor, batch, offsets=offsets)

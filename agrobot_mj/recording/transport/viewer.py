@@ -1,4 +1,4 @@
-"""Rerun viewer on the loopback interface: for a live run, for a file, or in a browser."""
+"""Rerun viewer on the loopback interface, for a live run, a file, or a browser."""
 
 import ctypes
 import os
@@ -17,7 +17,7 @@ from agrobot_mj.core.interrupts import held_back
 
 
 def _launched() -> tuple[str, ...]:
-    """Return the command that starts Rerun. On Linux, it starts the binary directly, which can end with its parent."""
+    """Return the command that starts Rerun. On Linux it is the binary itself, which can end with its parent process."""
     spec = find_spec("rerun_cli")
     program = Path(spec.origin).with_name("rerun") if spec and spec.origin else None
     if sys.platform.startswith("linux") and program and program.is_file() and "RERUN_CLI_PATH" not in os.environ:
@@ -40,7 +40,7 @@ def view(file: Path) -> int:
 
 
 def serve(file: Path) -> int:
-    """Serve a recording to browsers on this machine until interrupted. Return the exit status of the server."""
+    """Serve a recording to browsers on this computer until interrupted. Return the exit status of the server."""
     port, web = free_port(), free_port()
     data = quote(f"rerun+http://127.0.0.1:{port}/proxy", safe="")
     print(f"http://127.0.0.1:{web}?url={data}&theme=dark (Ctrl-C ends it)", flush=True)
@@ -54,7 +54,7 @@ def serve(file: Path) -> int:
 def started(
     command: Sequence[str], environment: Mapping[str, str], stdout: int | None = None, stderr: int | None = None
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """Start a viewer in a separate process session. The viewer ends with the block or with this process."""
+    """Start a viewer in a separate process session. The viewer ends at the end of the context or of this process."""
     process = None
     try:
         with held_back():  # a signal before the assignment would leave the viewer running
@@ -73,13 +73,13 @@ def started(
 
 
 def _die_with_parent() -> None:
-    """Make Linux send SIGTERM to the viewer when its parent ends, even by SIGKILL. Called in the viewer process."""
+    """Configure Linux to send SIGTERM to the viewer when its parent process ends. Called in the viewer process."""
     if _LIBC is not None:
         _LIBC.prctl(PR_SET_PDEATHSIG, int(signal.SIGTERM))
 
 
 def end(process: "subprocess.Popen[bytes]") -> None:
-    """Terminate a viewer and its launcher. The viewer is the leader of a process session."""
+    """Terminate all processes of a viewer session. `process` is the session leader."""
     try:
         os.killpg(process.pid, signal.SIGTERM)
         process.wait(timeout=5)
@@ -98,7 +98,7 @@ def free_port() -> int:
 
 
 def open_viewer() -> bool:
-    """Start a viewer that outlives the run. Return whether the viewer accepts connections within PATIENCE_S."""
+    """Start a viewer that continues after the run. Return whether it accepts connections within PATIENCE_S."""
     quiet = subprocess.DEVNULL  # the viewer must not keep a pipe of the run open
     viewer = subprocess.Popen(COMMAND, stdout=quiet, stderr=quiet, start_new_session=True)
     deadline = time.monotonic() + PATIENCE_S

@@ -1,1 +1,1 @@
-"""3D content of a recording."""
+"""3D content of a recording: ground, tractor, tracks, forces and labels."""

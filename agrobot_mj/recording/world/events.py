@@ -1,7 +1,7 @@
-"""Event markers in the scene: start and end of faults, steering at its limit, outcome of the run.
+"""Event markers in the scene: start and end of faults, steering saturation, and outcome of the run.
 
-A marker is a labelled point at the position of the tractor at the time of the event. It stays visible afterwards. The
-marker of the outcome is above the tractor, unless the run was completed.
+A marker is a labelled point at the position of the tractor at the event, visible from then on. The outcome of a run
+that was not completed is marked above the tractor.
 """
 
 from collections.abc import Sequence
@@ -18,29 +18,30 @@ from agrobot_mj.terrain import Ground
 
 ENTITY = "world/events"
 GOOD, DOUBTFUL, BAD = 0x6FE3B5FF, 0xFFC857FF, 0xFF9166FF
-"""Colours of markers and their labels for good, doubtful and bad events, bright on the dark ground."""
+"""Colours of event markers: recovery, warning and failure."""
 LIFT_M, ABOVE_M, RADIUS = 0.1, 2.4, rr.Radius.ui_points(5.0)
-"""Height of a marker above the ground [m], height of the outcome above the default tractor [m], size on the screen."""
+"""Height of markers above the ground [m], height of the outcome marker for the default tractor [m], and marker
+radius."""
 MOST_EVENTS = 40  # Maximum number of markers, in addition to the outcome
 QUIET_TICKS = 40  # Number of ticks without saturated steering after which the next saturation gets a marker
 
 
 class Events:
-    """Recorder of the event markers."""
+    """Recorder of event markers."""
 
     def __init__(self, rows: Rows, ground: Ground, faults: Sequence[Scripted], size: float) -> None:
         self.rows, self.ground, self.faults, self.size = rows, ground, by_subject(faults), size
         self.count, self.limited = 0, -QUIET_TICKS - 1
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send markers for the events in the log rows from `first`; `times` (n,) are the times of these rows."""
+        """Send markers for the events in the log rows from `first`. `times` (n,) are the times of the rows."""
         found = self._faults(first, len(times)) + self._saturations(first, len(times))
         found = sorted(found)[: MOST_EVENTS - self.count]
         self.count += len(found)
         self._send(stream, found)
 
     def finish(self, stream: rr.RecordingStream, outcome: str, last: int) -> None:
-        """Send a marker of the outcome at log row `last`, unless the run is completed."""
+        """Send a marker of the outcome at log row `last`, unless the run was completed."""
         if outcome != "completed":
             self._send(stream, [(last, outcome.replace("_", " "), BAD)], ABOVE_M * self.size)
 

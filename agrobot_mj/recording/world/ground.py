@@ -1,7 +1,7 @@
-"""Ground mesh: tiles in two shades that make motion visible, with a finer mesh where relief or patches need it.
+"""Ground mesh of tiles in two shades, which make motion visible. Tiles with relief or soil patches have a finer mesh.
 
-Coarse tiles cover the field around the path. Tiles with relief or on the border of patches are subdivided, nearest to
-the path first, up to a maximum number of vertices. Relief is coloured by height and shaded with light from the
+Coarse tiles cover the field around the path. Tiles with relief or at the border of soil patches are subdivided, nearest
+to the path first, up to a maximum number of vertices. Relief is coloured by height and shaded with light from the
 north-west. Soft soil is brown, slippery ground is bluish.
 """
 
@@ -20,23 +20,24 @@ from agrobot_mj.terrain.grid import Surface, heights
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 MARGIN_M = 50.0  # Width of the ground drawn around the path [m]. A tractor farther away has diverged.
 APRON_M, APRON_STEPS = 400.0, 8
-"""Width of the apron, a surface around the tiles [m], and its number of segments per side."""
+"""Width of the apron, a surface around the tiles [m], and number of its segments per side [-]."""
 TILE_M = 2.0  # Side length of a tile [m]. Fields that would need more than `MOST_TILES` have larger tiles.
 MOST_TILES = 6_000
 MOST_VERTICES = 60_000
-"""Maximum number of vertices of subdivided tiles. A vertex needs 52 bytes, including normal and triangles."""
+"""Maximum number of vertices of subdivided tiles. A vertex requires 52 bytes, including normal and triangles."""
 FINEST_M = 0.1  # Minimum distance between vertices on relief [m]: about 7 per furrow of 0.75 m
 SMOOTH_M = 0.004
-"""Maximum deviation from a straight line [m] at which a tile is not subdivided in the direction of the line."""
+"""Maximum deviation of relief from a straight line along x or y [m] for which a tile is not subdivided along the
+line."""
 BORDER_M = 0.25  # Distance between vertices at borders of patches [m]
 BLEND_M = 0.35  # Half width of the strip in which the colours of two patches are blended, to avoid jagged borders [m]
 CORRIDOR_M = 4.0
-"""Distance from the path within which all tiles with relief are subdivided [m], with fewer segments if necessary."""
+"""Distance from the path within which all tiles with relief are subdivided, if necessary with fewer segments [m]."""
 DIVIDED_M = 25.0  # Distance from the path above which relief is omitted, because relief flickers in distant views [m]
 ROUGH_LIFT_M = 0.02  # Maximum height of the corners of mesh triangles above relief [m]
 SHADES = 0.96, 1.04  # Brightness factors of the two shades of tiles [-]
 SUN = np.array([-0.45, 0.45, 0.77])
-"""Direction of the light on relief and slopes, as a vector (east, north, up): from the north-west, 50 degrees high."""
+"""Direction to the light source (east, north, up): north-west, elevation 50 deg."""
 DARKEST, BRIGHTEST = 0.55, 1.45  # Minimum and maximum brightness factor after shading [-]
 
 
@@ -44,7 +45,7 @@ Steps = tuple[int, int]  # Number of segments of a tile in x and y
 
 
 class _Field(NamedTuple):
-    """Grid of `columns` x `rows` tiles of size (width, height), with its corner at (x0, y0) [m]."""
+    """Grid of `columns` x `rows` tiles of size (width, height), with its south-west corner at (x0, y0) [m]."""
 
     x0: float
     y0: float
@@ -54,10 +55,11 @@ class _Field(NamedTuple):
     rows: int
 
     def points(self, tiles: Index, steps: Steps, beyond: float = 0.0) -> tuple[Array, Array]:
-        """Return the coordinates x and y of the nodes of `tiles`, shape (n, steps[1] + 1, steps[0] + 1) each [m].
+        """Return the x and y coordinates of the mesh nodes of `tiles`, each of shape (n, steps[1] + 1, steps[0] + 1)
+        [m].
 
-        `tiles` (n, 2) are rows and columns of the grid. Each tile is divided into `steps` segments (in x, in y) and
-        extended by `beyond` [m] on each side.
+        `tiles` (n, 2) are row and column indices. Each tile is divided into `steps` segments (in x, in y) and extended
+        by `beyond` [m] on each side.
         """
         u, v = (np.arange(count + 1) / count for count in steps)
         u, v = u + (2 * u - 1) * beyond / self.width, v + (2 * v - 1) * beyond / self.height
@@ -67,19 +69,23 @@ class _Field(NamedTuple):
         return np.broadcast_to(x, shape).copy(), np.broadcast_to(y, shape).copy()
 
     def corners(self) -> tuple[Array, Array]:
-        """Return the corners of all tiles, x and y of shape (rows + 1, columns + 1) [m]."""
+        """Return the x and y coordinates of all tile corners, each of shape (rows + 1, columns + 1) [m]."""
         x, y = self.x0 + self.width * np.arange(self.columns + 1), self.y0 + self.height * np.arange(self.rows + 1)
         return np.meshgrid(x, y)
 
 
 def on_ground(ground: Ground, points: Array, lift: float) -> Array:
-    """Return points (n, 2) raised by `lift` [m] above the ground, on relief also above its mesh, shape (n, 3) [m]."""
+    """Return points (n, 2) at the height `lift` [m] above the ground, shape (n, 3) [m].
+
+    On relief, the points are also above the ground mesh.
+    """
     lift += 0.0 if ground.is_plane else ROUGH_LIFT_M
     return np.column_stack([points, heights(ground, points[:, 0], points[:, 1]) + lift])
 
 
 def slopes(ground: Ground, x: Array, y: Array, reach: float) -> tuple[Array, Array]:
-    """Return the slopes dh/dx and dh/dy of the height h [m] at `x` and `y` [m], by differences over +-`reach` [m]."""
+    """Return the slopes dh/dx and dh/dy of the ground height h at `x` and `y` [m], by differences over +-`reach`
+    [m]."""
     dx = heights(ground, x + reach, y) - heights(ground, x - reach, y)
     dy = heights(ground, x, y + reach) - heights(ground, x, y - reach)
     return dx / (2 * reach), dy / (2 * reach)
@@ -109,7 +115,8 @@ def ground_mesh(ground: Ground, path: Array) -> rr.Mesh3D:
 
 
 def smooth_corners(ground: Ground, path: Array) -> Array:
-    """Return the mean ground around `path` (n, 2) [m] at tile corners, shape (rows + 1, columns + 1, 3) [m]."""
+    """Return the tile corners around `path` (n, 2) [m] with mean ground heights, shape (rows + 1, columns + 1, 3)
+    [m]."""
     field = _field(ground, path)
     if ground.is_plane:
         field = _Field(field.x0, field.y0, field.width * field.columns, field.height * field.rows, 1, 1)
@@ -118,7 +125,7 @@ def smooth_corners(ground: Ground, path: Array) -> Array:
 
 
 class _Part(NamedTuple):
-    """Part of the mesh: vertices and the triangles between them."""
+    """Part of the ground mesh: vertices and triangles."""
 
     positions: Array  # Positions of the vertices [m], shape (n, 3)
     normals: Array  # Normals of the vertices, shape (n, 3)
@@ -136,7 +143,8 @@ def _field(ground: Ground, path: Array) -> _Field:
 
 
 def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
-    """Return a mask of the subdivided tiles, shape (rows, columns), and their number of segments in x and y."""
+    """Return a mask of the tiles to subdivide, shape (rows, columns), and the number of segments per tile in x and
+    y."""
     if ground.is_plane and not ground.surface.friction.size:
         return np.zeros((field.rows, field.columns), dtype=bool), (1, 1)
     from scipy.spatial import cKDTree  # slow import (0.2 s), needed only for uneven ground
@@ -167,7 +175,8 @@ def _divided(ground: Ground, field: _Field, path: Array) -> tuple[Mask, Steps]:
 
 
 def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[bool, bool]:
-    """Return whether the relief of `tiles` (n, 2) is straight along x and along y, as furrows often are along one."""
+    """Return whether the relief of `tiles` (n, 2) is straight along x, and along y. Furrows are often straight along
+    one axis."""
     if ground.is_plane or not len(tiles):
         return False, False
     z = heights(ground, *field.points(tiles[:: max(1, len(tiles) // 100)], (most, most)))
@@ -178,14 +187,15 @@ def _straight(ground: Ground, field: _Field, tiles: Index, most: int) -> tuple[b
 
 
 def _bordered(surface: Surface, field: _Field, tiles: Index) -> Mask:
-    """Return a mask (n,) of the `tiles` (n, 2) with several types of ground, including a margin for blending."""
+    """Return a mask (n,) of the `tiles` (n, 2) with several soil types, including a margin for blending colours."""
     friction, cone_index = properties(surface, *field.points(tiles, (9, 9), BLEND_M))
     found: Mask = (np.ptp(friction, axis=(1, 2)) > 0) | (np.ptp(cone_index, axis=(1, 2)) > 0)
     return found
 
 
 def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
-    """Return the heights of all tile corners [m], shape (rows + 1, columns + 1). Coarse tiles have mean heights."""
+    """Return the heights of all tile corners [m], shape (rows + 1, columns + 1). Corners of coarse tiles have mean
+    heights."""
     exact = heights(ground, *field.corners())
     if not fine.any() or ground.is_plane:
         return exact
@@ -195,7 +205,7 @@ def _corners(ground: Ground, field: _Field, fine: Mask) -> Array:
 
 
 def _mean(ground: Ground, field: _Field) -> Array:
-    """Return the mean height over the area of a tile around each corner [m], shape (rows + 1, columns + 1)."""
+    """Return the mean height of a tile-sized area around each tile corner [m], shape (rows + 1, columns + 1)."""
     x, y = field.corners()
     offsets = (np.arange(6) + 0.5) / 6 - 0.5
     around = [heights(ground, x + a * field.width, y + b * field.height) for a in offsets for b in offsets]
@@ -212,7 +222,8 @@ def _coarse(field: _Field, fine: Mask, corners: Array, tilts: tuple[Array, Array
 
 
 def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Steps) -> _Part:
-    """Return the subdivided tiles. Their edges next to coarse tiles are straight, so that the mesh has no gaps."""
+    """Return the mesh of the subdivided tiles. Edges next to coarse tiles are straight, so that the mesh has no
+    gaps."""
     tiles = np.argwhere(fine)
     x, y = field.points(tiles, steps)
     z = heights(ground, x, y)
@@ -238,7 +249,10 @@ def _fine(ground: Ground, field: _Field, fine: Mask, corners: Array, steps: Step
 
 
 def _part(nodes: tuple[Array, Array, Array], tilts: tuple[Array, Array], squares: Array) -> _Part:
-    """Return tiles with node positions `nodes`, slopes `tilts`, (n, rows, columns) each, and shades `squares` (n,)."""
+    """Return the mesh part of n tiles.
+
+    `nodes` (x, y, z) [m] and the slopes `tilts` are arrays of shape (n, rows, columns); `squares` (n,) are the shades.
+    """
     count, rows, columns = nodes[0].shape
     normals = np.stack([-tilts[0], -tilts[1], np.ones(nodes[0].shape)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
@@ -265,7 +279,7 @@ def _apron(ground: Ground, field: _Field) -> _Part:
 
 
 def _cells(rows: int, columns: int) -> Index:
-    """Return the vertex indices of the two triangles of each cell of a grid, shape (rows, columns, 2, 3)."""
+    """Return the vertex indices of the two triangles in each grid cell, shape (rows, columns, 2, 3)."""
     width = columns + 1
     corner = width * np.arange(rows)[:, None] + np.arange(columns)
     found: Index = corner[..., None, None] + np.array([[0, 1, width + 1], [0, width + 1, width]])
@@ -273,7 +287,7 @@ def _cells(rows: int, columns: int) -> Index:
 
 
 def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
-    """Return friction scale [-] and cone index [Pa] at `x` and `y` [m]. A cone index of 0 means not specified."""
+    """Return the friction scale [-] and cone index [Pa] at `x` and `y` [m]. A cone index of 0 is unspecified."""
     rows, columns = surface.friction.shape
     i, j = (np.floor((v - v0) / surface.spacing).astype(int) for v, v0 in ((x, surface.x0), (y, surface.y0)))
     there = (i >= 0) & (i < columns) & (j >= 0) & (j < rows)
@@ -283,7 +297,7 @@ def properties(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
-    """Return vertex colours (n, 3), uint8. The colour ramp covers the range of the heights `level` [m]."""
+    """Return the vertex colours (n, 3), uint8. The colour ramp spans the range of the heights `level` [m]."""
     positions, shade = np.concatenate([part.positions for part in parts]), np.concatenate([p.shade for p in parts])
     colours = by_height(positions[:, 2], float(level.min()), float(level.max()))
     if ground.surface.friction.size:
@@ -297,8 +311,7 @@ def _painted(ground: Ground, parts: Sequence[_Part], level: Array) -> Array:
 
 
 def _blended(surface: Surface, colours: Array, positions: Array) -> Array:
-    """Return `colours` (n, 3) blended with the soil colours of the area within `BLEND_M` of each of the `positions` (n,
-    3) [m]."""
+    """Return `colours` (n, 3) blended with the mean soil colours within `BLEND_M` of the `positions` (n, 3) [m]."""
     offsets = BLEND_M * np.array([-0.75, -0.25, 0.25, 0.75])
     x, y = positions[:, 0], positions[:, 1]
     painted = [by_soil(colours, *properties(surface, x + a, y + b)) for a in offsets for b in offsets]

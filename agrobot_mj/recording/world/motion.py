@@ -1,6 +1,6 @@
-"""Moving content of the scene: poses of bodies, tracks, tyre marks, forces, uncertainty ellipse and markers.
+"""Moving content of the scene: body poses, tracks, tyre marks, forces, uncertainty ellipse and markers.
 
-The uncertainty ellipse is a line on the ground, at 3 sigma of the estimated position of the rear-axle centre R.
+The uncertainty ellipse is a line on the ground at 3 sigma of the estimated position of the rear-axle centre R.
 """
 
 import numpy as np
@@ -29,13 +29,13 @@ THICKNESS_M, REACH_M = 1e-3, 0.2
 
 
 class Belief:
-    """Recorder of the position's uncertainty ellipse, at every tick."""
+    """Recorder of the uncertainty ellipse of the estimated position at every tick."""
 
     def __init__(self, rows: Rows, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the ellipses of the log rows from `first`; `times` (n,) are the times of these rows."""
+        """Send the ellipses of the log rows from `first`. `times` (n,) are the times of the rows."""
         if first == 0:
             style = rr.Ellipsoids3D.from_fields(colors=COLOUR, line_radii=WIDTH, fill_mode=FillMode.MajorWireframe)
             stream.log(BELIEF, style, static=True)
@@ -57,15 +57,17 @@ class Belief:
 
 
 def ellipses(p_xx: Array, p_xy: Array, p_yy: Array) -> tuple[Array, Array]:
-    """Return standard deviations along both principal axes (n, 2) [m] and directions of the first axes (n, 2)."""
+    """Return the 1 sigma semi-axes (n, 2) [m] and the directions of the first axes (n, 2) of covariance ellipses."""
     p = np.stack([p_xx, p_xy, p_xy, p_yy], axis=-1).reshape(-1, 2, 2)
     variances, directions = np.linalg.eigh(p)
     return np.sqrt(np.maximum(variances, 0.0)), directions[:, :, 0]
 
 
 def _laid(axis: Array, dx: Array, dy: Array) -> Array:
-    """Return rotation matrices (n, 3, 3) that lay a plane on ground with slopes `dx`, `dy` (n,) [-]. Seen from above,
-    the first axis has the direction `axis` (n, 2)."""
+    """Return rotation matrices (n, 3, 3) that align a plane with ground of the slopes `dx`, `dy` (n,) [-].
+
+    Seen from above, the first axis of the plane has the direction `axis` (n, 2).
+    """
     first = np.column_stack([axis, axis[:, 0] * dx + axis[:, 1] * dy])
     normal = np.column_stack([-dx, -dy, np.ones(len(dx))])
     first, normal = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (first, normal))
@@ -73,7 +75,7 @@ def _laid(axis: Array, dx: Array, dy: Array) -> Array:
 
 
 FARTHEST_M = 1e6
-"""Distance from the origin beyond which bodies are not recorded [m]. There, the viewer has a resolution of 6 cm."""
+"""Maximum distance of recorded bodies from the origin [m]. At this distance, the viewer has a resolution of 6 cm."""
 PLACE, ATTITUDE = rr.Transform3D.descriptor_translation(), rr.Transform3D.descriptor_quaternion()
 
 
@@ -93,7 +95,7 @@ class BodyMotion:
             self.parts += [Forces(wheels, scenario.tractor), self.trail]
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the log rows `first` to `rows.filled`, up to the last valid row; `times` (n,) are the row times."""
+        """Send the log rows from `first` up to the last valid row. `times` (n,) are the times of the rows."""
         times = times[: self._sound(first)]
         if not times.size or first != self.last + 1:
             return
@@ -109,7 +111,7 @@ class BodyMotion:
         self.last = first + len(times) - 1
 
     def finish(self, stream: rr.RecordingStream, log: Log) -> None:
-        """Send the content that requires the finished run: last tyre marks, outcome and ruts."""
+        """Send the content of a finished run: last tyre marks, outcome and ruts."""
         if self.last < 0:
             return
         if self.trail:
@@ -125,7 +127,8 @@ class BodyMotion:
 
 
 def sound_rows(poses: Array, *more: Array) -> int:
-    """Return the number of rows before the first row with an invalid value in `poses` (n, bodies, 7) or `more` (n,)."""
+    """Return the number of rows before the first invalid value in `poses` (n, bodies, 7) or in the arrays `more`
+    (n,)."""
     table = np.column_stack([poses.reshape(len(poses), -1), *more])
     there = (np.abs(table) < FARTHEST_M).all(axis=1)  # False for NaN
     return len(table) if there.all() else int(there.argmin())

@@ -1,4 +1,4 @@
-"""Name labels in the scene: of the three tracks, at separate positions along the path, and of compared tractors."""
+"""Name labels in the scene: for the reference, the true track and the estimated track, and for compared tractors."""
 
 from collections.abc import Sequence
 
@@ -16,24 +16,24 @@ from agrobot_mj.terrain import Ground
 ENTITY = "world/names"
 REFERENCE, TRUE, ESTIMATED = 0xE8E8E8FF, rgba(SKY_BLUE), rgba(ORANGE)
 AHEAD_M, BEHIND_M, LAST_M = 1.9, (1.3, 2.0), 3.4
-"""Distances of names from the default tractor [m]: reference ahead; true and estimated track behind; reference behind,
+"""Distances of labels from the default tractor [m]: reference ahead; true and estimated track behind; reference behind
 at the end of the path."""
 IN_VIEW = 0.7
-"""Tractor size divided by distance of the farthest body [1/m], for legible names in a view of all bodies."""
+"""Tractor size divided by the distance of the farthest body [1/m] for legible labels in a view of all bodies."""
 EVERY_TICKS = 2  # Number of ticks between recorded positions of a name
 
 
 class TrackNames:
-    """Recorder of the name labels of the reference, the true track and the estimated track."""
+    """Recorder of the labels of the reference, the true track and the estimated track."""
 
     def __init__(self, rows: Rows, ground: Ground, scenario: Scenario, reference: Array) -> None:
-        """Prepare the names. `reference` (n, 3) [m] is the drawn path, with points equally spaced in time."""
+        """Prepare the labels. `reference` (n, 3) [m] is the drawn path, with points equally spaced in time."""
         self.rows, self.ground, self.reference = rows, ground, reference[:, :2]
         self.times = np.linspace(0.0, scenario.ticks * TICK_S, len(reference))
         self.size, self.speed = scenario.tractor.size, scenario.path.speed_m_s
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the positions of the names for every second row from `first`; `times` (n,) are the row times."""
+        """Send the label positions for every second log row from `first`. `times` (n,) are the times of the rows."""
         if first == 0:
             name_points(stream, ENTITY, ("reference", "true", "estimated"), (REFERENCE, TRUE, ESTIMATED))
         at = first + np.flatnonzero((first + np.arange(len(times))) % EVERY_TICKS == 0)
@@ -51,13 +51,15 @@ class TrackNames:
 
 
 def size_in_view(size: float, places: Array) -> float:
-    """Return the tractor size that suits a view of bodies at `places` (n, 2) [m], divided by the default size [-]. The
-    first place is the position of the tractor."""
+    """Return the tractor size for a view of bodies at `places` (n, 2) [m], divided by the default size [-].
+
+    The first body is the tractor. Distant bodies increase the size, which scales the distances of camera and labels.
+    """
     return max(size, IN_VIEW * float(np.hypot(*(places - places[0]).T).max()))
 
 
 def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], colours: Sequence[int]) -> None:
-    """Send the names and colours of an entity. `move_points` sends the positions."""
+    """Send the texts and colours of labels. `move_points` sends their positions."""
     nothing = rr.Radius.ui_points(0.0)
     shown = np.array(colours, dtype=np.uint32)
     style = rr.Points3D.from_fields(labels=labels, colors=shown, radii=nothing, show_labels=True)
@@ -65,6 +67,6 @@ def name_points(stream: rr.RecordingStream, entity: str, labels: Sequence[str], 
 
 
 def move_points(stream: rr.RecordingStream, entity: str, times: Times, places: Array, names: int = 1) -> None:
-    """Send the positions `places` (n * names, 3) [m] of the `names` names of an entity at the times `times` (n,)."""
+    """Send the positions `places` (n * names, 3) [m] of `names` labels at the times `times` (n,)."""
     columns = rr.Points3D.columns(positions=places.astype(np.float32))
     send(stream, entity, times, columns.partition(np.full(len(times), names)))

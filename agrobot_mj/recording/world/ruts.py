@@ -1,4 +1,4 @@
-"""Ruts drawn on the ground, in darker colours for deeper ruts.
+"""Ruts on the ground, in darker colours for deeper ruts.
 
 Ruts are sent at the end of a run. A segment appears with its final depth when the first wheel reaches it.
 """
@@ -14,16 +14,16 @@ from agrobot_mj.terrain.memory import RutMap
 
 ENTITY = "world/ruts"
 DRAWN_M, MOST_SQUARES = 0.1, 60_000
-"""Side of the painted squares [m], and maximum number of squares. If more are needed, the side is doubled."""
+"""Side of the drawn squares [m], and maximum number of squares. The side is doubled until this number is sufficient."""
 LIFT_M = 0.003  # Height of the squares above the ground, below tyre marks and path [m]
 PIECE_S = 5.0  # Driving time covered by one segment of the ruts [s]
 PLACE_M = 0.5  # Size of the grid cells used to find the wheel that passes a point [m]
 SHALLOW, DEEP, DEEP_M = np.array([120.0, 104.0, 70.0]), np.array([54.0, 36.0, 22.0]), 0.08
-"""Colours (red, green, blue) of a rut of zero depth and of the maximum depth, and this depth [m]."""
+"""Colours (red, green, blue) of shallow and deep ruts, and depth from which ruts have the colour `DEEP` [m]."""
 
 
 def send_ruts(stream: rr.RecordingStream, ruts: RutMap, ground: Ground, t: Array, wheels: Array) -> None:
-    """Send the map `ruts`, made by `wheels` whose positions (n, 4, 2) [m] at times `t` (n,) [s] are given."""
+    """Send the rut map `ruts`. `wheels` (n, 4, 2) [m] are the wheel positions at the times `t` (n,) [s]."""
     if not ruts.x.size:
         return
     squares, side = _squares(ruts)
@@ -35,7 +35,7 @@ def send_ruts(stream: rr.RecordingStream, ruts: RutMap, ground: Ground, t: Array
 
 
 def _squares(ruts: RutMap) -> tuple[Array, float]:
-    """Return centre and mean depth of each painted square, shape (n, 3) [m], and the side of the squares [m]."""
+    """Return centre and mean depth of the drawn squares, shape (n, 3) [m], and their side [m]."""
     side = ruts.cell * max(1, round(DRAWN_M / ruts.cell))
     while True:
         keys = np.stack([np.floor(ruts.x / side), np.floor(ruts.y / side)], axis=1).astype(np.int64)
@@ -48,7 +48,7 @@ def _squares(ruts: RutMap) -> tuple[Array, float]:
 
 
 def _arrivals(points: Array, t: Array, wheels: Array) -> Array:
-    """Return the time at which the first wheel arrives near each of `points` (n, 2) [m], shape (n,) [s]."""
+    """Return the time at which the first wheel reaches each of `points` (n, 2) [m], shape (n,) [s]."""
     places = np.floor(wheels.reshape(-1, 2) / PLACE_M).astype(np.int64)
     times = np.repeat(t, wheels.shape[1])
     known, first = np.unique(places, axis=0, return_index=True)

@@ -1,7 +1,7 @@
-"""Static content of the scene: ground, reference path, and the geoms of each body in the body frame.
+"""Static content of the scene: ground, reference path, contour lines, and the geoms of each body in its frame.
 
 Geoms of a body with the same shape form one entity, for example all 64 lugs of the wheels. Contour lines show the
-large-scale slope of the ground, but not furrows and bumps.
+large-scale slope of the ground without furrows and bumps.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,15 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.terrain import Ground
 
 PATH_LIFT_M = 0.01
-"""Height of the reference path above the ground [m]. All lines have different heights, so that no line is hidden."""
+"""Height of the reference path above the ground [m]. Lines in the scene have different heights, so that all are
+visible."""
 PATH_WIDTH = rr.Radius.ui_points(1.0)  # Line width of the reference path on the screen, independent of camera distance
 PATH_STEP_M, ROUGH_PATH_STEP_M, MOST_PATH_POINTS = 0.25, 0.1, 20_000
-"""Distance between points of the reference path [m]: on a plane, on uneven ground; maximum number of points [-]."""
+"""Point distances of the reference path on a plane and on uneven ground [m], and maximum number of points [-]."""
 
 
 def send_scene(stream: rr.RecordingStream, scene: Scene, ground: Ground, reference: Array) -> None:
-    """Send the static content. `reference` (n, 3) [m] is the result of `reference_line`."""
+    """Send the static content of the scene. `reference` (n, 3) [m] is the result of `reference_line`."""
     stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("world/ground", ground_mesh(ground, reference[:, :2]), static=True)
     lines = contour_lines(smooth_corners(ground, reference[:, :2]), 0.0 if ground.is_plane else ROUGH_LIFT_M)
@@ -51,11 +52,12 @@ def reference_line(scenario: Scenario, ground: Ground) -> Array:
 
 
 SHAPES = {"box": "boxes", "cylinder": "cylinders", "capsule": "capsules"}
-"""Entity name for each geom type. Geoms of other types are ellipsoids."""
+"""Entity names of geom types. Geoms of other types are drawn as ellipsoids."""
 
 
 def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
-    """Return one batch of geoms for each shape in `geoms`, by entity name. Each mesh is a separate batch."""
+    """Return the geoms as Rerun shapes by entity name. Geoms of the same type are one shape; each mesh is a separate
+    shape."""
     batches: dict[str, list[Geom]] = {}
     meshes = [geom for geom in geoms if geom.mesh is not None]
     for geom in geoms:
@@ -66,7 +68,8 @@ def shapes(geoms: Sequence[Geom]) -> dict[str, rr.AsComponents]:
 
 
 def followed(scene: Scene) -> str:
-    """Return the entity below `world/bodies` that the camera follows: the first body with a shape."""
+    """Return the entity that the camera follows, relative to `world/bodies`: the first shape of the first body with
+    geoms."""
     return next(
         f"{body}/{kind}"
         for body in scene.bodies
@@ -107,13 +110,13 @@ def _batch(entity: str, geoms: Sequence[Geom]) -> rr.AsComponents:
 
 CONTOURS = "world/contours"
 COLOUR, WIDTH, LIFT_M = 0x20280FA0, rr.Radius.ui_points(0.6), 0.005
-"""Colour, line width and height [m] of contour lines, which are below the reference path and the tracks."""
+"""Colour, width and height above the ground [m] of contour lines. Reference path and tracks are above them."""
 MOST_LINES = 24  # Maximum number of contour lines
 LEAST_RISE_M = 0.4  # Minimum height difference of the ground at which contour lines are drawn [m]
 
 
 def interval(low: float, high: float) -> float | None:
-    """Return the height between contour lines [m], 1, 2 or 5 times a power of ten, or None for level ground."""
+    """Return the height interval of contour lines [m]: 1, 2 or 5 times a power of ten, or None for level ground."""
     if high - low < LEAST_RISE_M:
         return None
     least = (high - low) / MOST_LINES

@@ -1,6 +1,6 @@
 """Tracks of the tractor: true position, estimated position, and GNSS fixes.
 
-Tracks are sent in short segments at the times of their ends. The layout shows all segments up to the present time.
+Tracks are sent in short segments, each at the time of its end. The layout shows all segments up to the current time.
 """
 
 from typing import NamedTuple
@@ -22,13 +22,14 @@ PIECE_TICKS = 5  # Number of ticks per segment of a track: 0.3 m at 1.2 m/s
 FIX_COLOURS = np.array([rgba(VERMILION), rgba(ORANGE), rgba(GREEN), rgba(ORANGE)], dtype=np.uint32)
 """Colours of GNSS fixes by quality: none, float, fix, DGPS."""
 FIX_LIFT_M, FIX_RADIUS_M = 0.012, 0.02
-"""Height of GNSS fixes above the ground, below the tracks, and radius of fixes [m]: sigma of the paper's receiver."""
+"""Height of GNSS fixes above the ground, below the tracks [m], and radius of fixes [m], sigma of the paper's
+receiver."""
 
 STRIPS = LineStrip3DBatch([]).as_arrow_array().type
 
 
 class DrawnTrack(NamedTuple):
-    """Track that grows during a run."""
+    """Track that is extended during a run, with its log columns and line style."""
 
     name: str
     x: str  # Log column with the east coordinate
@@ -39,7 +40,7 @@ class DrawnTrack(NamedTuple):
 
     @property
     def entity(self) -> str:
-        """Entity path of the track in the recording."""
+        """Rerun entity path of the track."""
         return f"world/tracks/{self.name}"
 
 
@@ -47,7 +48,7 @@ TRACKS = (
     DrawnTrack("estimated", "x_hat", "y_hat", ESTIMATED, 0.015, 1.25),
     DrawnTrack("true", "x", "y", TRUE, 0.04, 1.5),
 )
-"""Tracks of the CG. The true track is above the estimated track."""
+"""Tracks of the CG: the estimated track and, above it, the true track."""
 
 
 class Tracks:
@@ -57,7 +58,8 @@ class Tracks:
         self.rows, self.ground = rows, ground
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the track segments and fixes of the log rows from `first`; `times` (n,) are the times of these rows."""
+        """Send the track segments and GNSS fixes of the log rows from `first`. `times` (n,) are the times of the
+        rows."""
         ends = piece_ends(len(times))
         for track in TRACKS:
             pieces = rr.LineStrips3D.columns(strips=self._strips(track, first, ends))
@@ -68,7 +70,8 @@ class Tracks:
         self._send_fixes(stream, times[ends - 1], first, ends)
 
     def _strips(self, track: DrawnTrack, first: int, ends: Index) -> pa.Array:
-        """Return the track segments before the log rows `first + ends`, each continuing the previous segment."""
+        """Return the track segments that end before the log rows `first + ends`. Each segment continues the previous
+        segment."""
         before = min(first, 1)
         x, y = (self.rows.column(name, first - before)[: before + ends[-1]] for name in (track.x, track.y))
         points = on_ground(self.ground, np.column_stack([x, y]), track.lift_m)
@@ -87,12 +90,12 @@ class Tracks:
 
 
 def piece_ends(count: int) -> Index:
-    """Return the exclusive end indices of the track segments in `count` new rows: 5, 10, ..., `count`."""
+    """Return the exclusive end indices of track segments in `count` log rows: 5, 10, ..., `count`."""
     return np.append(np.arange(PIECE_TICKS, count, PIECE_TICKS), count)
 
 
 def strips(points: Array, starts: Index, ends: Index) -> pa.Array:
-    """Return the line strips `points[start:end]` in the memory layout of Rerun, whose conversion is slow."""
+    """Return the line strips `points[start:end]` as an Arrow array, which avoids Rerun's slow conversion."""
     rows = np.concatenate([np.arange(start, end) for start, end in zip(starts, ends, strict=True)])
     vectors = pa.FixedSizeListArray.from_arrays(points[rows].astype(np.float32).ravel(), type=STRIPS.value_type)
     return pa.ListArray.from_arrays(np.append(0, np.cumsum(ends - starts)).astype(np.int32), vectors, type=STRIPS)

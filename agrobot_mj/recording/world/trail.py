@@ -1,7 +1,7 @@
-"""Tyre marks: a flat strip behind each wheel, as wide as the tyre, coloured by slip.
+"""Tyre marks: a flat strip behind each wheel with the width of the tyre, coloured by slip.
 
 Marks are sent as small meshes with the same triangle indices, each at the time of its end. The layout shows all marks
-up to the present time. A wheel in the air leaves no mark.
+up to the current time. A wheel in the air leaves no mark.
 """
 
 import numpy as np
@@ -19,15 +19,15 @@ ENTITY = "world/tracks/tyres"
 PIECES = (10, 20, 40, 100, 200)  # Possible numbers of ticks per segment of a mark
 MOST_PIECES = 800  # Maximum number of segments per run. Each segment is a separate mesh in the viewer.
 STEP_TICKS, ROUGH_STEP_TICKS = 5, 2
-"""Number of ticks between cross-sections of a mark, on a plane and on relief (0.3 m and 0.12 m at 1.2 m/s)."""
+"""Number of ticks between cross-sections of a mark, on a plane and on relief: 0.3 m and 0.12 m at 1.2 m/s."""
 LIFTS_M = np.array([0.004, 0.004, 0.006, 0.006])
-"""Heights of the marks of the four wheels above the ground [m]. Rear marks are above front marks."""
+"""Heights of the tyre marks above the ground for the four wheels [m]. Rear marks are above front marks."""
 SLIP_COLOURS = ((0.02, 0x4A3F2BFF), (0.12, rgba(ORANGE)), (0.3, 0xE02010FF))
-"""Slip at which each colour applies [-]: brown (pressed earth), orange, red."""
+"""Pairs of slip [-] and colour 0xRRGGBBAA: brown (pressed earth), orange, red."""
 
 
 class Trail:
-    """Recorder of the tyre marks."""
+    """Recorder of tyre marks."""
 
     def __init__(self, wheels: Wheels, ticks: int) -> None:
         self.wheels, self.sent = wheels, 0
@@ -35,14 +35,14 @@ class Trail:
         self.step = STEP_TICKS if wheels.ground.is_plane else ROUGH_STEP_TICKS
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the segments that end at log row `first` or later; `times` (n,) are the times of these rows."""
+        """Send the mark segments that end at or after log row `first`. `times` (n,) are the times of the rows."""
         if first == 0:
             stream.log(ENTITY, rr.Mesh3D.from_fields(triangle_indices=self._triangles()), static=True)
         ends = np.arange(self.sent + self.piece, first + len(times), self.piece)
         self._send_pieces(stream, times[ends - first], ends)
 
     def finish(self, stream: rr.RecordingStream, last: int) -> None:
-        """Send the remaining marks, up to log row `last`."""
+        """Send the last mark segment, which ends at log row `last`."""
         if last > self.sent:
             self._send_pieces(stream, nanoseconds(self.wheels.rows.column("t")[[last]]), np.array([last]))
 
@@ -58,7 +58,8 @@ class Trail:
         send(stream, ENTITY, times, columns.partition(np.full(len(ends), count)))
 
     def marks(self, at: Index) -> tuple[Array, Array]:
-        """Return left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and colours (n, 4, 2)."""
+        """Return the left and right edges of the marks at log rows `at` (n,), (n, 4, 2, 3) [m], and their colours (n,
+        4, 2)."""
         contacts, report = self.wheels.contacts(at), self.wheels.report
         width = np.where(report("load", at) > 0, self.wheels.half_widths, 0.0)[..., None]
         edges = np.stack([contacts.patch + width * contacts.left, contacts.patch - width * contacts.left], axis=2)
@@ -68,7 +69,8 @@ class Trail:
         return flat.astype(np.float32), np.repeat(ramp(SLIP_COLOURS, slip)[..., None], 2, axis=2)
 
     def _triangles(self) -> Triangles:
-        """Return the triangles of a segment, shape (n, 3). Vertices are ordered by cross-section, wheel and edge."""
+        """Return the triangles of a mark segment, shape (n, 3). Vertices are ordered by cross-section, wheel and
+        edge."""
         sections, row = self.piece // self.step, 2 * len(WHEELS)
         left = row * np.arange(sections)[:, None] + 2 * np.arange(len(WHEELS))
         quads = left[..., None] + np.array([0, 1, row + 1, 0, row + 1, row])

@@ -1,6 +1,6 @@
-"""Contact frames of wheels, in which the log gives wheel forces, and force arrows next to the wheels.
+"""Contact frames of the wheels, in which wheel forces are logged, and force arrows next to the wheels.
 
-The arrow of the force in the ground plane starts at the edge of the footprint, and its colour shows the friction
+The arrow of the force in the ground plane starts at the edge of the footprint. Its colour indicates the friction
 utilisation. The arrow of the load starts outside the tyre. A run without wheels has no arrows.
 """
 
@@ -22,7 +22,7 @@ REACH_M = 0.01  # Half of the distance over which ground slopes are computed [m]
 
 
 class WheelContacts(NamedTuple):
-    """Contacts of the wheels fl, fr, rl, rr at n times: vectors in the world frame, shape (n, 4, 3)."""
+    """Contact points and axes of the wheels fl, fr, rl, rr at n times, as world-frame vectors of shape (n, 4, 3)."""
 
     patch: Array  # Lowest point of the wheel plane (central plane of the tyre) [m]
     forward: Array  # Rolling direction, parallel to the ground
@@ -31,7 +31,7 @@ class WheelContacts(NamedTuple):
 
 
 class Wheels:
-    """Wheels of a run, with their geometry and logged quantities."""
+    """Geometry and logged quantities of the wheels of a run."""
 
     def __init__(self, rows: Rows, scene: Scene, ground: Ground) -> None:
         self.rows, self.ground = rows, ground
@@ -43,18 +43,18 @@ class Wheels:
         """Half widths of the tyres [m]."""
 
     def contacts(self, at: Index) -> WheelContacts:
-        """Return the contacts in the log rows `at` (n,)."""
+        """Return the wheel contacts in the log rows `at` (n,)."""
         return contacts(self.ground, self.rows.poses[np.ix_(at, self.bodies)], self.radii)
 
     def report(self, quantity: str, at: Index) -> Array:
-        """Return a wheel quantity from the log rows `at` (n,), shape (n, 4)."""
+        """Return a logged wheel quantity in the rows `at` (n,), shape (n, 4)."""
         columns = np.array([self.rows.columns.index(f"{quantity}_{wheel}") for wheel in WHEELS])
         found: Array = self.rows.values[np.ix_(at, columns)]
         return found
 
 
 def contacts(ground: Ground, poses: Array, radii: Array) -> WheelContacts:
-    """Return contacts of wheels with poses (n, 4, 7) and radii (4,) [m], computed as by `tyres.patch.find_patch`."""
+    """Return the contacts of wheels with poses (n, 4, 7) and radii (4,) [m], computed like `tyres.patch.find_patch`."""
     centre = poses[..., :3]
     w, x, y, z = np.moveaxis(poses[..., 3:], -1, 0)
     axle = np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=-1)
@@ -72,27 +72,28 @@ def _unit(v: Array) -> Array:
 
 
 M_PER_N, LOAD_M_PER_N, THICK_M, THIN_M = 1 / 1000, 1 / 2000, 0.03, 0.014
-"""Sizes for the default tractor: arrow length per newton of ground force and of load [m/N], arrow radii of both [m].
-For other tractors, arrow sizes are scaled with the tractor size, and lengths also with its weight."""
+"""Scales of force arrows for the default tractor: length per ground force and per load [m/N], radius for ground force
+and for load [m]. Arrows of other tractors are scaled with tractor size, and their lengths also with tractor weight."""
 BESIDE_M, LIFT_M, FOOT = 0.05, 0.05, 0.5
-"""Distance of an arrow from the tyre and height of the arrow [m]; half the footprint length per wheel radius [-]."""
+"""Distance of arrows from the tyre [m], height of arrows [m], and half the footprint length divided by wheel radius
+[-]."""
 OUTWARD = np.array([1.0 if wheel.endswith("l") else -1.0 for wheel in WHEELS])
 FORCES, LOADS = "world/forces/ground", "world/forces/load"
 LOAD_COLOUR = 0xC3B5F0FF
 USE_COLOURS = ((0.0, 0x4DF08AFF), (0.6, 0xFFC400FF), (0.95, 0xE02010FF))
-"""Friction utilisation at which each colour applies [-]."""
+"""Pairs of friction utilisation [-] and colour 0xRRGGBBAA."""
 UNKNOWN_USE = 0.0
 
 
 class Forces:
-    """Recorder of the force arrows of the wheels, at every tick."""
+    """Recorder of the wheel force arrows at every tick."""
 
     def __init__(self, wheels: Wheels, tractor: TractorParameters) -> None:
         self.wheels, self.size = wheels, tractor.size
         self.scale = tractor.size * COMPACT.mass_kg / tractor.mass_kg
 
     def send(self, stream: rr.RecordingStream, times: Times, first: int) -> None:
-        """Send the arrows of the log rows from `first`; `times` (n,) are the times of these rows."""
+        """Send the force arrows of the log rows from `first`. `times` (n,) are the times of the rows."""
         if first == 0:
             stream.log(FORCES, rr.Arrows3D.from_fields(radii=THICK_M * self.size), static=True)
             stream.log(LOADS, rr.Arrows3D.from_fields(radii=THIN_M * self.size, colors=LOAD_COLOUR), static=True)
@@ -105,7 +106,8 @@ class Forces:
         send(stream, LOADS, times, rr.Arrows3D.columns(origins=posts, vectors=up).partition(counts))
 
     def arrows(self, at: Index) -> tuple[Array, Array, Array, Array]:
-        """Return origins and vectors of ground forces, then of loads, as arrows in rows `at` (n,), (n, 4, 3) [m]."""
+        """Return the arrows in log rows `at`: origins and vectors of ground forces, then of loads, each (n, 4, 3)
+        [m]."""
         contacts = self.wheels.contacts(at)
         fx, fy, load = (np.nan_to_num(self.wheels.report(name, at))[..., None] for name in ("fx", "fy", "load"))
         along = fx * contacts.forward + fy * contacts.left

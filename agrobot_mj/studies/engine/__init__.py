@@ -1,4 +1,4 @@
-"""Execution of studies: processes or Dask workers convert tasks to stored rows. Existing rows are kept."""
+"""Execution of studies: processes or Dask workers convert tasks to stored rows. Existing rows are reused."""
 
 from agrobot_mj.studies.engine.resume import RunTasks, about, study
 from agrobot_mj.studies.engine.tasks import Done, Row, Task, base_text, perform

@@ -1,12 +1,13 @@
-"""Row files of runs in a results folder: existing rows are read; missing runs are simulated and their rows written.
+"""Row files of runs in a results folder. Runs with an existing row are skipped; missing runs are simulated.
 
 A row contains the results of a run. The file name is a digest of the task (scenario, overrides, measurement), so that
 an extended, moved or interrupted study continues with the missing runs. Each row contains the identity of its task:
 digests of task, input files and code (`core.identity`). Rows with another identity, and rows of runs that raised an
 exception, count as missing.
 
-The results folder also contains copies of scenario input files, which the runs read. Each copy is in a folder named
-after its content and is never overwritten. Changes of the original files during a study have no effect.
+The results folder also contains copies of scenario input files, which are read by the runs. Each copy is in a folder
+named after a digest of its content and is never overwritten. Changes of the original files during a study have no
+effect.
 """
 
 import json
@@ -36,7 +37,7 @@ INPUTS = "inputs"
 
 
 class Held(NamedTuple):
-    """Scenario data with input files copied to the results folder, in the forms for execution and for identity."""
+    """Scenario data with copied input files, in one form for execution and one form for the identity of the run."""
 
     driven: dict[str, Any]  # Scenario data with the paths of the copied files, used by the run
     said: dict[str, Any]  # Scenario data with file names instead of paths, used for the identity of the run
@@ -44,14 +45,15 @@ class Held(NamedTuple):
 
 
 class InputCopies:
-    """Copies of input files in one results folder. Each original file is read once."""
+    """Copies of input files in a results folder. Each original file is read once."""
 
     def __init__(self, folder: Path, write: Callable[[Path, bytes], None]) -> None:
         self.folder, self.write = folder.absolute(), write
         self._copies: dict[tuple[str, Path], Path] = {}
 
     def held(self, data: Mapping[str, Any]) -> Held:
-        """Return the data with paths of copied files. An unreadable file keeps its path; the run reports the error."""
+        """Return scenario data with the paths of copied files. Paths of unreadable files are unchanged; the run raises
+        the error."""
         driven, said, found = deepcopy(dict(data)), deepcopy(dict(data)), list[str]()
         for (table, key), (other, _) in zip(list(naming_files(driven)), list(naming_files(said)), strict=True):
             try:
@@ -79,7 +81,8 @@ class InputCopies:
         return self._copies[key, path]
 
     def _content(self, key: str, path: Path) -> bytes:
-        """Return the content of a file. In a machine file, paths are replaced by the paths of copies."""
+        """Return the content of an input file. In a machine file, file paths are replaced by the paths of the
+        copies."""
         if key != "machine":
             return path.read_bytes()
         held = self.held(machine_data(path))
@@ -95,31 +98,31 @@ ROWS = "rows"
 FOLDERS = (f"{ROWS}/", f"{INPUTS}/")
 NAME_DIGITS = 16  # Number of digits of the task digest in a file name
 RunTasks = Callable[[Sequence[Task]], list[Row]]
-"""Function that performs tasks and returns their rows in the order of the tasks."""
+"""Type of a function that executes tasks and returns their rows in the order of the tasks."""
 
 
 class RunFiles(Protocol):
-    """Interface for storing the files of runs, other than rows, that a study keeps."""
+    """Interface for storing additional files of runs, such as signals and recordings."""
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all files of a run that must be kept exist."""
+        """Return whether all required files of a run exist."""
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files of a run, given as content by name."""
+        """Write the files of a run. `contents` maps file names to file contents."""
 
 
 class RowFiles:
-    """Row files and other files in a results folder. Links in the folder are not followed."""
+    """Row files and input copies in a results folder. Links in the folder are not followed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.again = Counter[str]()
-        """Number of stored rows whose runs must be repeated, by reason."""
+        """Number of outdated rows whose runs are repeated, by reason."""
         self.inputs = InputCopies(folder, self.write_bytes)
         self._held = cache(self._held_base)
 
     def asked(self, task: Task) -> Task:
-        """Return a task with its identity and with paths of input files replaced by the paths of the copies."""
+        """Return a task with its identity and with the paths of copied input files."""
         (base, text), code_of_measure = self._held(task.base), _source(task.measure)
         held = {key: self.inputs.held({key.rpartition(".")[2]: value}) for key, value in task.overrides.items()}
         overrides = {key: list(each.said.values()) for key, each in held.items()}
@@ -136,7 +139,8 @@ class RowFiles:
     def drive(
         self, numbers: Iterable[int], task_of: Callable[[int], Task], perform: Perform, files: RunFiles | None = None
     ) -> Generator[tuple[Task, Row, bool]]:
-        """Yield each task, its row, and whether the row already existed. Existing rows come first."""
+        """Execute the tasks without a stored row. Yield each task, its row, and whether the row existed; existing rows
+        first."""
         todo = []  # a list of the tasks could exceed the memory
         for number in numbers:
             task = self.asked(task_of(number))
@@ -144,7 +148,7 @@ class RowFiles:
                 yield task, row, True
             else:
                 todo.append(number)
-        self.tell_again()
+        self.print_outdated()
         for task, (row, contents) in perform(self.asked(task_of(number)) for number in todo):
             with held_back():
                 self.row_file(task).unlink(missing_ok=True)  # the files that belong to this row will be replaced
@@ -168,28 +172,28 @@ class RowFiles:
         return dict(row)
 
     def write_row(self, task: Task, row: Row) -> None:
-        """Write the row of a task."""
+        """Write the row file of a task."""
         write_json(self.row_file(task), {"task": str(task.identity), **row})
 
     def row_file(self, task: Task, ending: str = ".json") -> Path:
-        """Return the path of the row file of a task, or of the file with the same name and another `ending`."""
+        """Return the path of the row file of a task, or of the same file name with another extension `ending`."""
         name = task.identity.scenario if task.identity else ""
         return self.place(Path(ROWS, name[:2], f"{name}{ending}"))
 
-    def tell_again(self) -> None:
-        """Print how many rows are computed again, with the reasons."""
+    def print_outdated(self) -> None:
+        """Print the number of outdated rows whose runs are repeated, with the reasons."""
         if self.again:
             why = ", ".join(f"{count:,} {what}" for what, count in self.again.most_common())
             print(f"{self.folder}: rows with another identity are run again: {why}", file=sys.stderr)
             self.again.clear()
 
     def write_bytes(self, name: Path, content: bytes) -> None:
-        """Write a binary file into the folder, atomically."""
+        """Write a binary file in the results folder atomically."""
         with atomic(self.place(name)) as temporary:
             temporary.write_bytes(content)
 
     def place(self, name: Path) -> Path:
-        """Return the path of a file in the folder. Raises `ScenarioError` if a folder in the path is a link."""
+        """Return the path of a file in the results folder. Raise `ScenarioError` if a folder in the path is a link."""
         for place in name.parents[:-1]:
             if (self.folder / place).is_symlink():
                 raise ScenarioError(f"{self.folder / place}: is a link, and links are not followed; remove the link")
@@ -197,7 +201,7 @@ class RowFiles:
 
 
 class Study:
-    """Function that performs tasks and stores their rows in a results folder. Existing rows are not computed again."""
+    """Function object that executes tasks and stores their rows in a results folder. Stored rows are reused."""
 
     def __init__(self, folder: Path, perform: Perform) -> None:
         self.rows, self.perform, self._errors = RowFiles(folder), perform, set[str]()
@@ -208,7 +212,8 @@ class Study:
         done: Callable[..., object] = lambda expected, there: None,
         files: RunFiles | None = None,
     ) -> list[Row]:
-        """Return the rows of tasks in order: `outcome`, `expected`, `error`, metrics, and values measured by the task.
+        """Return the rows of the tasks in order: `outcome`, `expected`, `error`, metrics, and values measured by the
+        task.
 
         Equal tasks are run once. `done` is called for each task with two flags: whether the run ended as expected, and
         whether the row existed. `files` stores additional files of runs. Equal error messages are printed once.
@@ -230,17 +235,17 @@ class Study:
 
 @contextmanager
 def study(folder: Path, names: Sequence[str], jobs: int | None = None) -> Iterator[Study]:
-    """Yield a function that performs tasks and stores their rows in `folder`, which is locked within the block.
+    """Yield a function that executes tasks and stores their rows in `folder`. The folder is locked during the context.
 
-    `names` are the files that the study itself writes to the folder. `jobs` is the number of processes; default: one
-    per core. Raises `ScenarioError` if results must not be written to `folder`.
+    `names` are the files that the study itself writes to the folder. `jobs` is the number of processes. Default: one
+    per core. Raise `ScenarioError` if results must not be written to `folder`.
     """
     with results(folder, (*names, *FOLDERS)), performing(jobs) as perform:
         yield Study(folder, perform)
 
 
 def about(scenario: Scenario) -> dict[str, Any]:
-    """Return the header of the results of a study: name and identity of the scenario, and package version."""
+    """Return the header of study results: scenario name, scenario identity and package version."""
     return {"scenario": scenario.name, "version": __version__, "identity": str(scenario.identity)}
 
 

@@ -1,6 +1,6 @@
-"""Execution of one run of a study in any process: converts a `Task` to a row of numbers and files.
+"""Execution of one run of a study in any process: conversion of a `Task` to a row of results and files.
 
-A failed run has metrics like other runs. A run that raises an exception has the outcome `error` and an error message.
+A run that fails has metrics. A run that raises an exception has the outcome `error` and an error message.
 """
 
 import errno
@@ -36,42 +36,42 @@ Row = dict[str, Any]
 
 
 class Task(NamedTuple):
-    """Description of one run of a study."""
+    """One run of a study: base scenario, overrides, and results to keep."""
 
     base: str  # Base scenario as JSON text, as returned by `base_text`
     name: str
     overrides: dict[str, Any]
     keep: str = "table"
-    """Files of the run to keep, see `SweepFile.keep`. In addition, `poses` keeps the recording and `POSES`."""
+    """Files of the run to keep: a value of `SweepFile.keep`, or `poses` for the recording and `POSES`."""
     measure: Callable[[Log], Mapping[str, Any]] | None = None
-    """Function that computes additional numbers from the log. Worker processes must be able to import it."""
+    """Function that computes additional results from the log. Worker processes must be able to import it."""
     branches: tuple[Branch, ...] | None = None  # Branches of the random streams, or None for a run without branches
     number: int = 0
     identity: Identity | None = None  # Identity of the row, or None if any version of the code may perform the task
 
     @classmethod
     def of(cls, scenario: Scenario, overrides: Mapping[str, Any] | None = None, **more: Any) -> "Task":
-        """Return a task for a scenario with overrides by dotted key. `more` are other fields of the task."""
+        """Return a task for a scenario with overrides by dotted key. `more` contains other fields of the task."""
         return cls(base_text(scenario), scenario.name, dict(overrides or {}), **more)
 
 
 class Done(NamedTuple):
-    """Result of a completed task."""
+    """Row and files of a completed task."""
 
     row: Row
     files: dict[str, bytes]  # Content of the files to keep, by path relative to the folder of the run
 
 
 def base_text(base: Scenario) -> str:
-    """Return a scenario as JSON text without default values. `resolve` creates an equal scenario from it."""
+    """Return a scenario as JSON text without default values. `resolve` converts it back to an equal scenario."""
     return json.dumps(explicit_values(base), sort_keys=True)
 
 
 def perform(task: Task) -> Done:
-    """Simulate one run and return its row and files.
+    """Simulate the run of a task and return its row and files.
 
-    Errors of the run become part of the row. Other errors are raised: OSError for a full disk, exceptions of signal
-    handlers, and `ScenarioError` if the code of this process differs from the code named in the task.
+    Errors of the run are stored in the row. Other errors are raised: OSError for a full disk, exceptions of signal
+    handlers, and `ScenarioError` if the code of this process differs from the code in the task identity.
     """
     if task.identity and (apart := differing(code_text(), task.identity.code)):
         raise ScenarioError(f"{task.name}: a worker has {other_code(apart)}")
@@ -133,7 +133,7 @@ def _numbers(log: Log, task: Task) -> dict[str, Any]:
 
 
 def other_code(parts: Sequence[str]) -> str:
-    """Return the error message for a worker whose code differs from the code of the command, in the given `parts`."""
+    """Return the error message for a worker whose code differs in `parts` from the code of the command."""
     return (
         f"different {' and '.join(parts)}: the code was edited meanwhile, or registered where workers do not find it; "
         "restart the command and the workers of a scheduler, and register kinds at the top level of a module"
@@ -141,7 +141,10 @@ def other_code(parts: Sequence[str]) -> str:
 
 
 def files_kept(keep: str, expected: bool) -> tuple[str, ...]:
-    """Return the names of the files kept for a completed run, given `keep` of `SweepFile` and the kind of outcome."""
+    """Return the names of the files kept for a completed run. `keep` is a value of `SweepFile.keep`, or `poses`.
+
+    `expected` is whether the run ended as expected.
+    """
     if keep == "table" or (keep == "failures" and expected):
         return ()
     recorded = (RECORDING,) if keep != "signals" and installed("rerun") else ()

@@ -1,4 +1,4 @@
-"""Execution of tasks by this process, by a pool of processes, or by the workers of an existing Dask scheduler.
+"""Execution of tasks in this process, in a process pool, or by the workers of a Dask scheduler.
 
 Dask workers need the same code (`core.identity`), plugin files at the same paths, and access to the results folder,
 which contains copies of the input files.
@@ -29,7 +29,7 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies.engine.tasks import Done, Task, failure, other_code, perform
 
 AHEAD = 2
-"""Maximum number of submitted work items per worker: one running and one waiting. The limit bounds the memory usage."""
+"""Maximum number of submitted work items per worker, one running and one waiting, which limits the memory usage."""
 UNSTARTED = (
     "no worker process can start because the import of the main program fails there; save the program as a file with "
     'its code below `if __name__ == "__main__":`, or use one job'
@@ -39,13 +39,16 @@ Result = TypeVar("Result")
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of processor cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Pool:
-    """Context manager for a pool of worker processes. A pool of one worker uses this process. Workers load the plugins
-    of this process and exit if it is killed. Their temporary files are deleted at the end."""
+    """Context manager for a pool of worker processes. A pool of one worker uses this process.
+
+    Workers load the plugins of this process, and exit if this process is killed. Their temporary files are deleted at
+    the end.
+    """
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -65,7 +68,7 @@ class Pool:
         """Yield each work item with its result, in order of completion.
 
         If a worker dies, all other workers are terminated and the items in progress are repeated one by one. If an item
-        kills its worker again, its result is `died(work)`; without `died`, `BrokenProcessPool` is raised. Raises
+        kills its worker again, its result is `died(work)`; without `died`, `BrokenProcessPool` is raised. Raise
         `ScenarioError` if no worker can start.
         """
         if self.workers <= 1:
@@ -111,15 +114,18 @@ class Pool:
 
 
 def spread(function: Callable[[Work], Result], todo: Iterable[Work], workers: int) -> Iterator[tuple[Work, Result]]:
-    """Yield each work item with its result, as `Pool.spread` does, from a temporary pool of processes."""
+    """Yield each work item with its result from a temporary process pool, as `Pool.spread` does."""
     with Pool(workers) as pool:
         yield from pool.spread(function, todo)
 
 
 @contextmanager
 def compiling_beside(scenario: Scenario) -> Iterator[None]:
-    """Compile with an empty cache in two processes: a worker drives the scenario on the bicycle model and flat ground,
-    which compiles all but the physics, until the end of the block or its own end."""
+    """Compile the control loop in a second process during the context, if the cache of compiled code is empty.
+
+    The process simulates the scenario on the bicycle model and flat ground, which compiles everything except the
+    physics.
+    """
     if CACHE is None or any(CACHE.rglob("*.nbi")) or cores() < 2:
         yield
         return
@@ -151,7 +157,7 @@ def _stop(executor: ProcessPoolExecutor, at_once: bool) -> None:
 def stream(
     executor: Executor, function: Callable[[Work], Result], todo: Iterator[Work], window: int
 ) -> "Iterator[tuple[Work, Future[Result]]]":
-    """Yield each work item with its completed future. At most `window` items are submitted in advance."""
+    """Yield each work item with its completed future. At most `window` items are submitted at the same time."""
     first = list(islice(todo, window))
     first[1:1] = first[2:] and [first.pop()]  # the first and last item differ most: workers compile different kernels
     running = {_handed_out(executor, function, work): work for work in first}
@@ -179,7 +185,7 @@ def _begin_worker(plugins: tuple[Path, ...], scratch: str) -> None:
 
 
 def _leave_signals_to_the_parent() -> None:
-    """Ignore Ctrl-C in a worker process, because its parent handles the signal. Exit if the parent is killed."""
+    """Ignore Ctrl-C in a worker process, because its parent handles the signal, and exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_end_with_the_parent, daemon=True).start()
@@ -200,7 +206,7 @@ PATIENCE_S = 10  # Time limit for a response of a Dask scheduler [s]
 
 @contextmanager
 def dask_cluster(address: str) -> Iterator[Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]]:
-    """Yield a function that performs tasks on the workers of the Dask scheduler at `address`."""
+    """Yield a function that executes tasks on the workers of the Dask scheduler at `address`."""
     # Dask logs a traceback if the scheduler is lost. This module raises a readable error instead.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     with _client(address) as client:
@@ -258,13 +264,15 @@ def _perform(task: Task, plugins: tuple[Path, ...]) -> Done:
 
 DIED = "the worker process died twice on this run (killed, out of memory, or a crash of a library)"
 Perform = Callable[[Iterable[Task]], Iterator[tuple[Task, Done]]]
-"""Function that performs tasks and yields each task with its result in order of completion."""
+"""Type of a function that executes tasks and yields each task with its result, in order of completion."""
 
 
 @contextmanager
 def performing(jobs: int | None, scheduler: str | None = None, most: int | None = None) -> Iterator[Perform]:
-    """Yield a function that performs tasks: with Dask if `scheduler` is given, otherwise with `jobs` processes. Default
-    of `jobs`: the number of cores, at most `most`."""
+    """Yield a function that executes tasks: with Dask if `scheduler` is given, otherwise with `jobs` processes.
+
+    Default of `jobs`: the number of cores, at most `most`.
+    """
     if scheduler:
         with dask_cluster(scheduler) as over_dask:
             yield over_dask

@@ -1,7 +1,7 @@
-"""Self-contained HTML page with text, tables and interactive charts. The page includes the plotting library.
+"""Self-contained HTML page with text, tables, interactive charts, and the plotting library.
 
-A chart is plain data, `{"data": [...], "layout": {...}}`, for plotly.js. A click on a point that has a command in
-`customdata` displays the command.
+A chart is plain data, `{"data": [...], "layout": {...}}`, for plotly.js. If `customdata` of a point contains a command,
+a click on the point displays the command.
 """
 
 import json
@@ -18,16 +18,16 @@ from agrobot_mj.core.version import __version__
 from agrobot_mj.simulation.results import write_text
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PINK, SKY_BLUE, DARK_GREY, "#000000")
-"""Colours of the groups of runs in charts, in the order of the groups."""
+"""Colours of run groups in charts, in group order."""
 Chart = dict[str, Any]
 CATEGORIES: dict[str, Any] = {"type": "category", "autorange": "reversed", "automargin": True, "dtick": 1}
-"""Chart axis for names: shows all names, the first name on top, and adapts its width to the names."""
+"""Layout of a chart axis with names: all names are visible, the first name is on top, and the width fits the names."""
 MOST_ROWS, ROW_PX, AROUND_PX = 8, 24, 150
-"""Maximum number of names in a chart of standard height, height of each further name, height of margins [pixels]."""
+"""Chart heights: maximum number of names at standard height [-], height per further name and of margins [pixels]."""
 INK, GRID, SHADE, SOFT = "#1b1b1b", "#e5e5e5", "#dddddd", "#999999"
 """Colours of text, grid lines, shaded areas and chart controls."""
 DARK = {"#000000": "#f0f0f0", INK: "#e8e8e8", GRID: "#3a3a3a", SHADE: "#4a4a4a", BLUE: BRIGHT_BLUE, SKY_BLUE: YELLOW}
-"""Colours of charts, mapped to their replacements in dark mode."""
+"""Chart colours in dark mode, by colour in light mode."""
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #555; --line: #ddd; --pale: #f5f5f5; --page: #fff; }
 @media (prefers-color-scheme: dark) {
@@ -88,7 +88,7 @@ for (const [id, chart] of Object.entries(JSON.parse(recoloured))) {
 
 
 class Document:
-    """HTML page under construction."""
+    """Builder of an HTML page."""
 
     def __init__(self, title: str, facts: Iterable[str]) -> None:
         self.title, self.charts = title, dict[str, Chart]()
@@ -106,7 +106,7 @@ class Document:
         self.parts.append(f"<p>{escape(text)}</p>")
 
     def remarks(self, texts: Iterable[str]) -> None:
-        """Add a paragraph with one sentence for each text."""
+        """Add a paragraph for each text, formatted as a sentence."""
         for text in texts:
             self.text(f"{text[0].upper()}{text[1:]}.")
 
@@ -115,18 +115,18 @@ class Document:
         self.parts.append(f'<div class="grid">{"".join(self._card(*chart) for chart in charts)}</div>')
 
     def table(self, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-        """Add a table, omitting columns whose cells are all empty. Numbers are right-aligned."""
+        """Add a table without empty columns. Numbers are right-aligned."""
         columns = [cells for cells in zip(head, *rows, strict=True) if set(cells[1:]) != {""}]
         lines = zip("h" + "d" * (len(columns[0]) - 1), zip(*columns, strict=True), strict=True)
         inner = "".join(f"<tr>{''.join(_cell(f't{tag}', value) for value in line)}</tr>" for tag, line in lines)
         self.parts.append(f'<div class="scroll"><table>{inner}</table></div>')
 
     def code(self, title: str, text: str) -> None:
-        """Add preformatted text that is hidden until its title is clicked."""
+        """Add preformatted text that is shown when its title is clicked."""
         self.parts.append(f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>")
 
     def thumbnails(self, cards: Sequence[tuple[str, str, str]]) -> None:
-        """Add small images, each with title, SVG text and command."""
+        """Add small images. Each card is (title, SVG text, command)."""
         inner = "".join(
             f'<div class="card"><h3>{escape(title)}</h3>{svg}<pre>{unbroken(command)}</pre></div>'
             for title, svg, command in cards
@@ -134,7 +134,7 @@ class Document:
         self.parts.append(f'<div class="grid small">{inner}</div>')
 
     def write(self, file: Path) -> Path:
-        """Write the page atomically and return the file. Raises `ScenarioError` if plotly is not installed."""
+        """Write the page atomically and return `file`. Raise `ScenarioError` if plotly is not installed."""
         library = _library()
         charts = json.dumps(self.charts, allow_nan=False).replace("<", "\\u003c")
         text = f"""<!doctype html>
@@ -160,7 +160,7 @@ const DARK = {json.dumps(DARK)};{SCRIPT}</script></body></html>
 
 
 def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
-    """Return the layout of a chart with axis titles, with space for a legend below and for chart controls above."""
+    """Return a chart layout with axis titles `x` and `y`, and with space for a legend and for chart controls."""
     clear = "rgba(0,0,0,0)"
     axis = {"gridcolor": GRID, "zeroline": False, "ticks": "outside", "tickcolor": clear, "automargin": True}
     own = {"xaxis": {**axis, "title": {"text": x}}, "yaxis": {**axis, "title": {"text": y}}}
@@ -174,19 +174,19 @@ def layout(x: str, y: str, **more: Any) -> dict[str, Any]:
 
 
 def unbroken(command: str) -> str:
-    """Return a command as HTML in which lines break only before options."""
+    """Return a command as HTML with line breaks only before options."""
     return "".join(f"<span>{escape(part)}</span>" for part in re.split(r"(?= --)", command))
 
 
 def error_bars(middle: Sequence[float], ends: Iterable[Sequence[float]]) -> Chart:
-    """Return asymmetric error bars about the points `middle`. `ends` are the lower and upper ends for each point."""
+    """Return asymmetric error bars for the values `middle`. `ends` contains the lower and upper end of each bar."""
     pairs = list(zip(middle, ends, strict=True))
     upper, lower = [high - m for m, (_, high) in pairs], [m - low for m, (low, _) in pairs]
     return {"type": "data", "symmetric": False, "array": upper, "arrayminus": lower}
 
 
 def finite(value: Any) -> Any:
-    """Return plain data with floats rounded to six digits. NaN and infinite values become None."""
+    """Return plain data with floats rounded to six digits, and with None in place of NaN and infinite values."""
     if isinstance(value, Mapping):
         return {key: finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Report pages of a run and of a comparison."""
+"""Report pages of a single run and of a comparison."""
 
 import json
 import tomllib
@@ -20,18 +20,18 @@ from agrobot_mj.studies.pages.ranking import CENTIMETRES, Group, add_ranking, ra
 from agrobot_mj.studies.results_io import code_of
 
 MOST_POINTS = 2500
-"""Maximum number of points of a curve. In longer signals, each block of points is reduced to its extremes."""
+"""Maximum number of points of a curve. Longer signals are reduced to the extremes of blocks of points."""
 SIGNALS = ("t", "x", "y", "x_ref", "y_ref", "x_hat", "y_hat", "e_lateral", "e_longitudinal", "speed", "steer")
 MORE = ("speed_ref", "steer_ref", "tau_c", "tau_n", "gnss_quality", "roll", "pitch", "implement_x", "implement_y")
 LARGEST_DRAWN, MOST_TIMES = 0.1, 500
-"""Maximum size of an enlarged cross-track error [fraction of the map size], and maximum enlargement factor [-]."""
+"""Maximum drawn size of a magnified cross-track error [fraction of the map size], and maximum magnification [-]."""
 Signals = dict[str, Array]
 Rows = Sequence[Mapping[str, Any]]
 APART = "The runs cover different segments of the path, so errors of different rankings are not comparable."
 
 
 def read_signals(folder: Path) -> Signals:
-    """Return the logged signals of a run as arrays of shape (n,), by column."""
+    """Return the logged signals of a run as arrays of shape (n,), by column name."""
     file = (folder / "signals.parquet").absolute()
     there = set(pq.read_schema(file).names)
     table = pq.read_table(file, columns=[name for name in (*SIGNALS, *MORE) if name in there])
@@ -39,8 +39,11 @@ def read_signals(folder: Path) -> Signals:
 
 
 def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
-    """Return about `most` rows of columns (n,). In each block of rows, the minimum and maximum of each column are kept.
-    Spikes therefore remain visible. A block without values remains a gap."""
+    """Return about `most` rows of the columns (n,).
+
+    The minimum and maximum of each column in each block of rows are kept, so that spikes remain visible. A block
+    without values remains a gap.
+    """
     n = len(columns[0])
     if n <= most:
         return list(columns)
@@ -59,7 +62,7 @@ def thinned(*columns: Array, most: int = MOST_POINTS) -> list[Array]:
 
 
 def line(x: Array, y: Array, name: str, colour: str, **more: Any) -> Chart:
-    """Return one curve of a chart as plain data for plotly."""
+    """Return a curve as plain chart data."""
     style = {"color": colour, "width": more.pop("width", 1.5), "dash": more.pop("dash", "solid")}
     x, y = thinned(x, y)
     return {"type": "scatter", "mode": "lines", "x": x.tolist(), "y": y.tolist(), "name": name, "line": style, **more}
@@ -76,12 +79,13 @@ def across(s: Signals) -> tuple[Array, Array]:
 
 
 def implement_of(s: Signals) -> Signals:
-    """Return the signals with the position of the implement instead of the tractor. Without an implement, return {}."""
+    """Return the signals with the position of the implement in place of the tractor, or {} for a run without
+    implement."""
     return {**s, "x": s["implement_x"], "y": s["implement_y"]} if "implement_x" in s else {}
 
 
 def enlargement(tractors: Iterable[Signals]) -> int:
-    """Return the factor [-] by which a map enlarges cross-track errors: 1, 2 or 5 times a power of ten."""
+    """Return the magnification of cross-track errors in a map [-]: 1, 2 or 5 times a power of ten."""
     runs = [s for tractor in tractors for s in (tractor, implement_of(tractor)) if s]
     extent = max(float(np.nanmax(np.ptp([s["x_ref"], s["y_ref"]], axis=1))) for s in runs)
     largest = max(float(np.nanmax(np.abs(across(s)[1]), initial=0.0)) for s in runs)
@@ -90,27 +94,27 @@ def enlargement(tractors: Iterable[Signals]) -> int:
 
 
 def enlarged(s: Signals, times: int) -> tuple[Array, Array]:
-    """Return the track with cross-track errors enlarged by the factor `times`, as x and y (n,) [m]."""
+    """Return the track with cross-track errors magnified by the factor `times`, as x and y (n,) [m]."""
     left, off = across(s)
     x, y = np.stack([s["x"], s["y"]]) + (times - 1) * off * left.T
     return x, y
 
 
 def map_of(runs: Mapping[str, Signals]) -> tuple[str, Chart]:
-    """Return title and chart of a map of runs. If cross-track errors are enlarged, title and axis give the factor."""
+    """Return title and chart of a map of runs. Title and axis state the magnification of cross-track errors, if any."""
     first, times = next(iter(runs.values())), enlargement(runs.values())
     data = [line(first["x_ref"], first["y_ref"], "reference", BLACK, width=1, dash="dot")]
     for k, (name, s) in enumerate(runs.items()):
         parts = {name: ("solid", s), f"{name}: implement": ("dash", implement_of(s))}
         colour = COLOURS[k % len(COLOURS)]
         data += [line(*enlarged(own, times), part, colour, dash=dash) for part, (dash, own) in parts.items() if own]
-    own = layout(f"east [m]{told(times)}", "north [m]", yaxis={"scaleanchor": "x"})
+    own = layout(f"east [m]{magnification_text(times)}", "north [m]", yaxis={"scaleanchor": "x"})
     chart = {"data": data, "layout": own}
-    return f"Map{told(times)}", chart
+    return f"Map{magnification_text(times)}", chart
 
 
-def told(times: int) -> str:
-    """Return the part of a title that states the magnification of cross-track errors, or "" if drawn to scale."""
+def magnification_text(times: int) -> str:
+    """Return the part of a title that states the magnification of cross-track errors, or "" for a map to scale."""
     return f", cross-track errors enlarged {times} times" if times > 1 else ""
 
 
@@ -130,7 +134,7 @@ def _curves(label: str, curves: Mapping[str, tuple[Array, Array]]) -> Chart:
 
 
 def run_page(folder: Path) -> Document:
-    """Return the report page of one run."""
+    """Return the report page of a single run."""
     metrics = json.loads((folder / "metrics.json").read_text("utf-8"))
     text = (folder / "scenario.toml").read_text("utf-8")
     scenario, signals = tomllib.loads(text), read_signals(folder)
@@ -152,7 +156,7 @@ def run_page(folder: Path) -> Document:
 
 
 def facts(scenario: Mapping[str, Any], *more: str) -> list[str]:
-    """Return texts for the head of a page: name, seed, plant, guidance and version of a scenario."""
+    """Return the facts at the head of a page: scenario name, seed, plant, guidance and version."""
     plant, guidance = scenario.get("plant", {}), scenario.get("guidance", {})
     found = [f"scenario {scenario.get('name', '?')}", *more, f"seed {scenario.get('seed', '?')}"]
     found += [f"plant {plant['kind']}"] if "kind" in plant else []
@@ -200,12 +204,12 @@ def comparison_page(folder: Path) -> Document:
 
 
 def _law(row: Mapping[str, Any]) -> str:
-    """Return the name of the law of a row, taken from the name of its run folder (plant-law-seed)."""
+    """Return the law name of a row, which is part of the name of its run folder (plant-law-seed)."""
     return str(row["folder"]).removeprefix(f"{row['plant']}-").removesuffix(f"-s{row['seed']}")
 
 
 def _add_rankings(page: Document, places: Mapping[str, Rows]) -> None:
-    """Add one ranking for each path segment, because errors on different segments are not comparable."""
+    """Add one ranking per path segment, because errors on different segments are not comparable."""
     pieces = dict.fromkeys(rows[0].get("piece") for rows in places.values())
     laws = list(dict.fromkeys(_law(row) for rows in places.values() for row in rows))
     for number, piece in enumerate(pieces, 1):
@@ -221,7 +225,7 @@ def _marked(row: Mapping[str, Any]) -> str:
 
 
 def thumbnail(signals: Signals, times: int = 1) -> str:
-    """Return a small SVG image of track (coloured) and path, with cross-track errors enlarged by `times`."""
+    """Return a small SVG image of the path and the track, with cross-track errors magnified by the factor `times`."""
     x, y, track = signals["x_ref"], signals["y_ref"], enlarged(signals, times)
     points = np.concatenate([np.stack([x, y], 1), np.stack(track, 1)])
     points = points[np.isfinite(points).all(axis=1)]

@@ -1,4 +1,4 @@
-"""Ranking of groups of runs: success rates with intervals, errors of successful runs, remarks.
+"""Ranking of groups of runs: success rates with intervals, errors of successful runs, and remarks.
 
 Groups are sorted by success rate, then by the median cross-track RMS error of the successful runs.
 """
@@ -21,13 +21,13 @@ CONFIDENCE = 0.8  # Confidence level of the intervals for success rates [-]
 QUANTILES = ("median", "10 %", "90 %")  # Names of the columns with quantiles of the errors in a group
 MEDIANS = {ESTIMATOR: "estimator [cm]", GUIDANCE: "guidance [cm]", "xte_abs_p95": "xte 95 % [cm]"}
 MEDIANS |= {"lateral_rms": "lateral rms [cm]"}
-"""Title of the column with the median of each further error, by metric. Components of the ranked error come first."""
+"""Titles of the columns with medians of further errors, by metric. Components of the cross-track error are first."""
 FEW = 5  # Maximum number of runs for which a box plot also shows every run as a point
 Row = Mapping[str, Any]
 
 
 class Group(NamedTuple):
-    """Group of runs that are ranked together, for example all runs of one law."""
+    """Group of runs in a ranking, for example all runs of one law."""
 
     name: str
     rows: Sequence[Row]
@@ -39,27 +39,27 @@ class Group(NamedTuple):
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the confidence interval of the success rate [-], with confidence level `CONFIDENCE`."""
+        """Confidence interval of the success rate [-] at the confidence level `CONFIDENCE`."""
         return wilson_interval(sum(map(succeeded, self.rows)), len(self.rows), CONFIDENCE)
 
     @property
     def values(self) -> Array:
-        """RMS cross-track errors of the successful runs [cm]."""
+        """Cross-track RMS errors of the successful runs [cm]."""
         return centimetres(self.rows)
 
 
 def centimetres(rows: Iterable[Row]) -> Array:
-    """Return the RMS cross-track errors of the rows that contain this error [cm]."""
+    """Return the cross-track RMS errors of the rows [cm], without rows that have no error value."""
     return np.array([CENTIMETRES * error for row in rows if (error := error_of(row, METRIC)) is not None])
 
 
 def ranked(groups: Iterable[Group]) -> list[Group]:
-    """Return the groups, best group first."""
+    """Return the groups in ranking order, best group first."""
     return sorted(groups, key=lambda group: (-group.rate, np.median(group.values) if len(group.values) else np.inf))
 
 
 def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, colours: Sequence[str]) -> None:
-    """Add a table of the groups, remarks, and box plots of the errors in the given colours."""
+    """Add a table of the groups, remarks, and box plots of the errors with the given colours."""
     rule = "A run succeeds if it ends as the scenario expects. Errors refer to successful runs that completed."
     page.section(title, f"{rule} {text}" if text else rule)
     head = ("group", "runs", "success [%]", f"{CONFIDENCE:.0%} interval", *(f"{q} [cm]" for q in QUANTILES))
@@ -70,7 +70,7 @@ def add_ranking(page: Document, groups: Sequence[Group], title: str, text: str, 
 
 
 def box(group: Group, colour: str) -> Chart:
-    """Return a box plot of the errors of a group, with the same quartiles as in `ranking.png`."""
+    """Return a box plot of the errors of a group, with the same quartiles as `ranking.png`."""
     (found,) = boxplot_stats(group.values)
     names = {"q1": "q1", "med": "median", "q3": "q3", "whislo": "lowerfence", "whishi": "upperfence"}
     drawn = {theirs: [float(found[ours])] for ours, theirs in names.items()}

@@ -1,4 +1,4 @@
-"""Report `report.html` of a results folder, and figures for printing.
+"""Report `report.html` of a results folder, and printable figures.
 
 Extensions and installed packages provide a `Reports` object at entry points of the group `agrobot_mj.reports`.
 """
@@ -27,20 +27,24 @@ from agrobot_mj.studies.sweep.store import read_rows
 
 Page = Callable[[Path], Document]  # Function that returns the report page of a results folder
 Section = Callable[[Document, Path, str | None], list[Path]]
-"""Function that adds a section to the page of a folder, for the metric of `--metric`, and returns the written files."""
+"""Type of a function that adds a section to the page of a folder and returns the written files.
+
+The third argument is the metric of the option `--metric`.
+"""
 
 
 class Reports(NamedTuple):
-    """Report pages and sections for results folders. The keys are names of files that identify a folder's content."""
+    """Report pages and sections of an extension. The keys are names of files that identify the type of a results
+    folder."""
 
     pages: Mapping[str, Page | str] = MappingProxyType({})
-    """Page functions by name of the identifying file. A text instead of a function states why there is no page."""
+    """Page functions by identifying file. A text in place of a function states why there is no page."""
     sections: Mapping[str, Section] = MappingProxyType({})
-    """Functions that add a section to the end of a page of another `Reports` object, by identifying file."""
+    """Functions that append a section to a page of another `Reports` object, by identifying file."""
 
 
 def sweep_figures(folder: Path) -> list[Path]:
-    """Draw `ranking.png` and, if the sweep has numeric parameters, `curves.png`. Return the files."""
+    """Draw `ranking.png` and, if the sweep has numeric parameters, `curves.png`. Return the written files."""
     groups, numeric = grouped(read_rows(folder))
     drawn = read_sweep(folder / "sweep.toml").file.draws
     with mpl.rc_context(STYLE):
@@ -49,7 +53,7 @@ def sweep_figures(folder: Path) -> list[Path]:
 
 
 def ranking(groups: list[Group]) -> Figure:
-    """Draw success rates with intervals and errors of successful runs for each group, the best group on top."""
+    """Draw the success rates with intervals and the errors of successful runs for each group, best group on top."""
     figure = Figure((2 * PANEL_WIDTH_IN, 0.28 * len(groups) + 0.9), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     places = list(range(len(groups)))
@@ -66,7 +70,10 @@ def ranking(groups: list[Group]) -> Figure:
 
 
 def over_parameters(groups: list[Group], numeric: list[str], drawn: Collection[str] = ()) -> Figure:
-    """Plot errors of successful runs and their median over each parameter in `numeric`; those in `drawn` are random."""
+    """Draw the errors of successful runs and their median versus each numeric parameter.
+
+    `drawn` contains the names of the random parameters.
+    """
     columns = min(len(numeric), 2)
     rows = -(-len(numeric) // columns)
     figure = Figure((columns * PANEL_WIDTH_IN, 2.3 * rows + 0.5), layout="constrained")
@@ -91,7 +98,10 @@ FILES = ("report.html", "ranking.png", "curves.png")
 
 
 def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
-    """Return all pages and sections by identifying file. A run comes last, as its folder may have other results."""
+    """Return all pages and sections by identifying file.
+
+    The page of a run is last, because a folder with other results may also contain a run.
+    """
     pages: dict[str, Page | str] = {"comparison.json": comparison_page, "sweep.parquet": sweep_page}
     sections = dict[str, list[Section]]()
     for entry in installed("reports"):
@@ -103,7 +113,7 @@ def known_reports() -> tuple[dict[str, Page | str], dict[str, list[Section]]]:
 
 
 def write_report(folder: Path, metric: str | None = None) -> list[Path]:
-    """Write the report of a results folder and return the written files. Reject folders without known results."""
+    """Write the report of a results folder and return the written files. Raise `ScenarioError` for unknown results."""
     if not folder.is_dir():
         raise ScenarioError(f"{folder}: no such folder")
     pages, sections = known_reports()

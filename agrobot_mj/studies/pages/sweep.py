@@ -1,8 +1,8 @@
 """Report page of a sweep.
 
-The page contains a ranking of groups of runs, maps of two parameters with the boundary of failure, curves of one
-parameter, the worst runs, and the command that repeats each run. Runs of a group have the same variant and the same
-non-numeric parameters. A run fails if it does not end as expected.
+The page contains a ranking of groups of runs, curves of one parameter, and maps of two parameters with the boundary of
+failure. It lists the worst runs and gives the command that repeats each run. Runs of a group have the same variant and
+the same non-numeric parameters. A run fails if it does not end as expected.
 """
 
 import json
@@ -20,7 +20,7 @@ from agrobot_mj.scenario.plugins import plugin_options
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.run import run
 from agrobot_mj.studies.pages.document import COLOURS, Chart, Document, error_bars, layout
-from agrobot_mj.studies.pages.drive import Signals, enlargement, read_signals, thumbnail, told
+from agrobot_mj.studies.pages.drive import Signals, enlargement, magnification_text, read_signals, thumbnail
 from agrobot_mj.studies.pages.ranking import CENTIMETRES, LABEL, METRIC, Group, Row, add_ranking, centimetres, ranked
 from agrobot_mj.studies.pieces import pieces
 from agrobot_mj.studies.results_io import code_of
@@ -64,7 +64,7 @@ def sweep_page(folder: Path) -> Document:
 
 
 def grouped(rows: Sequence[Row]) -> tuple[list[Group], list[str]]:
-    """Return the groups of runs, best group first, and the names of numeric parameters."""
+    """Return the groups of runs, best group first, and the names of the numeric parameters."""
     names = list(rows[0])  # parameter columns are between seed and outcome
     varied = [name for name in names[names.index("seed") + 1 : names.index("outcome")] if _differs(rows, name)]
     numeric = [name for name in varied if all(type(row[name]) in (int, float) for row in rows)]
@@ -81,29 +81,30 @@ def _differs(rows: Sequence[Row], name: str) -> bool:
 
 
 class RerunCommand:
-    """Function that returns, for a row of the sweep table, the command that repeats its run."""
+    """Function object that returns the command for repeating the run of a table row."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.plan = folder, SweepPlan(read_sweep(folder / "sweep.toml"))
 
     def overrides(self, row: Row) -> dict[str, Any]:
-        """Return the overrides of the run of a row, relative to the base scenario, with names of data files."""
+        """Return the overrides of the base scenario for the run of a row, with names of data files in place of
+        paths."""
         overrides = self.plan.run(row["run"]).overrides
         return {key: renamed(key, value, self.plan.file_names) for key, value in overrides.items()}
 
     def __call__(self, row: Row) -> str:
-        """Return the command that repeats the run of a row and records it."""
+        """Return the command that repeats and records the run of a row."""
         sets = [f"--set {shlex.quote(f'{key}={toml_value(value)}')}" for key, value in self.overrides(row).items()]
         base, plugins = shlex.quote(str(self.folder / "base.toml")), plugin_options()
         parts = ("agrobot-mj run", base, *([plugins] if plugins else []), *sets, f"--out run-{row['run']}")
         return " ".join(parts)
 
     def scenario(self, row: Row) -> Scenario:
-        """Return the scenario of a row's run."""
+        """Return the scenario of the run of a row."""
         return self.plan.sweep.base.changed(self.plan.run(row["run"]).overrides)
 
     def signals(self, row: Row) -> Signals:
-        """Return the signals of the run of a row, read from files or computed by repeating the run."""
+        """Return the signals of the run of a row. Without stored signals, the run is repeated."""
         kept = self.folder / "runs" / f"{row['run']:08}"
         if (kept / "signals.parquet").exists():
             return read_signals(kept)
@@ -112,7 +113,7 @@ class RerunCommand:
 
 
 def toml_value(value: Any) -> str:
-    """Return a value as TOML text on one line."""
+    """Return a value as TOML text in one line."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{json.dumps(key)} = {toml_value(each)}" for key, each in value.items()) + "}"
     if isinstance(value, list | tuple):
@@ -121,7 +122,7 @@ def toml_value(value: Any) -> str:
 
 
 def _pieces(rows: Sequence[Row], again: RerunCommand) -> int:
-    """Return the number of different path segments in a sweep, determined from runs at equal intervals."""
+    """Return the number of different path segments in a sweep, determined from a sample of its runs."""
     if not any(key.startswith("path") or key == "duration_s" for key in again.plan.varied):
         return 1
     return max(pieces(map(again.scenario, rows[:: max(1, len(rows) // MOST_PIECES)])))
@@ -152,7 +153,10 @@ def _fills(rows: Sequence[Row], x: str, y: str) -> bool:
 
 
 def heat_map(group: Group, x: str, y: str, scale: tuple[float, float], again: RerunCommand) -> Chart:
-    """Return a map of median errors over parameters `x`, `y`, with failure boundary and colour range `scale` [cm]."""
+    """Return a map of the median error versus parameters `x` and `y`, with the failure boundary.
+
+    `scale` is the range of the colours [cm].
+    """
     xs, ys = (sorted({row[p] for row in group.rows}) for p in (x, y))
     cells: dict[tuple[Any, Any], list[Row]] = {}
     for row in group.rows:
@@ -214,7 +218,7 @@ def curves(groups: Sequence[Group], parameter: str, again: RerunCommand, drawn: 
 
 
 def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
-    """Return about one in `share` rows: in each block of 2 * `share` rows, the best and the worst one."""
+    """Return the best and the worst row of each block of 2 * `share` rows, which is one in `share` rows."""
     if share == 1:
         return list(rows)
     stretches = (rows[first : first + 2 * share] for first in range(0, len(rows), 2 * share))
@@ -222,8 +226,10 @@ def _extremes(rows: Sequence[Row], share: int) -> list[Row]:
 
 
 def median_curve(group: Group, parameter: str, colour: str, drawn: bool = False) -> Chart:
-    """Return a curve of the median error versus a parameter, with bars from the 10 % to the 90 % quantile. If the
-    parameter is random (`drawn`), its values are combined in up to six classes of equal size."""
+    """Return a curve of the median error versus a parameter, with bars from the 10 % to the 90 % quantile.
+
+    Values of a random parameter (`drawn`) are combined in up to six classes of equal size.
+    """
     rows = sorted((r for r in group.rows if error_of(r, METRIC) is not None), key=lambda r: r[parameter])
     values = len({row[parameter] for row in rows})
     if values <= MOST_VALUES / 2 and not (drawn and 2 * values > len(rows)):
@@ -248,7 +254,7 @@ def _add_worst(page: Document, rows: Sequence[Row], again: RerunCommand) -> None
         title = f"run {row['run']}: {row['outcome']}" + ("" if value is None else f", {CENTIMETRES * value:.3g} cm")
         signals = again.signals(row)
         times = enlargement([signals])
-        cards.append((title + told(times), thumbnail(signals, times), again(row)))
+        cards.append((title + magnification_text(times), thumbnail(signals, times), again(row)))
     if cards:
         page.section("The worst runs", "Thin: path; coloured: track of the tractor.")
         page.thumbnails(cards)

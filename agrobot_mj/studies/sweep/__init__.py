@@ -1,4 +1,4 @@
-"""Sweeps: runs of a scenario for all combinations of parameter values, samples, seeds and variants, with one table."""
+"""Sweeps: runs of a scenario for all combinations of parameter values, samples, seeds and variants, in one table."""
 
 from agrobot_mj.studies.sweep.runner import SweepOptions, SweepSummary, merged, sweep
 from agrobot_mj.studies.sweep.schema import read_sweep

@@ -1,4 +1,4 @@
-"""Values of sweep axes, and distributions of random samples."""
+"""Values of sweep axes, and distributions of random parameters."""
 
 from collections.abc import Mapping
 from math import floor, isclose, log
@@ -45,23 +45,23 @@ Limits = Annotated[Pair, AfterValidator(_ascending)]
 
 
 class ValueList(Spec):
-    """Values of an axis, a sequence of known length."""
+    """Base class of the values of an axis: a sequence of known length."""
 
     def __len__(self) -> int:
         raise NotImplementedError
 
     def at(self, k: int) -> Any:
-        """Return value number `k`, counted from 0; integers remain integers."""
+        """Return value number `k`, counted from 0. Integers remain integers."""
         raise NotImplementedError
 
     @property
     def written(self) -> list[Any]:
-        """Values as a plain list."""
+        """All values as a list."""
         return [self.at(k) for k in range(len(self))]
 
 
 class Listed(ValueList):
-    """Explicitly listed values, in TOML a plain list."""
+    """Explicit list of values, a plain list in TOML."""
 
     values: Annotated[tuple[Any, ...], Field(min_length=1)]
 
@@ -79,7 +79,7 @@ class Listed(ValueList):
 
 
 class Linspace(ValueList):
-    """Equally spaced values, including both ends."""
+    """Equally spaced values that include both ends."""
 
     start: Number = Field(alias="from")
     """First value."""
@@ -92,7 +92,7 @@ class Linspace(ValueList):
         return self.count
 
     def at(self, k: int) -> Number:
-        """Return value number `k`, counted from 0; integers remain integers."""
+        """Return value number `k`, counted from 0. Integers remain integers."""
         if self.count == 1:
             return self.start
         span, gaps = self.stop - self.start, self.count - 1
@@ -102,7 +102,7 @@ class Linspace(ValueList):
 
 
 class Steps(ValueList):
-    """Values with a given spacing. The last value does not exceed `to`."""
+    """Values with a given spacing, up to the limit `to`."""
 
     start: Number = Field(alias="from")
     """First value."""
@@ -130,7 +130,7 @@ class Steps(ValueList):
         return floor(self._gaps + 1e-9) + 1
 
     def at(self, k: int) -> Number:
-        """Return value number `k`, counted from 0; integers remain integers."""
+        """Return value number `k`, counted from 0. Integers remain integers."""
         value = self.start + k * self.step
         return value if isinstance(value, int) else _tidy(value)
 
@@ -148,10 +148,10 @@ Axis = Annotated[
 
 
 class Draw(Spec):
-    """Distribution of a parameter with random values."""
+    """Base class of the distributions of a random parameter."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the quantiles of the distribution at probabilities `u` in (0, 1), shape (n,)."""
+        """Return the quantiles of the distribution at the probabilities `u` in (0, 1), shape (n,)."""
         return [_tidy(value) for value in self._quantiles(u).tolist()]
 
     def _quantiles(self, u: Array) -> Array:
@@ -159,7 +159,7 @@ class Draw(Spec):
 
     @property
     def written(self) -> Any:
-        """Distribution as written in a sweep file."""
+        """Distribution in the form of a sweep file."""
         return self.model_dump(mode="json", exclude_unset=True)
 
 
@@ -186,12 +186,12 @@ class LogUniform(Draw):
 
 
 class Normal(Draw):
-    """Normal distribution, truncated to the range `within` if given."""
+    """Normal distribution, optionally truncated to the range `within`."""
 
     normal: Annotated[Pair, AfterValidator(_spread)]
     """Mean and standard deviation."""
     within: Limits | None = None
-    """Minimum and maximum value of the truncated distribution. Default: not truncated."""
+    """Minimum and maximum of the truncated distribution. Default: no truncation."""
 
     def _quantiles(self, u: Array) -> Array:
         from scipy.stats import norm
@@ -203,13 +203,14 @@ class Normal(Draw):
 
 
 class Choice(Draw):
-    """Discrete distribution over listed values with equal probabilities."""
+    """Discrete distribution with equal probabilities of the listed values."""
 
     choice: Annotated[tuple[Any, ...], Field(min_length=1)]
     """Possible values."""
 
     def values(self, u: Array) -> list[Any]:
-        """Return the value for each `u` in (0, 1). The values correspond to equal parts of this interval."""
+        """Return a listed value for each `u` in (0, 1), shape (n,). Each value corresponds to an equal part of the
+        interval."""
         n = len(self.choice)
         return [self.choice[min(int(value * n), n - 1)] for value in u.tolist()]
 
@@ -229,5 +230,5 @@ AnyDraw = Annotated[
 
 
 def _tidy(value: float) -> float:
-    """Return a value rounded to 12 digits, without rounding errors: 0.3 for 0.1 * 3."""
+    """Return a value rounded to 12 digits, which removes rounding errors: 0.3 for 0.1 * 3."""
     return float(f"{value:.12g}")

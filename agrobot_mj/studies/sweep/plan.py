@@ -1,6 +1,6 @@
-"""Plan of a sweep: the number of runs, the overrides of each run, and a check that all runs are feasible.
+"""Plan of a sweep: number of runs, overrides of each run, and a check that all runs are feasible.
 
-Run numbers count through variants (outermost), axes in the order of the file, samples, and seeds (innermost). Only
+Runs are numbered through variants (outermost), axes in the order of the file, samples, and seeds (innermost). Only
 random samples are stored per run, so that the memory of a plan is independent of the number of combinations.
 """
 
@@ -28,12 +28,12 @@ MAX_RUNS = 100_000  # Default maximum number of runs of a sweep: about one day o
 MOST_GROUNDS = 300
 """Maximum number of different fields that the check of a plan creates. Further fields are checked when they are run."""
 MOST_KEPT = 1000
-"""Maximum number of tractors whose check results are cached. With random samples, each run may have another tractor."""
+"""Maximum number of tractors with cached check results. With random samples, each run may have a different tractor."""
 MOST_LINES = 80  # Maximum number of parameter combinations listed in a message
 
 
 class RunPlan(NamedTuple):
-    """One run of a sweep: its number, variant and overrides."""
+    """Run of a sweep: number, variant, seed and overrides."""
 
     number: int  # Index of the run, counted from 0
     variant: str | None  # Name of the variant, or None if there are no variants
@@ -43,13 +43,13 @@ class RunPlan(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Text with the parameter values of the run."""
+        """Variant and parameter values of the run as text for messages."""
         parts = [] if self.variant is None else [f"variant {self.variant!r}"]
         return ", ".join([*parts, *(f"{key}={_shown(value)}" for key, value in self.parameters.items())]) or "every run"
 
 
 class SweepPlan:
-    """All runs of a sweep, by number."""
+    """Plan of all runs of a sweep, accessed by run number."""
 
     def __init__(self, sweep: Sweep) -> None:
         self.sweep, self.file = sweep, sweep.file
@@ -66,12 +66,12 @@ class SweepPlan:
 
     @property
     def varied(self) -> set[str]:
-        """Keys that axes, draws and variants set."""
+        """Keys set by axes, draws and variants."""
         return {*self.axes, *self.file.draws}.union(*(variant.set for variant in self.file.variant))
 
     @property
     def checks(self) -> int:
-        """Number of runs that `check` tests. Runs that differ only in the seed count once unless samples are random."""
+        """Number of runs tested by `check`. Without random samples, runs that differ only in the seed count once."""
         return self.total // self._stride
 
     @property
@@ -112,11 +112,11 @@ class SweepPlan:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the run folders, as required by `simulation.results.results`."""
+        """Name of the folder for run folders, in the form required by `simulation.results.results`."""
         return (f"{RUNS}/",)
 
     def folder(self, number: int) -> str:
-        """Return the folder of kept files of run `number`, relative to the results folder."""
+        """Return the folder for the kept files of run `number`, relative to the results folder."""
         return f"{RUNS}/{number:08}"
 
     def runs(self, first: int = 0, step: int = 1) -> Iterator[RunPlan]:
@@ -124,7 +124,7 @@ class SweepPlan:
         return (self.run(number) for number in range(first, self.total, step))
 
     def some(self, most: int) -> Iterator[Scenario]:
-        """Yield at most `most` valid scenarios with different parameter values, at equal intervals of the plan."""
+        """Yield up to `most` valid scenarios with different parameter values, at equal intervals of the plan."""
         step = self._stride * max(1, -(-self.checks // most))
         for run in self.runs(step=step):
             with suppress(ScenarioError):
@@ -147,7 +147,7 @@ class SweepPlan:
 
     @cached_property
     def mixed(self) -> frozenset[str]:
-        """Parameters with values of different types, or with tables as values, which are text in the results table."""
+        """Parameters stored as text in the results table, because their values have different types or are tables."""
         values: dict[str, list[Any]] = {k: list(a.values) for k, a in self.file.axes.items() if isinstance(a, Listed)}
         values |= {key: list(getattr(draw, "choice", ())) for key, draw in self.file.draws.items()}
         kinds = {key: {float if type(v) is int else type(v) for v in each} for key, each in values.items()}
@@ -155,7 +155,7 @@ class SweepPlan:
 
     @cached_property
     def file_names(self) -> dict[str, str]:
-        """File names of the data files in the results folder, by original path."""
+        """Names of the data files in the results folder, by original path."""
         return portable(self.sweep).names
 
     def check_size(self, max_runs: int = MAX_RUNS) -> None:
@@ -167,7 +167,8 @@ class SweepPlan:
             )
 
     def check(self, advance: Callable[[], object] = lambda: None) -> None:
-        """Check that all runs are feasible; call `advance` after each. Raises `ScenarioError` with infeasible runs."""
+        """Raise a `ScenarioError` that lists the infeasible runs, if any. `advance` is called after each checked
+        run."""
         checker, wrong = _Checker(self.sweep.base), dict[str, list[str]]()
         for run in self.runs(step=self._stride):
             for fault in checker.faults(run):
@@ -190,13 +191,13 @@ class SweepPlan:
 
 
 class _Checker:
-    """Checker of single runs. A tractor, field or path that occurs in several runs is checked once."""
+    """Check of single runs. Results for a repeated tractor, field or path are cached."""
 
     def __init__(self, base: Scenario) -> None:
         self.base, self.tractors, self.places = base, dict[object, list[str]](), dict[object, list[str]]()
 
     def faults(self, run: RunPlan) -> list[str]:
-        """Return the errors of a run as messages without the name of the scenario."""
+        """Return the error messages of a run, without the scenario name."""
         try:
             scenario = self.base.changed(run.overrides, files=False)
         except ScenarioError as error:
@@ -232,17 +233,17 @@ class _Checker:
 
 
 def sets_schema(key: str, value: Any) -> bool:
-    """Return whether an override sets a `kind` or a table. These overrides must be applied before others."""
+    """Return whether an override sets a `kind` or a table, and must therefore be applied before other overrides."""
     return key.rpartition(".")[2] == "kind" or isinstance(value, dict | list)
 
 
 def points_of(method: str, samples: int, draws: int) -> int:
-    """Return the number of sample points of a sampling `method` for given numbers of samples and random parameters."""
+    """Return the number of sample points of a sampling `method` for `samples` samples and `draws` random parameters."""
     return samples * (draws + 2) if method == "saltelli" else samples
 
 
 def _saltelli(n: int, dimensions: int, generator: np.random.Generator) -> Array:
-    """Return the design of [Saltelli2010] for sensitivity indices, shape (n (d + 2), d) for d `dimensions`."""
+    """Return the design of [Saltelli2010] for sensitivity indices, shape (n (d + 2), d), where d is `dimensions`."""
     from scipy.stats import qmc
 
     base = qmc.Sobol(2 * dimensions, rng=generator).random_base2(max(n - 1, 0).bit_length())[:n]

@@ -1,4 +1,4 @@
-"""Execution of a sweep: check the plan, run missing runs, and write the table of all rows."""
+"""Execution of a sweep: check of the plan, simulation of missing runs, and table of all rows."""
 
 import errno
 from collections.abc import Callable, Iterator, Sequence
@@ -15,15 +15,15 @@ from agrobot_mj.studies.sweep.plan import MAX_RUNS, SweepPlan
 from agrobot_mj.studies.sweep.schema import read_sweep
 from agrobot_mj.studies.sweep.store import TABLE, Store, begun, merge
 
-MOST_HEARD = 100
-"""Maximum number of scenarios checked for configuration hints, at equal intervals of the plan."""
+MAX_EXAMPLES = 100
+"""Maximum number of example scenarios that are checked for configuration hints, at equal intervals of the plan."""
 Begin = Callable[[Iterator[Scenario]], object]
-"""Function that is called before the first run, with some scenarios of the sweep as examples."""
+"""Type of a function that is called before the first run with example scenarios of the sweep."""
 Shard = tuple[int, int]  # Number of a part of the runs, from 1, and number of parts
 
 
 class SweepOptions(NamedTuple):
-    """Options of a sweep."""
+    """Execution options of a sweep."""
 
     jobs: int | None = None  # Number of processes, or None for one per core
     scheduler: str | None = None
@@ -37,7 +37,7 @@ DEFAULTS = SweepOptions()
 
 
 class SweepSummary(NamedTuple):
-    """Summary of a finished sweep."""
+    """Results folder and numbers of runs of a finished sweep."""
 
     folder: Path
     total: int
@@ -50,8 +50,10 @@ class SweepSummary(NamedTuple):
 def sweep(
     source: str | Path, folder: Path, options: SweepOptions = DEFAULTS, begin: Begin = lambda some: None
 ) -> SweepSummary:
-    """Run the missing runs of a sweep and write all results to `folder`. Raises `ScenarioError` before the first run.
-    `begin` is called before the first run, with some scenarios of the sweep as examples."""
+    """Run the missing runs of a sweep and write all results to `folder`. Raise `ScenarioError` before the first run.
+
+    `begin` is called before the first run with example scenarios of the sweep.
+    """
     plan = SweepPlan(read_sweep(source))
     plan.check_size(options.max_runs)  # must precede all loops over the runs
     store = Store(folder, plan)
@@ -61,11 +63,14 @@ def sweep(
 
 
 def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None) -> SweepSummary:
-    """Run the missing runs of a sweep. The folder is locked, unless several processes run parts of the sweep in it."""
+    """Run the missing runs of a sweep in its results folder, and write the results table.
+
+    The caller locks the folder, unless several processes run parts of the sweep in it.
+    """
     plan, before, unexpected, errors = store.plan, 0, 0, 0
     part = range(options.shard[0] - 1, plan.total, options.shard[1])
     _prepare(store, options, part)
-    begin(plan.some(MOST_HEARD))
+    begin(plan.some(MAX_EXAMPLES))
     with _full_disk_told(store):
         try:
             with (
@@ -87,7 +92,7 @@ def drive(store: Store, options: SweepOptions, begin: Begin = lambda some: None)
 
 
 def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge folders with parts of a sweep into `folder`. Return the numbers of rows and of planned runs."""
+    """Merge the results of parts of a sweep into `folder`. Return the number of rows and the number of planned runs."""
     if not sources:
         raise ScenarioError(f"{folder}: no such folder; specify folders written with --shard")
     with results(folder, (TABLE,), shared=True):
@@ -95,7 +100,8 @@ def merged(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
 
 
 def _prepare(store: Store, options: SweepOptions, part: range) -> None:
-    """Mark the folder as a results folder, and check the plan unless the folder contains results of the plan."""
+    """Write the sweep files to the results folder. Check the plan first, unless the folder contains results of this
+    plan."""
     folder, plan, whole = store.folder, store.plan, options.shard == (1, 1)
     check_folder(folder, store.names)
     if options.fresh or begun(folder) is None or store.changed:

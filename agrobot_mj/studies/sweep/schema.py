@@ -1,7 +1,7 @@
 """Schema of sweep files: base scenario, axes, random samples, seeds and variants.
 
-Axes, draws, `set` and variants use dotted keys of the scenario, as `--set` does; each key is allowed once. `portable`
-makes paths of data files relative to the sweep file, so that a results folder can be moved.
+Axes, draws, `set` and variants use dotted scenario keys, as `--set` does; each key is allowed once. `portable` makes
+paths of data files relative to the sweep file, so that a results folder can be moved.
 """
 
 import json
@@ -41,13 +41,13 @@ Seeds = Annotated[int | tuple[Seed, ...], BeforeValidator(_seeds)]
 
 BASE = "base.toml"  # File name of the base scenario, in a folder with a resolved sweep
 POINTS_PER_DRAW = 3
-"""Minimum number of points per random parameter with `screening`, sufficient for a regression with error estimates."""
+"""Minimum number of `screening` points per random parameter, sufficient for a regression with error estimates."""
 SILENT = ("values", "int", "float", "tuple[constrained-int, ...]")
-"""Parts of the error locations of pydantic that are not keys of a sweep file."""
+"""Parts of pydantic error locations that are not keys of a sweep file."""
 
 
 class SweepVariant(Spec):
-    """Named set of overrides."""
+    """Named set of overrides in a sweep or comparison."""
 
     name: Annotated[str, Field(min_length=1)]
     """Name of the variant in tables and figures."""
@@ -63,11 +63,11 @@ class SweepFile(Spec):
     title: str = ""
     """Title in lists and reports, one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file, for information."""
+    """Version of agrobot_mj that wrote the file, without effect on the sweep."""
     seeds: Seeds = 1
     """Number of seeds, counted from the seed of the base scenario, or a list of seeds."""
     set: dict[str, Any] = Field(default_factory=dict)
-    """Overrides common to all runs."""
+    """Overrides of the base scenario that apply to all runs, by dotted key."""
     axes: dict[str, Axis] = Field(default_factory=dict)
     """Lists or ranges of values by dotted key. All combinations of the values are run."""
     draws: dict[str, AnyDraw] = Field(default_factory=dict)
@@ -81,17 +81,21 @@ class SweepFile(Spec):
     seeds, variants and axis values.
     """
     paired: bool = False
-    """Whether all axis values and variants use the same samples, which is required for comparisons between them."""
+    """Whether all axis values and variants use the same samples, as required for comparisons between them."""
     draw_seed: Seed = 1
     """Seed of the random samples, independent of `seeds`."""
     variant: tuple[SweepVariant, ...] = ()
-    """Named sets of overrides, tables `[[variant]]`, which can be combined with axes."""
+    """Named sets of overrides, one `[[variant]]` table each, which can be combined with axes."""
     keep: Literal["table", "signals", "recordings", "failures"] = "table"
-    """Files kept for each run in addition to its row: none, signals, signals with recording, recordings of failures."""
+    """Files kept for each run in addition to its row.
+
+    `table`: none; `signals`: signals; `recordings`: signals and recording; `failures`: signals and recording of failed
+    runs.
+    """
 
     @property
     def common(self) -> bool:
-        """Whether all seeds, variants and axis values have the same samples."""
+        """Whether all seeds, variants and axis values use the same samples."""
         return self.method in ("screening", "saltelli")
 
     @model_validator(mode="after")
@@ -148,13 +152,13 @@ class SweepFile(Spec):
 
 
 def _text(value: Any) -> str:
-    """Return a value as text. Equal values, such as 1 and 1.0, have the same text."""
+    """Return a value as text, which is the same for equal values such as 1 and 1.0."""
     whole = isinstance(value, float) and value.is_integer()
     return json.dumps(int(value) if whole else value, sort_keys=True, default=str)
 
 
 class Sweep(NamedTuple):
-    """Sweep file together with its base scenario."""
+    """Sweep file with its base scenario."""
 
     name: str
     file: SweepFile  # Content of the sweep file, with absolute paths
@@ -162,18 +166,18 @@ class Sweep(NamedTuple):
 
     @property
     def seeds(self) -> tuple[int, ...] | range:
-        """Seeds of the runs of each combination."""
+        """Seeds with which each combination is run."""
         given = self.file.seeds
         return range(self.base.seed, self.base.seed + given) if isinstance(given, int) else given
 
 
 def find_sweep(source: str | Path) -> Path:
-    """Return the path of a sweep file, given by name or path. Raises `ScenarioError` if there is no such file."""
+    """Return the path of a sweep file, given by name or path. Raise `ScenarioError` if the file does not exist."""
     return find_file(source, "sweep", sweep_files(), ", or use --merge", "see agrobot-mj list --sweeps")
 
 
 def read_sweep(source: str | Path) -> Sweep:
-    """Read a sweep file and its base scenario. Raises `ScenarioError` with all errors of the file."""
+    """Return the sweep defined by a file. Raise a `ScenarioError` that lists all errors of the file."""
     path = find_sweep(source)
     data, folder = read_toml(path), path.parent.resolve()
     if not isinstance(data.get("base"), str):
@@ -193,7 +197,7 @@ def read_sweep(source: str | Path) -> Sweep:
 
 
 def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
-    """Return a copy of a sweep with absolute paths. Relative paths start at the folder of the sweep file."""
+    """Return a copy of a sweep file with absolute paths. Relative paths refer to the folder of the sweep file."""
     data = _as_table(file)
     for key, axis in file.axes.items():  # only listed axes are expanded; other axes may have too many values
         data["axes"][key] = list(axis.values) if isinstance(axis, Listed) else axis.model_dump(by_alias=True)
@@ -202,7 +206,7 @@ def _with_absolute_paths(file: SweepFile, folder: Path) -> SweepFile:
 
 
 def changed_values(table: dict[str, Any], change: Callable[[str, Any], Any]) -> dict[str, Any]:
-    """Return a sweep as plain data in which `change(key, value)` replaces the value of each dotted key."""
+    """Return a sweep as plain data, with each value replaced by `change(key, value)`."""
 
     def each(values: Mapping[str, Any]) -> dict[str, Any]:
         return {key: change(key, value) for key, value in values.items()}
@@ -231,7 +235,8 @@ def _as_table(file: SweepFile) -> dict[str, Any]:
 
 
 def resolved(sweep: Sweep) -> dict[str, Any]:
-    """Return a sweep as plain data, for a file next to its base scenario, which contains the overrides `set`."""
+    """Return a sweep as plain data for a file next to `base.toml`. The overrides `set` are part of the base
+    scenario."""
     axes = {key: axis.written for key, axis in sweep.file.axes.items()}
     known = {"base": BASE, "set": {}, "seeds": list(sweep.seeds), "axes": axes, "version": __version__}
     return {**_as_table(sweep.file), **known}
@@ -262,7 +267,7 @@ def _lines(source: str, error: ValidationError) -> list[str]:
 
 
 class PortableSweep(NamedTuple):
-    """Contents of `sweep.toml` and `base.toml`, and the data files that they name."""
+    """Contents of `sweep.toml` and `base.toml`, and the data files used in them."""
 
     sweep: dict[str, Any]  # Content of the sweep file, as returned by `resolved`
     base: dict[str, Any]
@@ -275,7 +280,7 @@ class PortableSweep(NamedTuple):
 
 
 def portable(sweep: Sweep) -> PortableSweep:
-    """Return a sweep whose data files have names relative to the sweep file. Files of the package keep their names."""
+    """Return a sweep with names of data files in place of paths. Files of the package keep their names."""
     content, base, tables = resolved(sweep), explicit_values(sweep.base), list[dict[str, Any]]()
     changed_values(content, lambda key, value: tables.append({last(key): deepcopy(value)}))
     files = relocate_files([base, *tables])
@@ -284,7 +289,7 @@ def portable(sweep: Sweep) -> PortableSweep:
 
 
 def renamed(key: str, value: Any, names: Mapping[str, str]) -> Any:
-    """Return the value of a dotted key with paths of data files replaced by their names."""
+    """Return the value of a dotted key with paths of data files replaced by names."""
     if isinstance(value, str):
         return names.get(value, value) if last(key) in FILE_KEYS else value
     if isinstance(value, Mapping):

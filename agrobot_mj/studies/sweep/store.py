@@ -1,8 +1,8 @@
 """Results folder of a sweep.
 
-The folder contains `sweep.toml` and `base.toml` (resolved) and data files, `plan.json` (digests of all inputs), one
-file per row in `rows/`, files of runs in `runs/`, and `sweep.parquet`, the table of all rows. All files are written
-atomically, so that an interrupted sweep can continue with the missing runs.
+The folder contains the resolved files `sweep.toml` and `base.toml`, data files, and `plan.json` with digests of all
+inputs. The results are one file per row in `rows/`, files of runs in `runs/`, and `sweep.parquet`, the table of all
+rows. All files are written atomically, so that an interrupted sweep can continue with the missing runs.
 """
 
 import json
@@ -35,7 +35,7 @@ TABLE, PLAN = "sweep.parquet", "plan.json"
 FILES = ("base.toml", "sweep.toml", PLAN)  # Names of the files that define a sweep, in addition to its data files
 CODE = ("plugins", "program", "libraries")  # Keys in the result of `digests` that identify the code
 _ROW = re.compile(r"[0-9a-f]+\.json")
-"""Pattern of the names of row files, including row files written by earlier versions."""
+"""Pattern of row file names, including row files of earlier versions."""
 IN_A_PIECE = 2000  # Number of rows that are in memory at the same time while the table is written
 
 
@@ -54,7 +54,7 @@ def digests(plan: SweepPlan) -> dict[str, str]:
 
 
 def begun(folder: Path) -> dict[str, Any] | None:
-    """Return the content of `plan.json` in a folder, or None if the file is missing."""
+    """Return the content of `plan.json` in a results folder, or None if the file does not exist."""
     try:
         content = json.loads((folder / PLAN).read_text("utf-8"))
     except FileNotFoundError:
@@ -67,7 +67,7 @@ def begun(folder: Path) -> dict[str, Any] | None:
 
 
 class Store(RowFiles):
-    """Results folder of a sweep, which also stores the kept files of runs (`RunFiles`) in folders given by the plan."""
+    """Results folder of a sweep with rows and kept files of runs. The plan determines the folders of the runs."""
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:
         super().__init__(folder)
@@ -75,12 +75,12 @@ class Store(RowFiles):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of all files and folders that a sweep may write, as required by `simulation.results.results`."""
+        """Names of all files and folders of a sweep, in the form required by `simulation.results.results`."""
         return *FILES, TABLE, *FOLDERS, *self.plan.names, *self.plan.file_names.values()
 
     @property
     def changed(self) -> bool:
-        """Whether the existing rows in the folder belong to another plan."""
+        """Whether the results folder belongs to another plan, or to no plan."""
         there = (begun(self.folder) or {}).get("of", {})
         return any(there.get(part) != digest for part, digest in digests(self.plan).items())
 
@@ -98,7 +98,7 @@ class Store(RowFiles):
         write_json(self.folder / PLAN, {**about, "files": sorted(named)})
 
     def clear(self, part: Iterable[int] | None = None) -> None:
-        """Delete the results of the sweep, or of the runs in `part`. Other files are kept."""
+        """Delete the results of all runs, or of the runs in `part`. Files that are not results are kept."""
         if part is None:
             rows, places = self._row_files(), list(map(Path, _entries(self.folder / RUNS)))
         else:
@@ -115,7 +115,7 @@ class Store(RowFiles):
         remove(self.folder, (TABLE,) if part is not None else (TABLE, PLAN))
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all files of a run that must be kept exist."""
+        """Return whether all files that must be kept for a run exist."""
         if not (names := files_kept(task.keep, bool(row["expected"]))):
             return True
         try:
@@ -125,7 +125,7 @@ class Store(RowFiles):
         return bool(driven == row["identity"]) and all(self.file(task, name).is_file() for name in names)
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Replace the stored files of a run, and delete the results table of the sweep, which is then outdated."""
+        """Replace the stored files of a run, and delete the results table, which becomes outdated."""
         remove(self.folder, (TABLE,))
         place = self.file(task, LAST).parent
         if not contents and not place.exists():
@@ -139,25 +139,25 @@ class Store(RowFiles):
                     temporary.write_bytes(content)
 
     def file(self, task: Task, name: str) -> Path:
-        """Return the path of a kept file of a run. Poses are stored next to the row."""
+        """Return the path of a kept file of a run. Poses are stored next to the row file."""
         return self.row_file(task, ".npy") if name == POSES else self.place(Path(self.plan.folder(task.number), name))
 
     def rows(self) -> Iterator[tuple[int, Row]]:
-        """Yield the number and row of each run that has a row, in the order of the plan."""
+        """Yield the number and row of each completed run, in plan order."""
         for number in range(self.plan.total):
             if row := self.row(self.asked(self.plan.task(number))):
                 yield number, row
 
     @property
     def in_table(self) -> int:
-        """Number of rows in the results table, or 0 if there is no table."""
+        """Number of rows in the results table, or 0 without a table."""
         try:
             return int(pq.read_metadata((self.folder / TABLE).absolute()).num_rows)
         except (OSError, ValueError, pa.ArrowException):
             return 0
 
     def line(self, number: int, row: Row) -> dict[str, Any]:
-        """Return a row of the table: run number, variant, seed, parameters, and results of the run."""
+        """Return a row of the results table: run number, variant, seed, parameters, and results."""
         run, plan = self.plan.run(number), self.plan
         named = {key: renamed(key, value, plan.file_names) for key, value in run.parameters.items()}
         shown = {key: json.dumps(value) if key in plan.mixed else value for key, value in named.items()}
@@ -166,7 +166,7 @@ class Store(RowFiles):
         return {"run": number, **variant, "seed": run.seed, **shown, **numbers}
 
     def write_table(self) -> int:
-        """Write the table of all rows in the order of the runs. Return the number of rows."""
+        """Write the results table with all rows in run order. Return the number of rows."""
         rows, pieces = (self.line(*each) for each in self.rows()), []
         try:
             while some := list(islice(rows, IN_A_PIECE)):
@@ -187,7 +187,7 @@ class Store(RowFiles):
         return int(table.num_rows)
 
     def take(self, other: Path) -> None:
-        """Copy rows and kept files from another folder of the same sweep. Links are not followed."""
+        """Copy rows and kept files from another results folder of the same sweep. Links are not followed."""
         for number in range(self.plan.total):
             task = self.asked(self.plan.task(number))
             there = RowFiles(other).row_file(task)
@@ -204,13 +204,15 @@ class Store(RowFiles):
 
 
 def read_rows(folder: Path) -> list[dict[str, Any]]:
-    """Return the rows of the table of a sweep. Raises OSError, ValueError or `pa.ArrowException` if unreadable."""
+    """Return the rows of a sweep's results table. Raise OSError, ValueError or `pa.ArrowException` if it is
+    unreadable."""
     rows: list[dict[str, Any]] = pq.read_table((folder / TABLE).absolute()).to_pylist()
     return rows
 
 
 def merge(sources: Sequence[Path], folder: Path) -> tuple[int, int]:
-    """Merge the rows of several folders of the same sweep. Return the number of rows and of planned runs."""
+    """Merge the rows of several results folders of a sweep. Return the number of rows and the number of planned
+    runs."""
     target = begun(folder)
     named = (*_common(sources, target).get("files", ()), *FILES)
     if target is None and (lost := [name for name in named if not _is_file(sources[0] / name)]):
@@ -268,7 +270,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _remove_if_empty(folder: Path) -> None:
-    """Remove a folder that contains no files other than its marker file. A link is kept."""
+    """Remove a folder that is empty or contains only its marker file. A link is kept."""
     if not folder.is_symlink():
         with suppress(OSError):
             if [path.name for path in folder.iterdir()] == [MARK]:
@@ -277,11 +279,14 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 UNFIT = (pa.ArrowException, OverflowError, TypeError, ValueError)
-"""Exceptions of pyarrow for values that do not fit in one column."""
+"""Exceptions of pyarrow for values that do not fit the type of a column."""
 
 
 def _odd_value(rows: list[dict[str, Any]]) -> tuple[int, str, Any] | None:
-    """Return run number, column and value of the first value that does not fit the type of its column, or None."""
+    """Return run number, column and value of the first value that does not fit the type of its column.
+
+    Return None if all values fit.
+    """
     for name in dict.fromkeys(name for row in rows for name in row):
         values = [(row["run"], row[name]) for row in rows if row.get(name) is not None]
         kinds = Counter(_kind(value) for _, value in values)

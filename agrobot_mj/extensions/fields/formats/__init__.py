@@ -1,4 +1,4 @@
-"""File formats of fields and plans that `agrobot_mj.paths.imports` does not read."""
+"""Additional file formats of fields and plans, beyond those of `agrobot_mj.paths.imports`."""
 
 from agrobot_mj.extensions.fields.formats.fields2cover import is_fields2cover, read_fields2cover
 from agrobot_mj.extensions.fields.formats.gml import read_gml
@@ -12,4 +12,4 @@ READERS: Readers = {
     "WKT": (is_wkt, read_wkt),
     "Fields2Cover": (is_fields2cover, read_fields2cover),
 }
-"""Readers of text files, each with a test that recognises the format from the start of the text."""
+"""Text readers by file format, each with a test of the first characters of the file."""

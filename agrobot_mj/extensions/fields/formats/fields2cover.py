@@ -1,6 +1,6 @@
 """Path files of Fields2Cover: rows of x, y, z, heading [rad], speed [m/s], length [m], direction and type.
 
-The direction is 1 (forward) or -1 (backward). The type is 1 (swath), 2 (turn) or 3 (swath on the headland).
+The direction is 1 (forward) or -1 (reverse). The type is 1 (swath), 2 (turn) or 3 (swath on the headland).
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ WIDTH, TURN = 8, 2  # Number of values per row, and value of the type column tha
 
 
 def _row(line: str) -> list[float]:
-    """Return the numbers in a row of text. Return an empty list unless they are `WIDTH` finite numbers."""
+    """Return the numbers in a row of text, or an empty list if the row does not have `WIDTH` finite numbers."""
     try:
         found = [float(cell) for cell in line.replace(",", " ").split()]
     except ValueError:
@@ -20,13 +20,16 @@ def _row(line: str) -> list[float]:
 
 
 def is_fields2cover(head: str) -> bool:
-    """Return whether the first row of a string is a row of a path file."""
+    """Return whether the first row of a file is a row of a Fields2Cover path."""
     row = _row(next((line for line in head.splitlines() if line.strip()), ""))
     return bool(row) and row[6] in (-1, 1) and row[7] in (1, 2, 3)
 
 
 def read_fields2cover(text: str) -> ShapeFile:
-    """Return the path with the columns speed, direction and working. Raise ValueError that names an invalid row."""
+    """Return the path in the text of a Fields2Cover file, with speed, direction and working state per point.
+
+    Raise a ValueError that names the first invalid row.
+    """
     rows = []
     for number, line in enumerate(text.splitlines(), start=1):
         if line.strip():

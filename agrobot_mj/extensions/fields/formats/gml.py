@@ -1,7 +1,8 @@
 """Polygons and lines of GML 2 and 3.
 
 If the coordinate system has a short name (EPSG:4326), the first coordinate is east, as in the files of most programs.
-With a long name (urn:ogc:def:crs:EPSG::4326 or a web address), the order is that of the authority, often north first.
+With a long name (urn:ogc:def:crs:EPSG::4326 or a web address), the coordinate system defines the order of the axes,
+often north first.
 """
 
 import re
@@ -16,13 +17,13 @@ from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.xml_files import parsed_xml
 
 CODE = re.compile(r"(?:EPSG|epsg)[:/#]+(?:[\d.]+[:/])?(\d+)$|CRS84$")
-"""Pattern of the EPSG number at the end of the name of a coordinate system."""
+"""Pattern of the EPSG code at the end of a coordinate system name."""
 OUTER, INNER = ("exterior", "outerBoundaryIs"), ("interior", "innerBoundaryIs")
-"""Elements that contain the outer and the inner rings of a polygon, in GML 3 and in GML 2."""
+"""Tags of the outer and inner rings of a polygon, each in GML 3 and GML 2."""
 
 
 def read_gml(text: str) -> ShapeFile:
-    """Return the shapes of a GML file. Raise ValueError if the file is damaged."""
+    """Return the shapes in the text of a GML file. Raise ValueError if the file is damaged."""
     root = parsed_xml(text)
     crs, north_first = _system(root)
     shapes = [*_polygons(root), *_lines(root)]
@@ -33,7 +34,7 @@ def read_gml(text: str) -> ShapeFile:
 
 
 def _system(root: Element) -> tuple[str, bool]:
-    """Return the name of the coordinate system, and whether the north coordinate comes first."""
+    """Return the coordinate system of a document, and whether the north coordinate precedes the east coordinate."""
     named = next((each.get("srsName", "") for each in root.iter() if each.get("srsName")), "")
     code = CODE.search(named)
     if not code:

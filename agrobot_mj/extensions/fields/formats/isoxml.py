@@ -1,7 +1,7 @@
 """ISO 11783-10 task data, versions 3 and 4: partfields with boundaries, obstacles, headlands and guidance patterns.
 
-Polygons (PLN) consist of rings (LSG) of points (PNT) with latitude C and longitude D. An inner area is an interior ring
-of the boundary, or a polygon of the type obstacle, building or water.
+Polygons (PLN) consist of rings (LSG) of points (PNT) with latitude C and longitude D. An area excluded from the field
+is an interior ring of the boundary, or a polygon of the type obstacle, building or water.
 """
 
 from collections.abc import Iterator
@@ -19,14 +19,14 @@ from agrobot_mj.paths.imports.xml_files import parsed_xml
 BOUNDARY, MAIN_FIELD, HEADLAND = "1", "9", "10"  # Type numbers of polygons: partfield boundary, main field, headland
 OBSTACLES = ("3", "4", "6")  # Type numbers of polygons that the tractor must not enter: water, building, obstacle
 EXTERIOR, INTERIOR, GUIDANCE = "1", "2", "5"
-"""Type numbers of line strings: exterior ring, interior ring, guidance line."""
+"""Type codes of line strings: exterior ring, interior ring, guidance line."""
 AB, A_PLUS, BOTH_ENDS = "1", "2", "1"
-"""Type numbers of guidance patterns (two points; point and heading), and value for an extension at both ends."""
+"""Type codes of guidance patterns: two points (AB), point and heading (A+); code for an extension at both ends."""
 LINE_M = 1000.0  # Length of a guidance line on each side of its point [m], for a pattern given by a point and a heading
 
 
 def read_task_data(text: str) -> ShapeFile:
-    """Return the shapes of all partfields. The property `field` of a shape is the name of its partfield."""
+    """Return the shapes of all partfields. The property `field` of a shape contains the name of the partfield."""
     root = parsed_xml(text)
     shapes = tuple(shape for field in root.iter("PFD") for shape in _of_field(field))
     return ShapeFile(shapes, DEGREES, name=shapes[0].name if shapes else "")
@@ -49,7 +49,8 @@ def _of_field(field: Element) -> Iterator[Polyline]:
 
 
 def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
-    """Yield the rings of a polygon, exterior ring first. For a headland with an interior ring, yield only this ring."""
+    """Yield the rings of a polygon, exterior ring first. A headland with an interior ring yields only the interior
+    ring."""
     lines = sorted(polygon.findall("LSG"), key=lambda line: line.get("A") == INTERIOR)
     if role == "headland":
         lines = [line for line in lines if line.get("A") == INTERIOR] or lines
@@ -59,7 +60,7 @@ def _rings(polygon: Element, role: str, name: str) -> Iterator[Polyline]:
 
 
 def _pattern(pattern: Element, name: str) -> Iterator[Polyline]:
-    """Yield the lines of a guidance pattern. A line given by two points may extend beyond them."""
+    """Yield the lines of a guidance pattern. AB lines are marked if they extend beyond both points."""
     kind, designator = pattern.get("C"), pattern.get("B") or name
     for line in pattern.findall("LSG"):
         points = _points(line)
@@ -79,7 +80,8 @@ def _heading(pattern: Element) -> float:
 
 
 def _through(point: Array, heading: float) -> Array:
-    """Return a line through a point (longitude, latitude) [deg] along a compass heading [rad], LINE_M to each side."""
+    """Return a line through `point` (longitude, latitude) [deg] at a compass heading [rad], LINE_M long on each
+    side."""
     origin = Origin(float(point[1]), float(point[0]))
     east, north = LINE_M * sin(heading), LINE_M * cos(heading)
     ends = [to_geodetic(origin, -east, -north), to_geodetic(origin, east, north)]
@@ -87,7 +89,7 @@ def _through(point: Array, heading: float) -> Array:
 
 
 def _points(line: Element) -> Array:
-    """Return longitude and latitude of the points of a line, shape (n, 2) [deg]."""
+    """Return the longitudes and latitudes of the points of a line, shape (n, 2) [deg]."""
     try:
         found = np.array([(float(each.get("D", "")), float(each.get("C", ""))) for each in line.iter("PNT")])
     except ValueError:

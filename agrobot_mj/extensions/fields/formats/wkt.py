@@ -1,4 +1,4 @@
-"""Well-known text (WKT) of polygons and lines, with an optional coordinate system as in SRID=25832;POLYGON ..."""
+"""Polygons and lines as well-known text (WKT), with an optional coordinate system as in SRID=25832;POLYGON ..."""
 
 import re
 from collections.abc import Iterator
@@ -10,17 +10,17 @@ from agrobot_mj.paths.imports import Polyline, ShapeFile
 from agrobot_mj.paths.imports.shapes import DEGREES
 
 START = re.compile(r"\s*(SRID=\d+;)?\s*(MULTI)?(POLYGON|LINESTRING|POINT)|\s*(SRID=\d+;)?\s*GEOMETRYCOLLECTION", re.I)
-"""Pattern of the start of a well-known text."""
+"""Pattern of the first characters of well-known text."""
 LARGEST_DEG = 1.0  # Extent below which coordinates without a coordinate system are treated as degrees [deg]
 
 
 def is_wkt(head: str) -> bool:
-    """Return whether the start of a string is well-known text."""
+    """Return whether the text starts with a WKT geometry."""
     return bool(START.match(head))
 
 
 def read_wkt(text: str) -> ShapeFile:
-    """Return the shapes of a string with one geometry after another. Raise ValueError if a geometry is damaged."""
+    """Return the shapes in a text with one or more WKT geometries. Raise ValueError if a geometry is invalid."""
     shapes, crs = list[Polyline](), ""
     for number, line in _statements(text):
         srid, semicolon, body = line.rpartition(";")
@@ -39,7 +39,7 @@ def read_wkt(text: str) -> ShapeFile:
 
 
 def _statements(text: str) -> Iterator[tuple[int, str]]:
-    """Yield line number and text of each geometry, which may extend over several lines."""
+    """Yield the first line number and the text of each geometry. A geometry may extend over several lines."""
     collected, first = "", 1
     for number, line in enumerate(text.splitlines(), start=1):
         if START.match(line) and collected:
@@ -51,7 +51,7 @@ def _statements(text: str) -> Iterator[tuple[int, str]]:
 
 
 def of_shapely(geometry: shapely.Geometry) -> Iterator[Polyline]:
-    """Yield the rings, lines and points of a geometry."""
+    """Yield the rings, lines and points of a shapely geometry."""
     for part in getattr(geometry, "geoms", [geometry]):
         if isinstance(part, shapely.Polygon) and not part.is_empty:
             yield Polyline(shapely.get_coordinates(part.exterior), True)

@@ -1,1 +1,1 @@
-"""Planner of field work: headland laps, swaths, and the turns between them."""
+"""Planner of field work: headland laps, swaths and turns."""

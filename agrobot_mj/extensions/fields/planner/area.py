@@ -1,4 +1,4 @@
-"""Areas of a field for the planner, with checks: the drivable area, and the body inside the headland laps."""
+"""Areas of a field for the planner, with checks of courses: drivable area, and body inside the headland laps."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,12 +17,12 @@ from agrobot_mj.paths.track import Piece, chain
 
 TOLERANCE_M = 0.05  # Permitted distance beyond the boundary [m], for rounded corners and coordinates
 SWING_M = 0.3
-"""Distance by which the ends of the implement may extend beyond the boundary in bends [m]. Assumed value (0-0.5)."""
+"""Permitted distance of the implement ends beyond the boundary at bends [m]. Assumed value (0-0.5)."""
 
 
 @dataclass(frozen=True)
 class Area:
-    """Areas and headland laps of a field, for one machine."""
+    """Drivable area, body and headland laps of a field for one machine."""
 
     whole: BaseGeometry  # Drivable area for tractor and implement: the field without obstacles
     body: BaseGeometry  # Body of the field: the area inside the headland laps, in which the swaths are
@@ -41,7 +41,7 @@ class Area:
         return offset(self.body, self.rig.width / 2)
 
     def outside(self, x: Array, y: Array, yaw: Array) -> Array:
-        """Return the distances of tractor and implement beyond the boundary for n poses of the CG, shape (2, n) [m]."""
+        """Return the distances of tractor and implement beyond the boundary for n CG poses, shape (2, n) [m]."""
         behind = self.rig.behind
         bar = x - behind * np.cos(yaw), y - behind * np.sin(yaw), yaw
         boxes = np.stack([tractor_boxes(self.rig, x, y, yaw), implement_boxes(self.rig, *bar)])
@@ -52,7 +52,8 @@ class Area:
         return found
 
     def faults(self, start: Pose, pieces: tuple[Piece, ...]) -> tuple[float, float]:
-        """Return, for a connection, the excess distance beyond the boundary [m] and the path length on the body [m]."""
+        """Return two faults of a connection: excess of the permitted distance beyond the boundary [m], and length on
+        the body [m]."""
         if not any(piece.length > 1e-9 for piece in pieces):
             return 0.0, 0.0
         x, y, yaw = chain(start, pieces).divided().joints()
@@ -60,8 +61,10 @@ class Area:
         return float(self.excess(self.outside(x, y, yaw)).max()), float(across)
 
     def excess(self, outside: Array) -> Array:
-        """Return by how much the distances `outside` beyond the boundary exceed the permitted distance, shape (n,) [m].
-        At the start of a bend, the ends of the implement swing out. These ends may reach SWING_M further."""
+        """Return the excess of the distances `outside` over the permitted distance beyond the boundary, shape (n,) [m].
+
+        The permitted distance of the implement is larger by SWING_M, because its ends swing out in bends.
+        """
         found = (outside - self.beyond - np.array([[0.0], [SWING_M]])).max(axis=0)
         return np.where(found > TOLERANCE_M, found, 0.0)
 
@@ -77,12 +80,12 @@ def body_of(field: Field, plan: Plan) -> BaseGeometry:
 
 
 def inside_laps(whole: BaseGeometry, plan: Plan) -> BaseGeometry:
-    """Return the area inside the headland laps of a plan, given the field area `whole` without obstacles."""
+    """Return the area inside the headland laps of a plan. `whole` is the field area without obstacles."""
     return offset(whole, plan.margin + plan.overlap / 2 + plan.headlands * (plan.width - plan.overlap))
 
 
 def area_of(field: Field, headlands: int, rig: FieldMachine, beyond: float = 0.0, margin: float = 0.0) -> Area:
-    """Divide a field into areas: an unworked margin along the boundary, headland laps inside it, and the body."""
+    """Divide a field into an unworked margin along the boundary, headland laps, and the body inside the laps."""
     whole, first = whole_of(field), margin + rig.overlap / 2
     laps = tuple(smoothed(ring, rig) for ring in rings(offset(whole, first), headlands, rig.spacing))
     return Area(whole, offset(whole, first + headlands * rig.spacing), laps, rig, beyond)

@@ -1,4 +1,4 @@
-"""Swaths along the contour lines of a field: straight lines or concentric arcs."""
+"""Direction and curvature of swaths along the contour lines of a field."""
 
 from math import hypot, pi
 
@@ -19,9 +19,9 @@ TIGHTEST_M = 20.0  # Minimum radius of swaths [m]. Assumed value: followed at wo
 def contour_frame(area: BaseGeometry, ground: Ground) -> SwathFrame:
     """Return the frame of swaths along the contour lines of a field.
 
-    Direction and curvature are those of the contour line through the centroid on the quadratic surface fitted to the
-    heights. Swaths are straight and perpendicular to the mean gradient if the contour lines are nearly straight, or if
-    arcs would be tighter than `TIGHTEST_M`. Raises `ScenarioError` for a level field.
+    A quadratic surface is fitted to the heights. Its contour line through the centroid defines the direction and
+    curvature of the swaths. Swaths are straight and perpendicular to the mean gradient if the contour lines are nearly
+    straight, or if arcs would be tighter than `TIGHTEST_M`. Raise `ScenarioError` for a level field.
     """
     west, south, east, north = area.bounds
     x, y = (

@@ -1,9 +1,9 @@
-"""Connections between passes: turns at their ends, and routes along headland laps to distant passes.
+"""Connections between passes: turns at the ends of adjacent passes, and routes along headland laps to distant passes.
 
-Candidates are evaluated in groups: the chosen turn; other forward connections, and turns with a part in reverse; routes
+Candidates are evaluated in groups: the chosen turn; other forward connections and turns with a reverse segment; routes
 along a lap. A candidate is free if it stays inside the field and does not cross the body. The result is the cheapest
-free candidate of the first group that contains one. If no candidate is free, the result is the cheapest of all, and the
-plan contains a warning.
+free candidate of the first group with a free candidate. Without free candidates, the result is the cheapest candidate,
+and the plan contains a warning.
 """
 
 from collections.abc import Iterator
@@ -39,7 +39,8 @@ Shape = Literal["omega", "bulb", "clothoid", "k"]
 Pieces = tuple[Piece, ...]
 NEAR = 6.0  # Maximum distance at which passes are joined by a turn at their ends [turn radii]. Assumed value.
 OUTSIDE, ACROSS = 50.0, 5.0
-"""Cost per metre outside the field, and across the field body, as additional path length [-]. Assumed values."""
+"""Cost of a connection per metre outside the field, and per metre across the body, as path length [-]. Assumed
+values."""
 CUSP_M = 5.0  # Cost of a cusp (change of driving direction) [m], as additional path length. Assumed value.
 GENTLE = (2.0, 3.0)  # Radii of gentle bends, as multiples of the turn radius [-]
 FORWARD_TRIED = 3  # Maximum number of evaluated forward connections between two swaths
@@ -48,7 +49,7 @@ ROUTES_TRIED = 8  # Maximum number of evaluated routes along laps, shortest firs
 
 
 class Join(NamedTuple):
-    """Connection between two passes."""
+    """Connection between two passes, with its distance beyond the boundary and its length across the body."""
 
     pieces: Pieces
     outside: float = 0.0  # Distance beyond the boundary in excess of the permitted distance [m]
@@ -61,13 +62,13 @@ class Join(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Cost of the connection: its length plus penalties for leaving the field, crossing the body, and cusps [m]."""
+        """Length of the connection plus penalties for leaving the field, crossing the body, and cusps [m]."""
         cusps = sum(a.direction != b.direction for a, b in pairwise(self.pieces))
         return length_of(self.pieces) + OUTSIDE * self.outside + ACROSS * self.across + CUSP_M * cusps
 
 
 def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
-    """Return the best connection from the pose `start` to the pose `goal`."""
+    """Return the best connection from pose `start` to pose `goal`. `shape` is the preferred turn shape."""
     found: list[Join] = []
     for tier in _tiers(area, start, goal, shape):
         tried = [Join(pieces, *area.faults(start, pieces)) for pieces in tier]
@@ -78,7 +79,7 @@ def join(area: Area, start: Pose, goal: Pose, shape: Shape) -> Join:
 
 
 def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterator[Pieces]]:
-    """Yield groups of candidate connections, preferred groups first."""
+    """Yield groups of candidate connections in order of preference."""
     near = hypot(goal.x - start.x, goal.y - start.y) < NEAR * area.rig.bends.radius
     if opposite := abs(wrap(goal.yaw - start.yaw - pi)) < 1e-6:
         yield _turns(start, goal, shape, area.rig.bends)
@@ -91,7 +92,8 @@ def _tiers(area: Area, start: Pose, goal: Pose, shape: Shape) -> Iterator[Iterat
 
 
 def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[Pieces]:
-    """Yield forward connections, some with gentle bends for wide implements, and turns with a part in reverse."""
+    """Yield forward connections, also with larger radii for wide implements, then connections with a reverse
+    segment."""
     yield from connections(start, goal, bends)[:FORWARD_TRIED]
     for factor in GENTLE:
         yield from connections(start, goal, bends._replace(radius=factor * bends.radius))[:1]
@@ -101,7 +103,7 @@ def _others(start: Pose, goal: Pose, bends: Bends, opposite: bool) -> Iterator[P
 
 
 def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Pieces]:
-    """Yield the turn to the opposite pass at `goal`. The turn starts beyond the ends of both passes."""
+    """Yield the turn to the opposite pass at `goal`. The turn starts beyond the ends of the two passes."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     if abs(left) < 1e-6:
         return
@@ -115,8 +117,10 @@ def _turns(start: Pose, goal: Pose, shape: Shape, bends: Bends) -> Iterator[Piec
 
 
 def depth_of_turn(rig: FieldMachine, shape: Shape) -> float:
-    """Return the distance by which a turn between neighbouring passes extends beyond their ends [m]. The passes end on
-    a line perpendicular to them."""
+    """Return the distance by which the machine extends beyond the ends of two adjacent passes during a turn [m].
+
+    The ends of the passes are on a line perpendicular to the passes.
+    """
     start, goal = Pose(rig.behind, 0.0, 0.0), Pose(rig.behind, rig.spacing, pi)
     turn = next(_turns(start, goal, shape, rig.bends))
     x, y, yaw = linked(start, turn).divided().joints()
@@ -131,9 +135,9 @@ def _mirrored(piece: Piece) -> Piece:
 
 @lru_cache(maxsize=256)
 def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
-    """Return a turn to a pass `away` [m] to the left, and the distance of its end ahead of its start [m].
+    """Return a turn to a pass `away` [m] to the left, and the distance of the turn's end ahead of its start [m].
 
-    The turn is a bend to the right by an angle f, then a bend to the left by pi + f; with arcs, cos f = away / (2
+    The turn is a bend to the right by an angle f, then a bend to the left by pi + f. With arcs, cos f = away / (2
     radius).
     """
 
@@ -146,7 +150,7 @@ def _bulb(away: float, bends: Bends) -> tuple[Pieces, float]:
 
 
 def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
-    """Yield connections along headland laps, in order of estimated length."""
+    """Yield connections along headland laps, in order of increasing estimated length."""
     radius, ranked = area.rig.bends.reach, []
     for ring in area.laps:
         for way in (ring, ring._replace(points=ring.points[::-1])):
@@ -161,11 +165,11 @@ def _routes(area: Area, start: Pose, goal: Pose) -> Iterator[Pieces]:
 
 
 Place = tuple[float, Pose, float]
-"""Distance along a ring [m], pose at this distance, and distance from the ring point nearest to another pose [m]."""
+"""Arc length on a ring [m], pose at the arc length, and distance along the ring from the nearest ring point [m]."""
 
 
 def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
-    """Return points at which a route may enter or leave a ring, starting at the point nearest to a pose."""
+    """Return points at which a route may enter or leave a ring, starting at the ring point nearest to `pose`."""
     line = ring.line
     nearest = line.project(shapely.Point(pose.x, pose.y))
     found = []
@@ -181,7 +185,7 @@ def _places(ring: Ring, pose: Pose, step: float) -> list[Place]:
 def _route(
     area: Area, start: Pose, goal: Pose, ring: Ring, first: Place, along: float, last: Place
 ) -> Iterator[Pieces]:
-    """Yield the connection along a part of a ring, if the machine can follow it."""
+    """Yield the connection along a ring from `first` to `last`, if the machine can follow it."""
     bends = area.rig.bends
     there, back = connections(start, first[1], bends), connections(last[1], goal, bends)
     if not there or not back or along < 0.1:

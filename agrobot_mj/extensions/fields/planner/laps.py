@@ -1,4 +1,4 @@
-"""Headland laps: closed courses parallel to the boundary and around obstacles, with corners that can be followed."""
+"""Headland laps: closed courses along the boundary and around obstacles, with corners that the machine can follow."""
 
 from typing import NamedTuple
 
@@ -16,11 +16,11 @@ MITRE = 5.0  # Maximum length of a mitred corner divided by the offset distance 
 SIMPLE_M = 0.05  # Tolerance of the simplification of rings [m]
 CORNER_M = 0.1  # Maximum distance of a rounded corner from the original corner for a small change of direction [m]
 SMOOTHER = (0.0, 1.0, 1.5, 2.5)
-"""Smoothing radii that are tried in order until the machine can follow a ring, as multiples of the turn radius [-]."""
+"""Smoothing radii of a ring divided by the turn radius [-], applied in order until the machine can follow the ring."""
 
 
 class Ring(NamedTuple):
-    """Closed polyline of a headland lap."""
+    """Headland lap as a closed polyline."""
 
     points: Array  # Corners in the order of driving [m], shape (n, 2). The first corner is not repeated.
     number: int  # Index of the lap, counted from 0 at the boundary
@@ -28,17 +28,17 @@ class Ring(NamedTuple):
 
     @property
     def line(self) -> LinearRing:
-        """Ring as a shapely geometry."""
+        """Ring as a shapely LinearRing."""
         return LinearRing(self.points)
 
 
 def offset(area: BaseGeometry, inwards: float) -> BaseGeometry:
-    """Return the area reduced by the distance `inwards` [m] along its boundary."""
+    """Return the area without the strip of width `inwards` [m] along its boundary."""
     return area.buffer(-inwards, join_style="mitre", mitre_limit=MITRE)
 
 
 def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
-    """Return all laps: along the boundary from the outside inwards, then around each obstacle, from inside outwards."""
+    """Return all laps: along the boundary from the outermost lap inwards, then around each obstacle outwards."""
     holes = [Polygon(hole) for part in shapely.get_parts(area) for hole in part.interiors]
     found = []
     for number in range(count):
@@ -54,7 +54,8 @@ def rings(area: BaseGeometry, count: int, width: float) -> list[Ring]:
 
 
 def _corners(ring: LinearRing, left: bool) -> Array:
-    """Return the corners of a ring, counter-clockwise if `left`, otherwise clockwise. The longest side is first."""
+    """Return the corners of a ring, starting with the longest side; counter-clockwise if `left`, otherwise
+    clockwise."""
     simple = LinearRing(ring).simplify(SIMPLE_M)
     points = np.array(simple.coords)[:-1, :2]
     if LinearRing(points).is_ccw != left:
@@ -64,7 +65,7 @@ def _corners(ring: LinearRing, left: bool) -> Array:
 
 
 def from_point(ring: Ring, distance: float) -> Array:
-    """Return a closed polyline, shape (n, 2) [m], that starts at the arc length `distance` [m] of a ring."""
+    """Return the closed polyline of a ring, shape (n, 2) [m], starting at the arc length `distance` [m]."""
     closed = np.vstack([ring.points, ring.points[:1]])
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))
     distance %= along[-1]
@@ -75,18 +76,22 @@ def from_point(ring: Ring, distance: float) -> Array:
 
 
 def rounding(rig: FieldMachine) -> Rounding:
-    """Return the parameters for rounding polyline corners with the given machine."""
+    """Return the parameters for rounding polyline corners with the turn limits of a machine."""
     path = rig.path
     return Rounding(path.turn_radius_m, CORNER_M, path.speed_m_s, path.lateral_acceleration_m_s2, path)
 
 
 def lap(ring: Ring, distance: float, rig: FieldMachine) -> Course | None:
-    """Return the course of a lap from the arc length `distance` [m] on, or None if the machine cannot follow it."""
+    """Return the course of a lap that starts at the arc length `distance` [m], or None if the machine cannot follow
+    it."""
     return drivable(from_point(ring, distance), True, rig)
 
 
 def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
-    """Return the course along a polyline with rounded corners, or None if a bend is too tight or the line reverses."""
+    """Return the course along a polyline with rounded corners, or None if the machine cannot follow it.
+
+    The machine cannot follow a reversal of the line or a bend below its turn radius.
+    """
     try:
         course = rounded(points, closed, rounding(rig))
     except ValueError:
@@ -95,7 +100,8 @@ def drivable(points: Array, closed: bool, rig: FieldMachine) -> Course | None:
 
 
 def smoothed(ring: Ring, rig: FieldMachine) -> Ring:
-    """Return a smoothed ring that the machine can follow. If smoothing is insufficient, return the original ring."""
+    """Return the ring with the least smoothing that the machine can follow, or the original ring if none is
+    sufficient."""
     for factor in SMOOTHER:
         radius, found = factor * rig.path.turn_radius_m, ring
         if factor:

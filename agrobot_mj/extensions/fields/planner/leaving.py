@@ -1,4 +1,7 @@
-"""Places at which a plan leaves its field: on laps (to be avoided by a margin) or in turns (by more headland laps)."""
+"""Detection of points at which a plan leaves its field.
+
+A wider margin corrects laps that leave the field; additional headland laps correct turns that leave the field.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +16,13 @@ from agrobot_mj.paths.track import Piece, chain
 
 WARNED_M = 0.1  # Distance beyond the boundary above which there is a warning [m]
 LEAVES = "the machine leaves the field", "the ends of the implement swing beyond the boundary"
-"""First words of the warnings about the tractor and about the implement."""
+"""First words of two warnings: machine outside the field, and implement ends beyond the boundary."""
 PLACES_TOLD = 5  # Maximum number of places listed in a warning
 
 
 @dataclass(frozen=True)
 class Leaving:
-    """Distances by which tractor and implement leave the field along a course, as arrays of shape (n,)."""
+    """Distances of tractor and implement beyond the boundary at n points of a course."""
 
     x: Array  # East coordinate of the CG [m]
     y: Array  # North coordinate of the CG [m]
@@ -29,30 +32,32 @@ class Leaving:
 
     @property
     def laps(self) -> float:
-        """Maximum excess on headland laps [m]."""
+        """Maximum excess of the permitted distance beyond the boundary on headland laps [m]."""
         return float(np.where(self.in_lap, self.excess, 0.0).max())
 
     @property
     def turns(self) -> float:
-        """Maximum excess on swaths, turns and connections [m]."""
+        """Maximum excess of the permitted distance beyond the boundary on swaths, turns and connections [m]."""
         return float(np.where(self.in_lap, 0.0, self.excess).max())
 
     @property
     def largest(self) -> str:
-        """Text of the maximum excess and its position. Excess on headland laps counts only if there is no other."""
+        """Text with the largest excursion and its position. Headland laps count only if no other part leaves the
+        field."""
         values = np.where(self.in_lap, 0.0, self.excess) if self.turns else self.excess
         k = int(np.argmax(values))
         return f"{self.outside[:, k].max():.2f} m near ({self.x[k]:.0f}, {self.y[k]:.0f}) m"
 
     def warnings(self) -> list[str]:
-        """Return warnings with the places at which the plan leaves the field, or an empty list if it stays inside."""
+        """Return warnings with the positions at which the plan leaves the field. The list is empty for a plan inside
+        the field."""
         swings = self.outside[1] * (self.excess <= 0.0) * (self.outside[0] <= WARNED_M)
         leaves = np.where(swings > 0.0, 0.0, self.outside.max(axis=0))
         said = zip(LEAVES, (leaves, swings), strict=True)
         return [f"{what} by {self._places(values)}" for what, values in said if values.max() > WARNED_M]
 
     def _places(self, outside: Array) -> str:
-        """Return a text with the maximum distance and the distinct positions of the peaks, to 1 m."""
+        """Return a text with the maximum distance beyond the boundary and the positions of the local maxima, to 1 m."""
         places = sorted(_peaks(outside, WARNED_M), key=lambda k: -outside[k])
         told = list(dict.fromkeys(f"({self.x[k]:.0f}, {self.y[k]:.0f})" for k in places))
         more = f" and {len(told) - PLACES_TOLD} more" if len(told) > PLACES_TOLD else ""
@@ -60,7 +65,10 @@ class Leaving:
 
 
 def leaving(area: Area, start: Pose, pieces: Sequence[Piece], passes: Sequence[PlannedPass] = ()) -> Leaving:
-    """Return the distances by which a course leaves its field; `passes` determine the points on headland laps."""
+    """Return the distances of tractor and implement beyond the boundary along a course.
+
+    `passes` determines the points on headland laps.
+    """
     course = chain(start, pieces).divided()
     x, y, yaw = course.joints()
     outside, s = area.outside(x, y, yaw), course.distances()

@@ -1,7 +1,7 @@
 """Planner of field work: headland laps from the boundary inwards, laps around obstacles, then the cells of the body.
 
-A cell is a group of adjacent swaths. The next cell is always the nearest one. Plans can be followed by the machine and
-are complete, but not optimal.
+A cell is a group of adjacent swaths. After each cell, the planner continues with the nearest cell. The machine can
+follow the plans. Plans are complete, but not optimal.
 """
 
 from collections.abc import Sequence
@@ -36,19 +36,19 @@ LEAST_AREA = 0.1  # Minimum area of a field body with swaths, divided by the squ
 
 
 class Options(NamedTuple):
-    """Options of a plan."""
+    """Planner options: headland laps, turn shape, swaths and sections."""
 
     headlands: int | None = None  # Number of headland laps. None: two, or more if the turns need more space.
     turn: Shape = "clothoid"  # Preferred turn shape between neighbouring swaths
     order: str = "boustrophedon"  # Order of the swaths of a cell
     frame: SwathFrame | None = None
-    """Frame of the swaths: their direction and curvature. None: straight in the direction with the fewest swaths."""
+    """Direction and curvature of the swaths, or None for straight swaths in the direction with the fewest swaths."""
     sections: int = 1  # Number of sections of the implement
     beyond: float = 0.0  # Distance by which the machine may extend beyond the field [m]
 
 
 class _Work:
-    """Plan under construction."""
+    """Builder of a plan, which appends laps, swaths and connections."""
 
     def __init__(self, area: Area, options: Options) -> None:
         self.area, self.rig, self.options = area, area.rig, options
@@ -67,8 +67,10 @@ class _Work:
         self.distance += length_of(pieces)
 
     def to(self, goals: Sequence[Pose]) -> int:
-        """Append the cheapest connection to one of the poses `goals`. Return the index of this pose. An empty plan
-        starts at the first pose."""
+        """Append the cheapest connection to one of the poses `goals`. Return the index of the reached pose.
+
+        An empty plan starts at the first pose.
+        """
         if self.start is None:
             self.start = self.pose = goals[0]
             return 0
@@ -82,7 +84,7 @@ class _Work:
         return chosen
 
     def lap(self, ring: Ring) -> None:
-        """Append a headland lap. Raise `ScenarioError` if the machine cannot follow it."""
+        """Append a headland lap. Raise `ScenarioError` if the machine cannot follow the lap."""
         courses = [course for distance in self._starts(ring) if (course := lap(ring, distance, self.rig)) is not None]
         if not courses:
             x, y = ring.points[0]
@@ -97,7 +99,7 @@ class _Work:
         self.passes.append(PlannedPass("headland", *span, (span,) * self.options.sections))
 
     def _starts(self, ring: Ring) -> list[float]:
-        """Return the arc lengths of a ring at which its lap may start [m]."""
+        """Return the arc lengths of a ring at which the lap may start [m]."""
         length, reach = ring.line.length, self.rig.bends.reach
         if self.start is None:
             return [k * length / LAP_STARTS for k in range(1, LAP_STARTS)]
@@ -106,7 +108,7 @@ class _Work:
         return [*near, *(k * length / LAP_STARTS for k in range(LAP_STARTS))]
 
     def swath(self, swath: Swath, layout: Pattern, forth: bool) -> None:
-        """Append a swath, driven in the swath direction (`forth`) or against it."""
+        """Append a swath, travelled in the swath direction (`forth`) or in the opposite direction."""
         start = _pose(layout, swath, forth)
         if self.start is None or hypot(start.x - self.pose.x, start.y - self.pose.y) > CLOSE_M:
             self.to([start])
@@ -122,7 +124,7 @@ class _Work:
         self.passes.append(PlannedPass("body", zero, zero + stretch * swath.length, worked))
 
     def cells(self, layout: Pattern) -> None:
-        """Append the swaths of all cells, starting each time with the nearest remaining cell."""
+        """Append the swaths of all cells. The next cell is always the cell with the cheapest connection."""
         self.layout = layout
         across = int(np.ceil(half_turn_width(*self.rig.bends[:2]) / self.rig.spacing - 1e-9))
         left = list(layout.cells)
@@ -136,11 +138,11 @@ class _Work:
 
     @cached_property
     def leaving(self) -> Leaving:
-        """Distances by which the course leaves the field."""
+        """Distances of tractor and implement beyond the boundary along the course."""
         return leaving(self.area, self.start or self.pose, self.pieces, self.passes)
 
     def plan(self, name: str, headlands: int, margin: float, notes: Sequence[str]) -> Plan:
-        """Return the completed plan. Its warnings begin with the notes of the planner."""
+        """Return the finished plan. Its warnings start with `notes`."""
         crossing = [
             f"a connection from ({pose.x:.0f}, {pose.y:.0f}) m crosses the area of the swaths over {length:.0f} m"
             for pose, length in self.crossings
@@ -156,7 +158,8 @@ class _Work:
 
 
 def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
-    """Return the pose of the CG at the start of a swath, driven in the swath direction (`forth`) or against it."""
+    """Return the CG pose at the start of a swath, travelled in the swath direction (`forth`) or in the opposite
+    direction."""
     pose = layout.frame.pose(swath.start if forth else swath.end, swath.across)
     return pose if forth else pose._replace(yaw=pose.yaw + pi)
 
@@ -164,8 +167,8 @@ def _pose(layout: Pattern, swath: Swath, forth: bool) -> Pose:
 def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
     """Return the plan of a field. Raise `ScenarioError` if no plan stays inside the field.
 
-    If the number of laps is not given, laps are added until the turns stay inside. If the implement extends too far
-    beyond the boundary, the outermost lap is moved inwards.
+    If the number of laps is not given, laps are added until the turns stay inside the field. If the machine extends too
+    far beyond the boundary on laps, a margin moves the outermost lap inwards.
     """
     first = DEFAULT_HEADLANDS if options.headlands is None else options.headlands
     work = _work(field, rig, options, first)
@@ -202,7 +205,7 @@ def make_plan(field: Field, rig: FieldMachine, options: Options) -> Plan:
 
 
 def _work(field: Field, rig: FieldMachine, options: Options, headlands: int, margin: float = 0.0) -> _Work:
-    """Plan the work for a number of headland laps and a `margin` [m]. Raise `ScenarioError` if this is impossible."""
+    """Return a plan with `headlands` headland laps and a `margin` [m]. Raise `ScenarioError` if this is impossible."""
     area = area_of(field, headlands, rig, options.beyond, margin)
     work = _Work(area, options._replace(headlands=headlands))
     for ring in area.laps:

@@ -1,4 +1,4 @@
-"""Machine data for the planner: outlines of tractor and implement, and bends that the steering can follow."""
+"""Machine data for the planner: outlines of tractor and implement, and limits of bends."""
 
 from dataclasses import dataclass
 from typing import cast
@@ -12,14 +12,14 @@ from agrobot_mj.extensions.fields.planner.words import Bends
 from agrobot_mj.paths import Swaths
 from agrobot_mj.scenario.schema import Scenario
 
-MIN_SHARE = 0.95
-"""Maximum fraction of the curvature limit of the machine that plans use [-]. Assumed value: 5 % remain for feedback."""
+MAX_CURVATURE_FRACTION = 0.95
+"""Fraction of the curvature limit of the machine that plans may use [-]. Assumed value: 5 % remain for feedback."""
 BAR_M = 0.1  # Half of the length of the outline of the implement [m]
 
 
 @dataclass(frozen=True)
 class FieldMachine:
-    """Tractor with its implement. Distances are relative to the CG of the tractor, the reference point of paths."""
+    """Dimensions and turn limits of a tractor with its implement. Distances are relative to the CG of the tractor."""
 
     width: float  # Working width of the implement [m]
     behind: float  # Distance of the working point of the implement behind the CG on a straight line [m]
@@ -32,33 +32,36 @@ class FieldMachine:
 
     @property
     def spacing(self) -> float:
-        """Distance between neighbouring passes [m]."""
+        """Distance between adjacent passes [m]."""
         return self.width - self.overlap
 
     @property
     def bends(self) -> Bends:
-        """Limits of the bends in turns."""
+        """Radius, sharpness and speed of the bends in turns."""
         speed = self.path.turn_speed_m_s
         return Bends(self.path.turn_radius_m, self.path.sharpness(speed), speed)
 
     @property
     def max_curvature(self) -> float:
-        """Maximum curvature that a plan may contain [1/m]."""
-        return MIN_SHARE / self.tightest
+        """Maximum permitted curvature of a plan [1/m]."""
+        return MAX_CURVATURE_FRACTION / self.tightest
 
 
 def tractor_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
-    """Return outlines of the tractor for poses of its CG (n,), as polygons (n,)."""
+    """Return the outlines of the tractor at CG poses (n,), as polygons (n,)."""
     return _boxes(x, y, yaw, rig.front, -rig.rear, rig.half_width)
 
 
 def implement_boxes(rig: FieldMachine, x: Array, y: Array, yaw: Array) -> Array:
-    """Return outlines of the implement for poses of its working point (n,), as polygons (n,)."""
+    """Return the outlines of the implement at poses of its working point (n,), as polygons (n,)."""
     return _boxes(x, y, yaw, BAR_M, -BAR_M, rig.width / 2)
 
 
 def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: float) -> Array:
-    """Return a rectangle for each pose, as polygons (n,), with given distances to its front, rear and sides [m]."""
+    """Return a rectangle at each pose, as polygons (n,).
+
+    `front`, `rear` and `side` are the coordinates of its edges relative to the pose [m], positive ahead and left.
+    """
     ahead, left = np.array([front, rear, rear, front]), np.array([side, side, -side, -side])
     c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
     corners = np.stack([x[:, None] + c * ahead - s * left, y[:, None] + s * ahead + c * left], axis=2)
@@ -67,20 +70,23 @@ def _boxes(x: Array, y: Array, yaw: Array, front: float, rear: float, side: floa
 
 
 def rig_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine of a scenario with a path of kind `swaths`. Raise `ScenarioError` if it cannot turn."""
+    """Return the machine data of a scenario whose path has kind `swaths`.
+
+    Raise `ScenarioError` for another path or if the turn radius is too small for the machine.
+    """
     tractor, path = scenario.tractor, scenario.path
     if not isinstance(path, Swaths):
         raise ScenarioError(f'path.kind: "{path.kind}": the field determines the path; omit the key')
-    if path.turn_radius_m * MIN_SHARE < tractor.tightest_radius:
+    if path.turn_radius_m * MAX_CURVATURE_FRACTION < tractor.tightest_radius:
         raise ScenarioError(
             f"--radius {path.turn_radius_m:g}: machine {scenario.machine} needs at least "
-            f"{tractor.tightest_radius / MIN_SHARE:.2f} m; set a larger radius"
+            f"{tractor.tightest_radius / MAX_CURVATURE_FRACTION:.2f} m; set a larger radius"
         )
     return outline_of(scenario, width, overlap)
 
 
 def outline_of(scenario: Scenario, width: float, overlap: float = 0.0) -> FieldMachine:
-    """Return the machine data for the planner, for a scenario with any kind of path."""
+    """Return the machine data of a scenario with any kind of path."""
     tractor = scenario.tractor
     hitched = scenario.implement.hitched(tractor)
     hitch = tractor.cg_to_rear_axle + tractor.hitch_behind_m

@@ -1,10 +1,10 @@
 """Swaths: parallel strips of equal width that cover an area, in the direction with the fewest swaths, grouped in cells.
 
-Swaths are straight, or concentric arcs. In a frame of stations along the swaths and offsets across, both are straight.
-
-Rows of strips lie side by side, starting at the lowest edge of the area. A row has one swath for each connected part of
-the area in its strip. A swath is as long as this part, so that the full width is worked at oblique edges. A cell is a
-series of swaths in adjacent rows, each with exactly one neighbour in the next row: the decomposition of [Choset2000].
+Swaths are straight lines or concentric arcs. A coordinate frame has stations along the swaths and offsets across them;
+in this frame, both types of swaths are straight. Adjacent strips cover the area from its lowest edge. Each connected
+part of the area in a strip is one swath. A swath has the length of this part, so that the full width is worked at
+oblique edges. A cell is a series of swaths in adjacent strips, each with exactly one adjacent swath in the next strip:
+the decomposition of [Choset2000].
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ Span = tuple[float, float]
 
 
 class Swath(NamedTuple):
-    """Strip worked in one pass, in the frame of the swaths."""
+    """Strip worked in one pass, in station and offset coordinates."""
 
     start: float  # Station at the first end [m]
     end: float  # Station at the second end [m]
@@ -37,12 +37,12 @@ class Swath(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Difference of the stations of both ends [m]."""
+        """Difference between the end and start stations [m]."""
         return self.end - self.start
 
 
 class SwathFrame(NamedTuple):
-    """Stations along parallel swaths, and offsets to their left: straight lines, or concentric arcs."""
+    """Coordinate frame of parallel straight swaths or concentric arcs: station along the swaths, offset to the left."""
 
     angle: float  # Direction of the swaths at the origin of the frame [rad], counter-clockwise from east
     curvature: float = 0.0  # Curvature of the swath with the offset 0 [1/m], left positive, or 0 for straight swaths
@@ -51,11 +51,11 @@ class SwathFrame(NamedTuple):
 
     @property
     def centre(self) -> tuple[float, float]:
-        """Common centre of the arcs [m]."""
+        """Common centre of concentric swaths: east and north coordinates [m]."""
         return self.x - sin(self.angle) / self.curvature, self.y + cos(self.angle) / self.curvature
 
     def of(self, points: Array) -> Array:
-        """Convert points, shape (n, 2) [m], to stations on the swath with the offset 0, and offsets [m]."""
+        """Convert points, shape (n, 2) [m], from east and north to station and offset [m]."""
         c, s = cos(self.angle), sin(self.angle)
         if not self.curvature:
             found: Array = (points - (self.x, self.y)) @ [[c, -s], [s, c]]
@@ -66,11 +66,11 @@ class SwathFrame(NamedTuple):
         return np.column_stack([turned / self.curvature, 1 / self.curvature - side * np.hypot(east, north)])
 
     def stretch(self, across: float) -> float:
-        """Return the length of a swath divided by the difference of its stations, for its offset [-]."""
+        """Return the length of a swath at the offset `across` [m] divided by its station difference [-]."""
         return 1.0 - self.curvature * across
 
     def pose(self, station: float, across: float) -> Pose:
-        """Return the pose in the swath direction at a station and an offset [m]."""
+        """Return the pose at a station and an offset [m], heading in the swath direction."""
         c, s = cos(self.angle), sin(self.angle)
         if not self.curvature:
             return Pose(self.x + c * station - s * across, self.y + s * station + c * across, self.angle)
@@ -79,7 +79,7 @@ class SwathFrame(NamedTuple):
 
 
 class Pattern(NamedTuple):
-    """Parallel swaths that cover an area."""
+    """Parallel swaths that cover an area, grouped in cells."""
 
     frame: SwathFrame  # Frame of the stations and offsets of the swaths
     cells: tuple[tuple[Swath, ...], ...]  # Cells; a cell is a tuple of adjacent swaths from right to left
@@ -96,14 +96,16 @@ class Pattern(NamedTuple):
 
 
 def best_pattern(area: BaseGeometry, width: float, sections: int) -> Pattern:
-    """Return the pattern with the fewest swaths over the evaluated directions, and the least length among equals."""
+    """Return the pattern with the fewest swaths of all evaluated directions, and with the minimum length among
+    equals."""
     found = (pattern(area, SwathFrame(angle), width, 1) for angle in _angles(area, width))
     best = min(found, key=lambda each: (each.number, round(each.length, 3)))
     return pattern(area, best.frame, width, sections)
 
 
 def _angles(area: BaseGeometry, width: float) -> list[float]:
-    """Return the directions of long edges, and directions in steps of `ANGLE_STEP`, from 0 to pi [rad]."""
+    """Return the swath directions to evaluate, from 0 to pi [rad]: long edges of the area, and steps of
+    `ANGLE_STEP`."""
     angles = {round(k * ANGLE_STEP, 6) for k in range(round(pi / ANGLE_STEP))}
     for part in shapely.get_parts(area):
         corners = np.array(part.simplify(0.1 * width).exterior.coords)
@@ -114,7 +116,7 @@ def _angles(area: BaseGeometry, width: float) -> list[float]:
 
 
 def pattern(area: BaseGeometry, frame: SwathFrame, width: float, sections: int) -> Pattern:
-    """Return the swaths of an area along a frame, for a working width [m] and a number of sections."""
+    """Return the swaths that cover an area, for a working width [m] and a number of sections."""
     turned = shapely.transform(area.segmentize(EDGE_M) if frame.curvature else area, frame.of)
     west, south, east, north = turned.bounds
     count = max(1, ceil((north - south) / width - ROUNDING))
@@ -123,7 +125,7 @@ def pattern(area: BaseGeometry, frame: SwathFrame, width: float, sections: int) 
 
 
 def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int) -> list[Swath]:
-    """Return the swaths of the strip whose lower edge has the offset `low` [m]."""
+    """Return the swaths of the strip that starts at the offset `low` [m]."""
     strip = shapely.box(ends[0], low, ends[1], low + width).intersection(area)
     found = []
     for part in shapely.get_parts(strip):
@@ -135,7 +137,8 @@ def _row(area: BaseGeometry, ends: Span, low: float, width: float, sections: int
 
 
 def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span) -> Iterator[Span]:
-    """Yield the stations between which each section works in a part of a strip, or equal stations for no work."""
+    """Yield the start and end stations of the work of each section in a swath; they are equal for a section without
+    work."""
     if count == 1:
         yield whole
         return
@@ -145,7 +148,7 @@ def _spans(part: BaseGeometry, low: float, width: float, count: int, whole: Span
 
 
 def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
-    """Return the swaths of all rows, grouped by cell."""
+    """Return the swaths of all strips, grouped by cell."""
     cells: list[list[Swath]] = []
     before: list[tuple[Swath, list[Swath]]] = []
     for row in rows:
@@ -163,7 +166,8 @@ def _cells(rows: list[list[Swath]]) -> list[list[Swath]]:
 
 
 def ordered(count: int, order: str, across: int) -> list[int]:
-    """Return the order of driving of the swaths in a cell: neighbouring swaths, or every `across`-th swath."""
+    """Return the swath indices of a cell in the order of travel: adjacent swaths, or with order `skip`, steps of
+    `across`."""
     if order == "skip" and across > 1 and count >= 2 * across + 1:
         return list(skipping(count, across))
     return list(range(count))

@@ -1,8 +1,8 @@
 """Connections between two poses: three segments of limited curvature, with arcs or clothoids.
 
-The types of connections (words) are those of [Dubins1957], bend-straight-bend and three bends, and three bends of which
-the middle one is in reverse [ReedsShepp1990]. With arcs, the three parameters have a closed form. With clothoids, they
-are computed numerically; the initial guess is the closed form for a radius equal to the distance of the bend centre.
+The types of connections (words) are bend-straight-bend and three bends of [Dubins1957], and three bends with a reverse
+middle bend of [ReedsShepp1990]. With arcs, the three parameters have a closed form. With clothoids, the parameters are
+computed numerically. The initial guess is the closed form for arcs with the same lateral distance of the bend centre.
 """
 
 from collections.abc import Iterator
@@ -23,16 +23,16 @@ GRID = 1e-6  # Resolution to which relative poses are rounded, so that connectio
 
 
 class Bends(NamedTuple):
-    """Limits of the bends of a connection."""
+    """Radius, sharpness and speed of the bends of a connection."""
 
     radius: float  # Radius of arcs [m]
     sharpness: float = inf
-    """Maximum change of curvature per metre [1/m2]. Infinite if bends are arcs without clothoids."""
+    """Maximum change of curvature per metre [1/m2], or infinity for arcs without clothoids."""
     speed: float = inf  # Maximum speed [m/s]
 
     @property
     def reach(self) -> float:
-        """Distance of the centre of a bend from its start, perpendicular to the initial direction [m]."""
+        """Lateral distance of the centre of a bend from its start [m]. Without clothoids, this is the radius."""
         return bend(pi, self.radius, self.sharpness).centre[1]
 
 
@@ -51,29 +51,29 @@ class Word(NamedTuple):
 
 
 FORWARD = (*(Word(a, 0, b) for a in (1, -1) for b in (1, -1)), Word(1, -1, 1), Word(-1, 1, -1))
-"""Words that are driven forward."""
+"""Words without reverse segments."""
 REVERSING = (Word(1, -1, 1, True), Word(-1, 1, -1, True))  # Words whose middle bend is driven in reverse
 
 
 def length_of(pieces: tuple[Piece, ...]) -> float:
-    """Return the travelled length of a sequence of path segments [m]."""
+    """Return the total length of path segments [m]."""
     return sum(piece.length for piece in pieces)
 
 
 def end_of(start: Pose, pieces: tuple[Piece, ...] | list[Piece]) -> Pose:
-    """Return the pose at the end of a sequence of path segments that starts at the pose `start`."""
+    """Return the end pose of a sequence of path segments that starts at the pose `start`."""
     for piece in pieces:
         start = advance(start, piece.curvature, piece.direction * piece.length, piece.direction * piece.sharpness)
     return start
 
 
 def straight(length: float, speed: float = inf) -> tuple[Piece, ...]:
-    """Return a straight segment with a given length [m], or no segment for a length of zero."""
+    """Return a straight segment of `length` [m], or an empty tuple for zero length."""
     return (Piece(length, 0.0, speed),) if length > 1e-9 else ()
 
 
 def connections(start: Pose, goal: Pose, bends: Bends, words: tuple[Word, ...] = FORWARD) -> list[tuple[Piece, ...]]:
-    """Return all connections of the given words from `start` to `goal`, shortest first."""
+    """Return all connections from `start` to `goal` with the given words, in order of increasing length."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     key = tuple(round(value / GRID) * GRID for value in (ahead, left, wrap(goal.yaw - start.yaw)))
     return list(_connections(*key, bends, words))
@@ -89,7 +89,7 @@ def _connections(
 
 
 def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
-    """Return the length of the shortest forward connection that consists of arcs and straight segments [m]."""
+    """Return the length of the shortest forward connection of arcs and straight segments [m]."""
     ahead, left = to_heading(start.yaw, goal.x - start.x, goal.y - start.y)
     relative = Pose(ahead, left, wrap(goal.yaw - start.yaw))
     lengths = [
@@ -101,7 +101,7 @@ def shortest_arcs(start: Pose, goal: Pose, radius: float) -> float:
 
 
 def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ...]]:
-    """Yield the connections of one word from the origin to `goal`, as path segments."""
+    """Yield the connections of one word from the origin to `goal`, as tuples of path segments."""
     for guess in _arcs(word, goal, bends.reach):
         found = guess if isinf(bends.sharpness) else _refined(word, guess, goal, bends)
         if found is None or (word.middle == 0 and found[1] < 0):
@@ -113,8 +113,10 @@ def _solutions(word: Word, goal: Pose, bends: Bends) -> Iterator[tuple[Piece, ..
 
 
 def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Iterator[Piece]:
-    """Yield the segments of a word. `values` are the angles of bends [rad] and the length of a straight [m]. A bend
-    with a negative angle is to the other side."""
+    """Yield the segments of a word. `values` are the angles of bends [rad] and the length of a straight [m].
+
+    The side of a bend with a negative angle is reversed.
+    """
     sides = (word.first, word.middle, word.last)
     for k, (side, value) in enumerate(zip(sides, values, strict=True)):
         if side == 0:
@@ -128,7 +130,7 @@ def _pieces(word: Word, values: tuple[float, float, float], bends: Bends) -> Ite
 def _refined(
     word: Word, guess: tuple[float, float, float], goal: Pose, bends: Bends
 ) -> tuple[float, float, float] | None:
-    """Return the three values of a word with clothoids, starting from `guess`, or None if the solver fails."""
+    """Return the three parameters of a word with clothoids, starting from `guess`, or None if the solver fails."""
     from scipy.optimize import fsolve  # slow import, needed only with clothoids
 
     def error(values: Array) -> tuple[float, float, float]:
@@ -147,8 +149,10 @@ def _refined(
 
 
 def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tuple[float, float, float]:
-    """Return the end of a bend in the frame of its start: ahead [m], left [m], and heading change [rad]. Start and end
-    are symmetric about a line through the centre of the bend."""
+    """Return the end of a bend relative to its start pose: ahead [m], left [m] and heading change [rad].
+
+    The start and end are symmetric about a line through the centre of the bend.
+    """
     turned = abs(angle)
     if turned < LEAST_ANGLE:
         return 0.0, 0.0, 0.0
@@ -161,12 +165,13 @@ def _displacement(side: int, angle: float, backwards: bool, bends: Bends) -> tup
 
 @lru_cache(maxsize=64)
 def _centre(bends: Bends) -> tuple[float, float]:
-    """Return the centre of a bend that is long enough to reach its minimum radius [m], in the frame of its start."""
+    """Return the centre of a bend that reaches its minimum radius, relative to its start pose: ahead [m], to the side
+    [m]."""
     return bend(TURN, *bends[:2]).centre
 
 
 def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float, float]]:
-    """Yield the values of a word with arcs: angles of bends [rad], or length of the straight segment [m]."""
+    """Yield the parameters of a word with arcs: angles of bends [rad], and length of the straight segment [m]."""
     if word.first < 0:
         word, goal = word.mirrored, Pose(goal.x, -goal.y, -goal.yaw)
     side = word.last
@@ -189,6 +194,6 @@ def _arcs(word: Word, goal: Pose, radius: float) -> Iterator[tuple[float, float,
 
 
 def _turn(angle: float) -> float:
-    """Return an angle in [0, 2 pi) [rad]. An angle that differs from 2 pi only by rounding becomes 0."""
+    """Return an angle in [0, 2 pi) [rad]. Angles that are 2 pi within rounding errors become 0."""
     turned = angle % TURN
     return 0.0 if TURN - turned < LEAST_ANGLE else turned
