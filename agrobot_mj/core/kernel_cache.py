@@ -22,6 +22,7 @@ from typing import Any
 
 from numba import config
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime import rtsys
 from platformdirs import user_cache_path
 
 from agrobot_mj.core.locks import locked
@@ -133,7 +134,7 @@ def _checksum(path: str, content: bytes) -> bytes:
 class PackageCache(FunctionCache):  # type: ignore[misc]
     """Kernel cache that excludes code compiled for classes outside the package, because these classes may change."""
 
-    def __init__(self, function: Any) -> None:
+    def __init__(self, function: Any, called_by_kernels: bool = False) -> None:
         before = config.CACHE_DIR
         try:
             config.CACHE_DIR = str(CACHE)
@@ -141,18 +142,25 @@ class PackageCache(FunctionCache):  # type: ignore[misc]
         finally:
             config.CACHE_DIR = before
         file: Any = self._cache_file
-        base = file._index_name.removesuffix(".nbi")
+        base = file._index_name.removesuffix(".nbi") + ".inner" * called_by_kernels
+        self._called_by_kernels = called_by_kernels
         self._cache_file: Any = _CheckedFile(file._cache_path, base, file._source_stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled code for the argument types `sig`, or None if the code is not in the cache."""
-        load = super().load_overload
+        """Return the compiled code for the argument types `sig`, or None if the cache does not contain the code.
+
+        The registries of numba, whose import takes 0.2 s, are only imported for a compilation.
+        """
+        rtsys.initialize(target_context)
+        load = self._load_overload
         return None if _outside(sig) else self._intact(lambda: load(sig, target_context))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store the compiled code for the argument types `sig`."""
         save = super().save_overload
         if not _outside(sig):
+            if not self._called_by_kernels:
+                data.library.discard_llvm_code()
             self._intact(lambda: save(sig, data))
 
     def _intact(self, work: Callable[[], Any]) -> Any:

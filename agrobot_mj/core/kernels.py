@@ -13,21 +13,21 @@ from typing import Annotated, Any, TypeVar, cast, get_args, get_origin, get_type
 
 import numpy as np
 from numba import config, njit, typeof, types
-from numba.core.codegen import JITCodeLibrary
 from numba.extending import overload, overload_method, register_jitable
 from numba.np.numpy_support import from_dtype
 
 from agrobot_mj.core import geometry
 from agrobot_mj.core.boxing import box_in_c
 from agrobot_mj.core.held import KINDS, HeldType, Reference, holding, number_of, value_of
-from agrobot_mj.core.interrupts import until_the_end
 from agrobot_mj.core.kernel_cache import CACHE, PackageCache, is_ours
+from agrobot_mj.core.machine_code import generate_on_request
 
 F = TypeVar("F", bound=Callable[..., object])
 T = TypeVar("T")
 if "NUMBA_OPT" not in os.environ:
     config.OPT = type(config.OPT)(2)  # code as fast as from level 3, compiled in half the time
 box_in_c()
+generate_on_request()
 
 
 def shared(function: F) -> F:
@@ -37,19 +37,6 @@ def shared(function: F) -> F:
 
 for _name in ("wrap", "to_heading", "from_heading", "along_arc", "to_level", "to_body"):
     shared(getattr(geometry, _name))
-
-
-def _hold_signals_back(finalize: Callable[[JITCodeLibrary], None]) -> Callable[[JITCodeLibrary], None]:
-    """Delay signals during `finalize`, because LLVM callbacks lose exceptions of signal handlers."""
-
-    def finalize_whole(library: JITCodeLibrary) -> None:
-        with until_the_end():
-            finalize(library)
-
-    return finalize_whole
-
-
-JITCodeLibrary._finalize_specific = _hold_signals_back(JITCodeLibrary._finalize_specific)
 
 
 def jit(function: F) -> F:
@@ -217,7 +204,24 @@ def kernel_method(name: str) -> None:
 
 
 def _compiled(function: F, **options: object) -> F:
-    compiled = njit(nogil=True, **options)(function)
-    if CACHE is not None and not config.DISABLE_JIT and is_ours(function):
-        compiled._cache = PackageCache(function)
+    """Return a function that is compiled on its first call.
+
+    Kernels call a second version without an interface to Python, whose conversion of large named tuples takes longer to
+    compile than the function.
+    """
+    compiled = _dispatcher(function, False, **options)
+
+    @cache
+    def inner() -> Any:
+        return _dispatcher(function, True, no_cpython_wrapper=True, **options)
+
+    compiled.get_call_template = lambda *found: inner().get_call_template(*found)
+    compiled.get_overload = lambda kinds: inner().get_overload(kinds)
     return cast(F, compiled)
+
+
+def _dispatcher(function: F, called_by_kernels: bool, **options: object) -> Any:
+    compiled = njit(nogil=True, no_cfunc_wrapper=True, **options)(function)
+    if CACHE is not None and not config.DISABLE_JIT and is_ours(function):
+        compiled._cache = PackageCache(function, called_by_kernels)
+    return compiled

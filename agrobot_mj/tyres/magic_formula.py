@@ -20,7 +20,6 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 from pydantic import Field
 
 from agrobot_mj.core.kernels import kernel
-from agrobot_mj.core.roots import root
 from agrobot_mj.core.spec import NonNegative, Positive, Spec
 from agrobot_mj.machine.tractor import TractorParameters
 from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force_direction, held_by_grip
@@ -28,6 +27,8 @@ from agrobot_mj.tyres.base import CarcassTyre, Slip, Structure, TyreForce, force
 LEAST_SHARE = 0.2
 """Lower limit of friction and stiffness, relative to their values at the reference load [-]. Assumed value."""
 LINEAR = 1e-4  # Normalised slip below which the force follows from the slip stiffness, within 1e-8 [-]
+NO_PEAK = 1e4  # Upper limit of B s at the peak [-]; curves with E near 1 have no peak below
+NEWTON_STEPS = 60  # Number of steps of Newton's method for B s at the peak, which then converges to rounding
 KNOWN_LOADS = (0.5, 2.0)
 """Range of load divided by reference load in which the linear change with load is valid [-]. Assumed value: the range
 of a tyre of one size and pressure."""
@@ -116,8 +117,10 @@ class Curve(Spec):
         C, E = self.shape, self.curvature
         if C <= 1.0:
             return 10.0
-        goal = tan(pi / (2 * C))
-        return C * root(lambda b: b - E * (b - atan(b)) - goal, 0.0, 1e4)
+        goal, b = tan(pi / (2 * C)), 0.0
+        for _ in range(NEWTON_STEPS):
+            b = min(b + (goal - b + E * (b - atan(b))) / (1 - E + E / (1 + b * b)), NO_PEAK)
+        return C * b
 
     def law(self) -> CurveLaw:
         """Return the coefficients as a tuple for the compiled kernel."""

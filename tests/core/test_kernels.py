@@ -21,6 +21,7 @@ from agrobot_mj.core.geometry import wrap
 from agrobot_mj.core.held import Held, Reference
 from agrobot_mj.core.kernel_cache import CACHE
 from agrobot_mj.core.kernels import bound, fetched, held, jit, stage
+from agrobot_mj.core.machine_code import _Library
 from agrobot_mj.core.signals import NOMINAL, Drive, Vector
 from agrobot_mj.core.spec import every
 from agrobot_mj.plants import Bicycle, BicyclePlant, Mujoco, MujocoPlant
@@ -175,6 +176,30 @@ def test_signal_during_code_generation_is_raised_afterwards(function, monkeypatc
             with pytest.raises(StoppedError):
                 jit(function)(1.5)
     assert jit(function)(1.5) == wanted
+
+
+def reciprocal(x):
+    if x == 0.0:
+        raise ZeroDivisionError("no reciprocal of zero")
+    return 1.0 / x
+
+
+@compiled
+def test_machine_code_is_only_generated_for_functions_called_from_python(monkeypatch):
+    inner, generated = jit(reciprocal), []
+
+    @jit
+    def outer(x):
+        return 2.0 * inner(x)
+
+    before = _Library._generate
+    monkeypatch.setattr(_Library, "_generate", lambda library: (generated.append(library.name[-5:]), before(library)))
+    assert outer(4.0) == 0.5
+    assert generated == ["outer"]
+    with pytest.raises(ZeroDivisionError, match="no reciprocal of zero"):
+        outer(0.0)
+    assert inner(4.0) == 0.25
+    assert generated == ["outer", "rocal"]
 
 
 class Pair(NamedTuple):

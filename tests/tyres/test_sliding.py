@@ -17,6 +17,7 @@ from agrobot_mj.terrain import Flat
 from agrobot_mj.tyres import MagicFormula, Ruts, Soil
 from agrobot_mj.tyres.base import Footing, Slip
 from agrobot_mj.tyres.laws import tyre_set, wheel_step, with_soil_memory
+from agrobot_mj.tyres.magic_formula import NO_PEAK, Curve
 from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, FRICTION_USE, SLIP_RATIO, WheelMotion
 from agrobot_mj.tyres.patch import LOAD as CARRIED
 
@@ -162,6 +163,17 @@ def test_tyre_force_is_finite_dissipative_and_inside_the_ellipse(tyre, motion, s
     assert max(*used, report[FRICTION_USE]) <= 1.0 + 1e-9
     power = wheel.wrench[:3] @ (v_x, v_y, 0.0) + wheel.wrench[4] * rim / wheel.r_e
     assert power <= 1e-9 * LOAD[REAR] * (hypot(v_x, v_y) + abs(rim))
+
+
+@settings(deadline=None)
+@example(shape=1.3, curvature=1.0)  # no peak: the force increases with slip
+@given(shape=st.floats(1.001, 1.9), curvature=st.floats(-10, 1))
+def test_peak_of_the_magic_formula_is_its_maximum(shape, curvature):
+    curve = Curve(shape=shape, curvature=curvature)
+    b = curve.peak / shape * np.array([0.99, 1.0, 1.01])
+    force = np.sin(shape * np.arctan(b - curvature * (b - np.arctan(b))))
+    assert force[1] >= force[0]
+    assert force[1] >= force[2] or b[1] == NO_PEAK
 
 
 @settings(deadline=None, max_examples=200)
