@@ -19,7 +19,7 @@ def rig(
     out: Out = None,
     quiet: Quiet = False,
 ) -> None:
-    """Measure one tyre on the test rig: force curves and figures."""
+    """Measure one tyre on the test rig. Writes force curves and figures."""
     from agrobot_mj.extensions.bench.rig import rig_command
 
     folder = results_folder(out, f"rig-{Path(tyre).stem}")
@@ -59,8 +59,8 @@ def machine(
 ) -> Answer:
     """Print the data sheet of a machine.
 
-    All numbers are measured in the simulator, without an implement, on firm ground. Its parameters follow, each with
-    its basis: measured, printed, identified or assumed.
+    All numbers are measured in the simulator, without an implement, on firm ground. The machine parameters follow, each
+    with its basis: measured, printed, identified or assumed.
     """
     from agrobot_mj.extensions.bench.datasheet import Measured, bases, basis_text, data_sheet, sheet_text
     from agrobot_mj.scenario.loading import load_scenario

@@ -6,8 +6,8 @@ of 20 wheelbases. The tip-over angle is measured by raising one side on ground w
 tested on a slope that increases until the machine rolls off or cannot climb.
 
 Each parameter of a machine has a basis: measured, printed, identified or assumed. The basis of a key in the machine
-file is the first word of its comment, or of the comment above if the key has none. For a key that is not set in the
-file, the docstring states the basis. A key whose value follows from the machine size is assumed.
+file is the first word of its comment, or of the comment above if the key has no comment. For a key that is not set in
+the file, the docstring states the basis. A key whose value follows from the machine size is assumed.
 """
 
 import re
@@ -35,19 +35,20 @@ from agrobot_mj.tyres.patch import LOAD
 
 LEVEL = Flat().ground()
 CREEPING_M_S, ROLLING_M_S, SLIPPING_M_S = 0.5, 1.0, 0.005
-"""Speeds [m/s]: for turning and climbing, for steering, and limit above which braked wheels slip. An axle that reaches
-its brake torque first moves at 1-4 mm/s while the tyres of the other axle deflect."""
+"""Maximum speeds in the turning and climbing test and in the steering test, and minimum speed of slipping braked wheels
+[m/s]. An axle that reaches its brake torque first moves at 1-4 mm/s while the tyres of the other axle deflect."""
 CIRCLE_WHEELBASES, FASTEST_M_S = 20.0, 4.0
-"""Radius of the circle [wheelbases], and maximum speed on the circle [m/s] (at most 0.8 of the top speed)."""
+"""Radius of the circle for the understeer gradient [wheelbases], and maximum speed on this circle [m/s]. The speed is
+at most 0.8 of the top speed."""
 QUICKLY_DEG_S, SLOWLY_DEG_S, SLOWLY_FROM_DEG = 4.0, 0.25, 15.0
-"""Rates at which the slope increases below and above `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
+"""Rates at which the test slope increases below and above `SLOWLY_FROM_DEG` [deg/s], and this slope [deg]."""
 CLIMBING = 0.7
-"""Fraction of the initial speed below which a machine fails to climb [-], because its wheels slip too much."""
+"""Speed divided by initial speed below which a machine fails to climb, because its wheels slip too much [-]."""
 STEADY_S = 10.0  # Time at constant pedal position until oscillations of the crawling machine have decayed [s]
 
 
 class Measured(NamedTuple):
-    """Measured quantity, which is one line of a data sheet."""
+    """Measured quantity in a line of a data sheet."""
 
     name: str
     value: float  # Measured value [`unit`]
@@ -55,12 +56,12 @@ class Measured(NamedTuple):
 
     @property
     def written(self) -> dict[str, str | float | None]:
-        """JSON values of the line, with six significant digits. A missing value is None."""
+        """Fields of the line as JSON values, with six significant digits. A missing value is None."""
         return {**self._asdict(), "value": float(f"{self.value:.6g}") if isfinite(self.value) else None}
 
 
 def data_sheet(machine: str) -> Iterator[Measured]:
-    """Measure a machine, given by name or path. Yield each line when available. Raises `ScenarioError` if unknown."""
+    """Measure a machine (name or path) and yield the lines of its data sheet. Raises `ScenarioError`."""
     scenario = load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
     if not isinstance(scenario.plant, Mujoco):
         raise ScenarioError(f"{machine}: plant.kind: a data sheet needs the MuJoCo plant")
@@ -98,7 +99,7 @@ def _standing(scenario: Scenario) -> Iterator[Measured]:
 
 
 def _turning(scenario: Scenario) -> Iterator[Measured]:
-    """Yield the turning radius at full lock, and the steering rates from lock to lock to the right and to the left."""
+    """Yield the turning radius at full lock, and the steering rates from lock to lock in both directions."""
     driver = _driver(scenario, min(ROLLING_M_S, 0.5 * scenario.driveline.full_speed_m_s))
     driver.go(3.0)
     rates = []
@@ -122,7 +123,7 @@ def _rate(driver: Driver, side: int) -> float:
 
 
 def _understeer(scenario: Scenario) -> float:
-    """Return the derivative [deg s2/m] of the steering angle with respect to the lateral acceleration on a circle."""
+    """Return the understeer gradient on a circle: change of steering angle per lateral acceleration [deg s2/m]."""
     driver = _driver(scenario, 0.0)
     speeds = min(FASTEST_M_S, 0.8 * driver.full_speed) * np.arange(1, 5) / 4
     rows = circle(driver, 15.0, CIRCLE_WHEELBASES * scenario.tractor.wheelbase_m, speeds)
@@ -130,7 +131,7 @@ def _understeer(scenario: Scenario) -> float:
 
 
 def _slope(plant: MujocoPlant) -> Iterator[float]:
-    """Tilt gravity backwards, as on an increasing slope ahead of the machine. Yield the slope in each tick [deg]."""
+    """Tilt gravity backwards as on an increasing uphill slope. Yield the slope in each tick [deg]."""
     grade = 0.0
     while grade < STEEPEST_DEG:
         grade += TICK_S * (QUICKLY_DEG_S if grade < SLOWLY_FROM_DEG else SLOWLY_DEG_S)
@@ -146,7 +147,7 @@ def _holding(scenario: Scenario) -> float:
 
 
 def _climbing(scenario: Scenario) -> float:
-    """Return the slope [deg] at which the speed of a crawling machine falls below `CLIMBING` with a constant pedal."""
+    """Return the slope at which a crawling machine with a constant pedal falls below `CLIMBING` of its speed [deg]."""
     driver = _driver(scenario, CREEPING_M_S)
     driver.go(5.0)
     *_, steady = hold(driver.plant, STEADY_S)  # oscillations of large, light machines decay
@@ -172,7 +173,7 @@ SAYS = {
     "assumed": r"(Estimate|Assumed)\b|.*\bAssumed value\b",
     "printed": r"(Maker|Print|Printed|Code|Paper)\b|\[[A-Z][A-Za-z]+\d{4}",
 }
-"""Regular expressions for the start of a comment, by origin of the value."""
+"""Regular expressions for the start of a comment, by basis of the value."""
 CITED = re.compile(r"\[[A-Z][A-Za-z]+\d{4}|Paper,")
 UNKNOWN = "not stated"  # Basis of a value for which the machine file has no comment
 _TABLE, _KEY = re.compile(r"\s*\[([\w.]+)\]\s*(?:#\s*(.*))?$"), re.compile(r"\s*([\w.]+)\s*=[^#]*(?:#\s*(.*))?$")
@@ -205,7 +206,7 @@ def bases(machine: str, scenario: Scenario) -> Iterator[Basis]:
 
 
 def comments(text: str) -> dict[str, str]:
-    """Return the basis of each dotted key of a machine file, from the comments in its text."""
+    """Return the basis of each key in the text of a machine file, by dotted key."""
     table, last, found = "", UNKNOWN, dict[str, str]()
     for line in text.splitlines():
         if header := _TABLE.match(line):
@@ -217,12 +218,12 @@ def comments(text: str) -> dict[str, str]:
 
 
 def basis_of(comment: str) -> str:
-    """Return the basis that is stated at the start of a comment."""
+    """Return the basis stated at the start of a comment."""
     return next((basis for basis, pattern in SAYS.items() if re.match(pattern, comment)), UNKNOWN)
 
 
 def of_default(part: Spec, name: str) -> str:
-    """Return the basis of a default value, as stated in the docstring of its key."""
+    """Return the basis of a default value, from the docstring of its key."""
     text = type(part).describe(name)
     if "Assumed value" in text or name in part.sized:
         return "assumed"

@@ -1,1 +1,1 @@
-"""Control laws and steering loops that learn during a run."""
+"""Guidance laws and steering loops that learn during a run."""

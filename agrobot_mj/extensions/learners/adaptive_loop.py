@@ -1,14 +1,14 @@
 """Steering-angle loop that identifies the dead band and gain of its valve on each side by recursive least squares.
 
-Static valve map for steering to side i (left, right) outside the dead band d_i: rate = g_i (v - d_i) with the gain g_i.
-The spool voltage v is computed from the commanded voltage with the delay and lag given by the keys.
+The static valve map for steering to side i (left, right) outside the dead band d_i is: rate = g_i (v - d_i), with the
+gain g_i. The spool voltage v is computed from the commanded voltage with the delay and lag given by the keys.
 
 Each time segment in which v stays outside the dead band of one side gives one equation for g_i and g_i d_i. Both are
 updated with forgetting and projected onto bounds. The equation does not hold if the wheels hardly turned in the
 segment, or turned with v inside the dead band. In these cases only d_i is changed slightly.
 
-The command is the inverse of the map for the rate that corrects the error within `answer_s`. The error is computed from
-the angle predicted for the end of the valve delay, because voltages already commanded are still effective then.
+The command is the inverse of the map for the rate that corrects the error within `answer_s`. The error refers to the
+angle predicted for the end of the valve delay, because voltages already commanded are still effective until then.
 
 The loop returns to the initial map if the learned map predicts steering rates less accurately than the initial map.
 """
@@ -28,44 +28,47 @@ from agrobot_mj.core.spec import Latency, Positive
 from agrobot_mj.extensions.learners.learning import require_quantity
 
 GAIN_SHARES, WIDEST_V = (0.15, 4.0), 3.0
-"""Limits of the gain divided by its initial value [-], maximum dead band [V]. Assumed values: worn to fast valves."""
+"""Range of gain divided by initial gain [-], and maximum dead band [V]. Assumed values: worn to fast valves."""
 SHORTEST_S, LONGEST_S = 0.2, 0.4
-"""Minimum and maximum segment duration [s]. Assumed values: angle noise of 0.07 deg gives rate noise of 0.4 deg/s."""
+"""Minimum and maximum duration of a time segment used for learning [s]. Assumed values: angle noise of 0.07 deg gives
+rate noise of 0.4 deg/s."""
 SLOWEST_V, FASTEST_V = 0.05, 3.5
-"""Minimum and maximum voltage for learning [V]. Assumed values: dead band and pump limit are outside this range."""
+"""Minimum and maximum spool voltage for learning [V]. Assumed values: lower voltages are inside the dead band, higher
+voltages reach the pump limit."""
 UNSURE = (0.5, 0.5)
-"""Initial standard deviations of gain [fraction of the initial gain] and dead band [V]. Assumed values."""
+"""Initial standard deviations of the gain [fraction of the initial gain] and of the dead band [V]. Assumed values."""
 NOISE = radians(0.1)
 """Standard deviation of the mean angle at each end of a segment [rad]. Assumed value: 100 potentiometer samples."""
 MOVING, SHIFT = radians(1.0), 0.2
-"""Mean rate above which the wheels turned during a complete segment [rad/s], and fraction of the prediction error by
-which the dead band is shifted at lower rates [-]. Assumed values: twice the noise of the rate."""
+"""Minimum mean steering rate of turning wheels in a time segment [rad/s], and fraction of the rate error by which the
+dead-band offset is shifted at lower rates [-]. Assumed values: twice the noise of the rate."""
 MOST = radians(6.0)  # Maximum rate error used in an update [rad/s], which limits the effect of outliers. Assumed value.
 JUDGED, TRUST = 30.0, 1.5
-"""Number of time segments over which both maps are compared, and maximum ratio of their errors [-]. Assumed values."""
+"""Number of time segments over which the errors of learned and initial map are averaged, and maximum ratio of these
+errors [-]. Assumed values."""
 SIDES = ("left", "right")
 
 
 class Side(NamedTuple):
-    """Learned parameters of one side of the valve."""
+    """Learned valve parameters for steering to one side."""
 
     gain: float  # Gain g [rad/(s V)]
     offset: float  # Product of gain and dead band, g d [rad/s]
     P: tuple[float, float, float]
-    """Covariance divided by the variance of an equation, of (gain, gain), (gain, offset) and (offset, offset)."""
+    """Parameter covariance for (gain, gain), (gain, offset) and (offset, offset)."""
 
     @property
     def dead_band(self) -> float:
-        """Dead band d [V]."""
+        """Dead band d, the minimum spool voltage for oil flow [V]."""
         return self.offset / self.gain
 
     def rate(self, v: float) -> float:
-        """Return the steering rate [rad/s] at the spool voltage `v` towards this side [V]."""
+        """Return the steering rate [rad/s] for a spool voltage `v` towards this side [V]."""
         return max(self.gain * v - self.offset, 0.0)
 
 
 class Stretch(NamedTuple):
-    """Time segment in which the spool stayed on one side, and either inside or outside the dead band."""
+    """Time segment in which the spool voltage stays on one side, and either inside or outside the dead band."""
 
     side: int = 0  # Side of the valve: 1 left, -1 right, 0 none
     beyond: bool = False  # Whether the spool was outside the estimated dead band
@@ -75,12 +78,12 @@ class Stretch(NamedTuple):
 
 
 class AdaptiveState(NamedTuple):
-    """State of `AdaptiveLoop`."""
+    """State of the steering loop `AdaptiveLoop` between two ticks."""
 
     sides: tuple[Side, Side]  # Learned parameters of the left and the right side
     reference: float = 0.0  # Present setpoint of the steering angle [rad]
     under_way: tuple[float, ...] = ()
-    """Voltages [V] that were commanded and are still delayed in the valve, relative to neutral, oldest first."""
+    """Commanded voltages relative to neutral that have not yet passed the valve delay [V], oldest first."""
     spool: float = 0.0  # Voltage at the spool relative to neutral [V]
     mean: float = 0.0  # Mean spool voltage over the last tick [V]
     steer: float | None = None  # Last measured steering angle [rad], or None before the first tick
@@ -91,35 +94,35 @@ class AdaptiveState(NamedTuple):
 
 
 class AdaptiveLoop(AngleLoop):
-    """Steering-angle loop with the inverse of a learned valve map and compensation of the delay."""
+    """Steering-angle loop that inverts a learned valve map and compensates the valve delay."""
 
     kind: Literal["adaptive"] = "adaptive"
     gain_deg_s_v: Positive = 6.0
-    """Initial gain of both sides [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
+    """Initial valve gain for both sides [deg/(s V)]. Assumed value: 6-7 for the default valve and cylinder."""
     dead_band_v: Annotated[float, Field(ge=0, le=WIDEST_V)] = 0.3
-    """Initial dead band of both sides [V]. Assumed value; above the true dead band the loop oscillates."""
+    """Initial dead band for both sides [V]. Assumed value; above the true dead band the loop oscillates."""
     delay_s: Latency = 0.1
     """Delay of the valve [s], in whole ticks. Assumed value, as in `Valve`."""
     lag_s: Positive = 0.1
     """Time constant of the spool [s]. Assumed value, as in `Valve`."""
     answer_s: Annotated[float, Field(ge=0.05, le=5)] = 0.25
-    """Time in which a steering error is corrected [s]. Assumed value (0.15-0.5): longer than the lag of the spool."""
+    """Time for correcting a steering error [s]. Assumed value (0.15-0.5): longer than the lag of the spool."""
     tolerance_deg: Positive = 0.15
     """Maximum angle error without correction [deg]. Assumed value (0.1-0.4): twice the potentiometer noise."""
     forgetting: Annotated[float, Field(ge=0.9, le=1)] = 0.99
-    """Fraction of information that remains after a segment [-]. Assumed value (0.97-0.999): about one minute."""
+    """Fraction of information that remains after a time segment [-]. Assumed value (0.97-0.999): about one minute."""
     learn: bool = True
-    """Whether the valve map is updated."""
+    """Whether the valve map is updated during the run."""
     file: Annotated[str, Field(min_length=1)] | None = None
     """Initial valve map: `learned.parquet` of an earlier run. Default: `gain_deg_s_v` and `dead_band_v`."""
 
     def check(self) -> None:
-        """Read the initial valve map from `file`. Raises ValueError if the file is invalid."""
+        """Check the initial valve map in `file`. Raises ValueError if the file is invalid."""
         if self.file is not None:
             require_quantity(self.file, *_quantities())
 
     def init(self) -> AdaptiveState:
-        """Return the state at rest, with the valve map of the keys or of `file`."""
+        """Return the state at rest. The valve map is read from `file` or computed from the keys."""
         first = self._first()
         if self.file is not None:
             known = read_learned(self.file)
@@ -130,7 +133,7 @@ class AdaptiveLoop(AngleLoop):
         return AdaptiveState(first, under_way=(0.0,) * round(self.delay_s / TICK_S))
 
     def update(self, state: AdaptiveState, wanted: float, steer: float, dt: float) -> tuple[AdaptiveState, float]:
-        """Learn from the last tick. Return the voltage [V] for the rate that corrects the predicted angle error."""
+        """Learn from the last tick. Return the state and the voltage for correcting the predicted angle error [V]."""
         state = self._learnt(state, steer, dt) if state.steer is not None else state
         error = wanted - steer - self._coming(state, dt)
         volts = 0.0
@@ -144,12 +147,13 @@ class AdaptiveLoop(AngleLoop):
         return state, NEUTRAL_V + volts
 
     def _spool(self, spool: float, arriving: float, dt: float) -> tuple[float, float]:
-        """Return the voltage `dt` [s] after the voltage `arriving` reaches the spool, and its mean until then [V]."""
+        """Return the spool voltage at the end of a time step `dt` [s], and its mean over the step [V]. `arriving` is
+        the constant input voltage of the spool."""
         keep, rest = exp(-dt / self.lag_s), spool - arriving
         return arriving + keep * rest, arriving + (1.0 - keep) * self.lag_s / dt * rest
 
     def _coming(self, state: AdaptiveState, dt: float) -> float:
-        """Return the change of the steering angle [rad] that will result from voltages still delayed in the valve."""
+        """Return the change of the steering angle that the delayed voltages will cause [rad]."""
         spool, angle = state.spool, 0.0
         for arriving in (*state.under_way, 0.0, 0.0):
             spool, mean = self._spool(spool, arriving, dt)
@@ -157,7 +161,7 @@ class AdaptiveLoop(AngleLoop):
         return angle
 
     def _learnt(self, state: AdaptiveState, steer: float, dt: float) -> AdaptiveState:
-        """Add the last tick to the time segment. At the end of a segment, update the map. Return the state."""
+        """Return the state with the last tick added to the time segment. The end of a segment updates the map."""
         v, turned = state.mean, steer - (state.steer or 0.0)
         side, inside = 1 if v > 0 else -1, not SLOWEST_V < abs(v) < FASTEST_V
         beyond = abs(v) > state.sides[0 if v > 0 else 1].dead_band
@@ -171,7 +175,7 @@ class AdaptiveLoop(AngleLoop):
         return state._replace(piece=piece)
 
     def _fitted(self, state: AdaptiveState, piece: Stretch) -> AdaptiveState:
-        """Return the state updated by one time segment: rate = gain v - offset, with the valve voltage v."""
+        """Return the state updated with one time segment by rate = gain v - offset, with the spool voltage v."""
         number, first = (0 if piece.side > 0 else 1), self._first()
         side, v, rate = state.sides[number], piece.volts / piece.time, piece.turned / piece.time
         noise = 2.0 * (NOISE / piece.time) ** 2
@@ -189,7 +193,7 @@ class AdaptiveLoop(AngleLoop):
         return state
 
     def _within(self, side: Side) -> Side:
-        """Return the parameters of a side, limited to the bounds of gain and dead band."""
+        """Return the valve parameters of a side, limited to the bounds of gain and dead band."""
         low, high = (share * radians(self.gain_deg_s_v) for share in GAIN_SHARES)
         gain = clip(side.gain, low, high)
         dead_band = clip(side.dead_band, 0.0, WIDEST_V) if side.gain > 0.0 else 0.0
@@ -222,7 +226,7 @@ class AdaptiveLoop(AngleLoop):
         return (*valve, Column("valve_resets", "-", "number of resets of the learned valve to the initial one"))
 
     def report(self, state: AdaptiveState) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         return (*self._valve(state), float(state.resets))
 
 
@@ -239,8 +243,10 @@ def _rate(sides: tuple[Side, Side], v: float) -> float:
 
 
 def _updated(side: Side, v: float, rate: float, noise: float, forgetting: float) -> Side:
-    """Return the side updated by the equation rate = gain v - offset; `noise` is the variance of the rate [rad2/s2].
-    Forgetting increases the covariance only along the excited direction."""
+    """Return the valve parameters after one least-squares update with rate = gain v - offset.
+
+    `noise` is the variance of the rate [rad2/s2]. Forgetting increases the covariance only in the excited direction.
+    """
     a, b, c = side.P
     g_1, g_2 = a * v - b, b * v - c  # P phi with phi = (v, -1)
     total = g_1 * v - g_2 + noise

@@ -1,8 +1,8 @@
-"""Extended-state observer for Stanley's law or LQR: estimates and compensates disturbances of the path errors.
+"""Extended-state observer for Stanley's law or LQR, which estimates and compensates disturbances of the path errors.
 
-States of the model: cross-track error e_y and heading error e of the CG, crab angle b and disturbance curvature d; b
-and d vary slowly. Input: steering angle delta relative to its feedforward value. Slip length a and effective wheelbase
-L are those of the inner law; u is the speed, w the yaw rate relative to the path.
+The model states are cross-track error e_y and heading error e of the CG, crab angle b and disturbance curvature d. Both
+b and d vary slowly. The input is the steering angle delta relative to its feedforward value. Slip length a and
+effective wheelbase L are those of the inner law; u is the speed, w the yaw rate relative to the path.
 
     e_y' = u (e + b) + a w,   e' = w,   w = u (delta / L + d)
 
@@ -27,28 +27,28 @@ from agrobot_mj.control.stanley import Stanley
 from agrobot_mj.core.signals import Column
 
 LARGEST_CRAB, LARGEST_CURVATURE = radians(15.0), 0.1
-"""Maximum crab angle [rad] and disturbance curvature [1/m]. Assumed values: the crab angle on a side slope of 20 deg,
-and half of the curvature at full lock."""
+"""Maximum estimated crab angle [rad] and disturbance curvature [1/m]. Assumed values: the crab angle on a side slope of
+20 deg, and half of the curvature at full lock."""
 MOVING_M_S = 0.3  # Speed below which the observer is not updated [m/s]
 
 
 class EsoState(NamedTuple):
-    """State of `Eso`."""
+    """State of the guidance law `Eso` between two ticks."""
 
     inner: Any
     seen: tuple[float, float] | None = None
-    """Observed cross-track error [m] and heading error [rad], or None before the first tick."""
+    """Cross-track error [m] and heading error [rad] estimated by the observer, or None before the first tick."""
     crab: float = 0.0  # Estimated crab angle b [rad]
     curvature: float = 0.0  # Estimated disturbance curvature d [1/m]
 
 
 class Eso(Following):
-    """Stanley's law or LQR acting on the course error, with compensation of observed disturbances."""
+    """Stanley's law or LQR with an observer that compensates crab angle and disturbance curvature."""
 
     kind: Literal["eso"] = "eso"
     label: ClassVar = "observer (ESO)"
     inner: Annotated[Stanley | Lqr, Field(discriminator="kind")] = Stanley(integral_per_m=0.0)
-    """Inner law, selected by its own `kind`. Keys that the inner law shares with `eso` must be set in `eso`."""
+    """Inner law, selected by its own `kind`. Keys that `eso` also has must be set in `eso`."""
     bandwidth_per_s: Annotated[float, Field(gt=0, le=5)] = 0.5
     """Bandwidth omega of the observer [1/s]. Assumed value (0.2-1): a quarter of the bandwidth of the path loop. At
     higher values, the observer reacts to the lag of the steering."""
@@ -56,17 +56,18 @@ class Eso(Following):
     """Search range of `bandwidth_per_s` for tuning [1/s]."""
 
     def memory(self) -> EsoState:
-        """Return the initial state without disturbances."""
+        """Return the initial state, with zero disturbances."""
         return EsoState(self.inner.memory())
 
     def rolling(self, situation: Situation) -> tuple[float, float]:
-        """Return the slip length (CG to the point without sideslip) and effective wheelbase of the inner law [m]."""
+        """Return the slip length (distance from the CG to the point without sideslip) and the effective wheelbase of
+        the inner law [m]."""
         return self.inner.rolling(situation)
 
     def steering(
         self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float
     ) -> tuple[EsoState, float]:
-        """Return the new state and the steering angle [rad]: the inner law plus compensation of the curvature."""
+        """Return the new state and the steering angle [rad]: inner law plus compensation of the disturbance."""
         memory = self.observed(memory, beside, situation, dt)
         against = -atan(self.rolling(situation)[1] * memory.curvature)
         course = beside._replace(heading=beside.heading + memory.crab, yaw=beside.yaw - memory.crab)
@@ -75,7 +76,7 @@ class Eso(Following):
         return memory._replace(inner=inner), wanted + against
 
     def observed(self, memory: EsoState, beside: PathDeviation, situation: Situation, dt: float) -> EsoState:
-        """Return the updated observer state. Near standstill and at large heading errors, disturbances are constant."""
+        """Return the updated observer state. At low speed or large heading error, disturbances are held constant."""
         now = beside.cross_track, beside.heading
         if memory.seen is None or abs(beside.heading) > STEEP or abs(situation.estimate.speed) < MOVING_M_S:
             return memory._replace(seen=now)
@@ -92,9 +93,9 @@ class Eso(Following):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of every path-following law and the estimated disturbances."""
+        """Columns of path-following laws, and the estimated disturbances."""
         return (*super().columns, *DISTURBANCE_COLUMNS)
 
     def report(self, state: FollowingState) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         return (*super().report(state), state.memory.crab, state.memory.curvature)

@@ -1,8 +1,9 @@
-"""Iterative learning control: a map of the steering angle along the path, learned from lap to lap, added to any law.
+"""Iterative learning control. A map of the steering angle along the path is learned from lap to lap and added to any
+law.
 
 Corrections that the feedback law makes at a location in one lap are applied in advance in the next lap (`lap_map`). The
-map thus contains effects that repeat with the location, such as slope and soil; noise is averaged out. A lap ends where
-the heading of the path repeats: after one round of a figure eight, or two passes of a field. On a path without
+map thus contains effects that repeat with the location, for example slope and soil. Noise is averaged out. A lap ends
+where the heading of the path repeats: after one round of a figure eight, or two passes of a field. On a path without
 repetition, the lap is the complete path, and the next run loads the map from `file`.
 """
 
@@ -22,12 +23,12 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner, PlaceLearner
 
 SETTLED_M = 10.0
-"""Distance without learning after an invalid tick [m], while the tractor returns to the path. Assumed value (6-15): the
-corrections on this distance repeat after every tight turn, but a map cannot remove them."""
+"""Distance without learning after a tick that is unsuitable for learning [m]. Assumed value (6-15): the tractor first
+returns to the path. Its corrections there repeat after every tight turn, but a map cannot remove them."""
 
 
 class IlcState(NamedTuple):
-    """State of `Ilc`."""
+    """State of the guidance law `Ilc` between two ticks."""
 
     inner: Any
     lap: LapState = LapState()
@@ -38,11 +39,11 @@ class IlcState(NamedTuple):
     feedback: float = 0.0  # Steering angle added by the feedback law [rad]
     learning: bool = False  # Whether the last tick was used for learning
     settled: float = 0.0
-    """Distance travelled [m] since the last tick with saturated steering, a large offset or an uncertain position."""
+    """Distance travelled since the last tick with saturated steering, a large offset or an uncertain position [m]."""
 
 
 class Ilc(AngleLearner, PlaceLearner):
-    """Any law, plus a map of the steering angle along the path that is learned from lap to lap."""
+    """Any guidance law, plus a map of the steering angle along the path that is learned from lap to lap."""
 
     kind: Literal["ilc"] = "ilc"
     label: ClassVar = "ILC"
@@ -59,11 +60,12 @@ class Ilc(AngleLearner, PlaceLearner):
     quantity = "steer_learned"
 
     def init(self) -> IlcState:
-        """Return the initial state, without a map."""
+        """Return the initial state, with an empty map."""
         return IlcState(self.inner.init())
 
     def update(self, state: IlcState, situation: Situation, dt: float) -> tuple[IlcState, Command]:
-        """Return the command of the feedback law plus the map; store the correction at this place for the next lap."""
+        """Return the new state and the command of the feedback law plus the map angle. The correction at this location
+        is stored for the next lap."""
         e, route = situation.estimate, situation.route
         near = route.passed(situation.t) if state.s is None else state.s
         place = route.nearest(e.x, e.y, near, situation.t)
@@ -82,12 +84,12 @@ class Ilc(AngleLearner, PlaceLearner):
         return IlcState(inner, lap, place.s, state.length, command.steer, ahead, feedback, learning, settled), command
 
     def learned(self, state: IlcState) -> Learned:
-        """Return the map for the next lap: steering angles by location [rad]."""
+        """Return the map for the next lap: steering angles [rad] by arc length [m]."""
         return self.map.learned(state.lap, state.length, radians(self.bound_deg), self.quantity)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the map angle, the learning flag and the comparison of laps."""
+        """Columns of the inner law, of the map angle, of the learning flag and of the lap comparison."""
         own = (
             *ANGLE_COLUMNS,
             Column("learning_lap", "-", "number of the lap, from 0"),
@@ -98,7 +100,7 @@ class Ilc(AngleLearner, PlaceLearner):
         return (*self.inner.columns, *own)
 
     def report(self, state: IlcState) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         lap = state.lap
         best = lap.best_rms if isfinite(lap.best_rms) else float("nan")
         judged = float(lap.lap), float(lap.returns), sqrt(lap.square), best

@@ -1,4 +1,4 @@
-"""Iterative learning control of an implement: the line of the tractor is shifted so that the implement is on the path.
+"""Iterative learning control of an implement. The line of the tractor is shifted so that the implement is on the path.
 
 Guidance of the tractor alone leaves errors of the implement: a trailer cuts bends, a seeder drifts down a slope. The
 inner law (any other, including `ilc`) follows a line at the offset `y(s)` to the left of the path. The offset is
@@ -6,8 +6,8 @@ learned from lap to lap (`lap_map`) from the implement's error at its own locati
 with a lag equal to its length. At long wavelengths, a shift therefore has its effect at the same location, and the
 correction is not shifted in arc length.
 
-The implement's own receiver (`sensors.implement_gnss`) gives its position. Without a receiver, the position is that of
-a tractrix behind the hitch, which models how an implement cuts bends and uses the tractor's sideslip.
+The implement's own receiver (`sensors.implement_gnss`) measures its position. Without a receiver, the position is
+computed with a tractrix behind the hitch, which models how an implement cuts bends and uses the tractor's sideslip.
 """
 
 from collections.abc import Sequence
@@ -28,11 +28,11 @@ from agrobot_mj.extensions.learners.laws import LawInside
 from agrobot_mj.extensions.learners.learning import PlaceLearner
 
 SPREAD_M = 1.0
-"""Length over which slope and curvature of the shifted line are computed [m]. Assumed value: half the map's filter."""
+"""Arc-length step for the slope and curvature of the shifted line [m]. Assumed value: half the map's filter."""
 
 
 class Moved(NamedTuple):
-    """Route with a lateral offset from another route, given by a map along the path."""
+    """Route shifted laterally from another route by a map along the path."""
 
     route: Route
     map_: LapMap  # Map of the lateral offset of the line along the path
@@ -40,7 +40,7 @@ class Moved(NamedTuple):
     length: float  # Length of one lap [m]
 
     def at(self, t: float) -> Reference:
-        """Return the reference at time `t` [s]."""
+        """Return the reference on the shifted line at time `t` [s]."""
         r = self.route.at(t)
         y, slope, bend = self._shape(self.route.passed(t))
         dx, dy = from_heading(r.yaw, 0.0, y)
@@ -51,7 +51,7 @@ class Moved(NamedTuple):
         return r._replace(x=r.x + dx, y=r.y + dy, vx=vx, vy=vy, yaw=yaw, curvature=r.curvature + bend)
 
     def nearest(self, x: float, y: float, near: float, t: float) -> PathPoint:
-        """Return the point of the shifted line at the path point nearest to (x, y) [m]."""
+        """Return the point of the shifted line next to the path point nearest to (x, y) [m]."""
         place = self.route.nearest(x, y, near, t)
         moved = self._moved(place)
         return moved._replace(offset=place.offset - self._shape(place.s)[0])
@@ -61,18 +61,18 @@ class Moved(NamedTuple):
         return self._moved(self.route.ahead(s))
 
     def curvatures(self, distances: Sequence[float] | Vector) -> Vector:
-        """Return the curvature of the shifted line at each path arc length in `distances` [1/m]."""
+        """Return the curvatures of the shifted line at the path arc lengths `distances` [m], in [1/m]."""
         found = self.route.curvatures(distances)
         for k, s in enumerate(distances):
             found[k] += self._shape(float(s))[2]
         return found
 
     def leg(self, t: float) -> tuple[float, float]:
-        """Return the leg of the original path at time `t` [s], see `Route.leg`."""
+        """Return the leg of the original path at time `t` [s] (`Route.leg`)."""
         return self.route.leg(t)
 
     def passed(self, t: float) -> float:
-        """Return the arc length of the original path at time `t` [m]."""
+        """Return the arc length that the reference has travelled on the original path at time `t` [m]."""
         return self.route.passed(t)
 
     def lap(self) -> float:
@@ -92,7 +92,7 @@ class Moved(NamedTuple):
 
 
 class ImplementIlcState(NamedTuple):
-    """State of `ImplementIlc`."""
+    """State of the guidance law `ImplementIlc` between two ticks."""
 
     inner: Any
     lap: LapState = LapState()
@@ -105,29 +105,28 @@ class ImplementIlcState(NamedTuple):
 
 
 class ImplementIlc(PlaceLearner):
-    """Any law on a line that is learned from lap to lap, so that the implement follows the path."""
+    """Any law on a shifted line, which is learned from lap to lap so that the implement follows the path."""
 
     kind: Literal["implement_ilc"] = "implement_ilc"
     label: ClassVar = "ILC of the implement"
     inner: Annotated[LawInside | Ilc, Field(discriminator="kind")] = Lqr()
-    """Inner law, which follows the shifted line, selected by its own `kind`."""
+    """Inner law, selected by its own `kind`. It follows the shifted line."""
     bound_m: Annotated[float, Field(gt=0, le=3)] = 0.5
-    """Maximum offset of the line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m radius by 0.4 m."""
+    """Maximum offset of the shifted line [m]. Assumed value (0.2-1): a trailer cuts bends of 5 m radius by 0.4 m."""
     max_offset_m: Positive = 1.0
-    """Offset of the implement above which learning is suspended [m]. Assumed value (0.5-2)."""
+    """Offset of the implement from the path above which learning is suspended [m]. Assumed value (0.5-2)."""
     tool_behind_m: Positive = 2.0
-    """Distance of the working point behind the hitch [m] without an implement receiver. Assumed value, as in
-    `drawn`."""
+    """Distance from hitch to working point, used without an implement receiver [m]. Assumed value, as in `drawn`."""
     axle_behind_m: Positive = 2.0
-    """Distance of the axle behind the hitch, used without an implement receiver [m]. Assumed value, as in `drawn`."""
+    """Distance from hitch to implement axle, used without an implement receiver [m]. Assumed value, as in `drawn`."""
     quantity = "line_learned"
 
     def init(self) -> ImplementIlcState:
-        """Return the initial state."""
+        """Return the initial state, before the first tick."""
         return ImplementIlcState(self.inner.init())
 
     def update(self, state: ImplementIlcState, situation: Situation, dt: float) -> tuple[ImplementIlcState, Command]:
-        """Locate the implement, and return the command of the inner law on the shifted line."""
+        """Return the new state and the command of the inner law on the line, which the implement error updates."""
         e, route, t = situation.estimate, situation.route, situation.t
         x, y, yaw = self._implement(state, situation, dt)
         near = route.nearest(x, y, route.passed(t), t).s if state.s is None else state.s
@@ -164,7 +163,7 @@ class ImplementIlc(PlaceLearner):
         return self.inner.feedback(state.inner, command)
 
     def learned(self, state: ImplementIlcState) -> Learned:
-        """Return the map of the offset for the next lap [m], and the learned values of the inner law."""
+        """Return the offset map for the next lap [m], and the learned values of the inner law."""
         return {
             **self.inner.learned(state.inner),
             **self.map.learned(state.lap, state.length, self.bound_m, self.quantity),
@@ -172,7 +171,7 @@ class ImplementIlc(PlaceLearner):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the shifted line and the offset of the implement from the path."""
+        """Columns of the inner law, of the shifted line and of the implement's offset from the path."""
         own = (
             Column(self.quantity, "m", "learned offset of the tractor's line from the path, left positive"),
             Column("implement_offset_hat", "m", "offset of the implement used for learning, left positive"),
@@ -182,6 +181,6 @@ class ImplementIlc(PlaceLearner):
         return (*self.inner.columns, *own)
 
     def report(self, state: ImplementIlcState) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         own = state.beside, state.offset, float(state.learning), float(state.lap.returns)
         return (*self.inner.report(state.inner), *own)

@@ -1,4 +1,4 @@
-"""Kinds of control laws and loops added by this extension."""
+"""Guidance laws and steering loops registered by this extension."""
 
 from agrobot_mj.extensions.learners.adaptive_loop import AdaptiveLoop
 from agrobot_mj.extensions.learners.eso import Eso

@@ -1,4 +1,4 @@
-"""Map of a quantity as a function of arc length, learned from lap to lap, with guards against divergence.
+"""Map of a quantity over arc length, learned from lap to lap, with guards against divergence.
 
 Iterative learning control: the map applies the corrections of one lap in advance in the next lap,
 
@@ -9,11 +9,11 @@ with the correction c at each location, and a zero-phase Gaussian filter Z over 
 change in every lap, and nearly 1 on a slope. Locations are GRID_M apart; the map is periodic with the lap.
 
 Guards: a map is worse if the RMS error of its lap exceeds `WORSE` times the error of the best lap plus `MARGIN_M`. This
-comparison is made at the end of the lap. During a lap, the error over about WINDOW_M is compared with that of the best
-lap, at the same location and on average. A worse map is replaced by the map of the best lap, blended over FADE_M. The
-gain is halved, and learning is suspended until a complete lap has measured the error of the restored map. If the best
-map itself has become worse, because ground or machine have changed, learning restarts from an empty map. Learning ends
-after GIVE_UP returns to the best map.
+comparison is made at the end of the lap. During a lap, the error over about WINDOW_M is compared with the error of the
+best lap, at the same location and on average. A worse map is replaced by the map of the best lap, blended over FADE_M.
+The gain is halved, and learning is suspended until a complete lap has measured the error of the restored map. If the
+best map itself has become worse, because ground or machine have changed, learning restarts from an empty map. Learning
+ends after GIVE_UP returns to the best map.
 """
 
 from math import exp, inf, log, sqrt
@@ -28,12 +28,12 @@ from agrobot_mj.core.spec import Spec
 
 GRID_M = 0.25  # Distance between the locations of the map [m]. Assumed value: a fifth of the narrowest useful filter.
 WINDOW_M, FADE_M = 2.0, 2.0
-"""Distances over which the error is averaged, and over which a new map replaces the old map [m]. Assumed values."""
+"""Averaging distance of the error, and distance over which a new map replaces the old map [m]. Assumed values."""
 WORSE, MARGIN_M = 1.1, 0.005
-"""Factor [-] and margin [m] by which the RMS error of a lap must exceed the error of the best lap for a worse map.
-Assumed values: above noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
+"""Factor [-] and margin [m] on the RMS error of the best lap, above which the map of a lap counts as worse. Assumed
+values: above noise. A wider margin would allow learning in ruts, whose effects do not repeat."""
 WORSE_HERE, MARGIN_HERE_M = 1.5, 0.06
-"""Maximum factor [-] and margin [m] of the error over `WINDOW_M` relative to the best lap. Assumed values."""
+"""Factor [-] and margin [m] on the best lap's error above which the error over `WINDOW_M` is worse. Assumed values."""
 GIVE_UP = 4
 """Number of returns to the best map after which learning ends. Assumed value: the gain is then 1/16 of the first."""
 COMPLETE = 0.9  # Minimum fraction of the locations that the tractor must pass in a lap for learning from this lap [-]
@@ -42,7 +42,7 @@ NOTHING = np.empty(0)
 
 
 class Cell(NamedTuple):
-    """Sums over the ticks at one location in the current lap."""
+    """Sums over the ticks of the current lap at one location."""
 
     ticks: float = 0.0  # Number of ticks
     square: float = 0.0  # Sum of the squared errors [m2]
@@ -51,7 +51,7 @@ class Cell(NamedTuple):
 
 
 class LapState(NamedTuple):
-    """State of a `LapMap`. Arrays have shape (locations,) and are empty before the first tick."""
+    """State of a `LapMap` between two ticks. Arrays have shape (locations,) and are empty before the first tick."""
 
     lap: int = 0
     s: float = 0.0  # Arc length along the path [m]
@@ -66,14 +66,14 @@ class LapState(NamedTuple):
     cell: tuple[int, Cell] = (0, Cell())  # Index of the present location, and the sums of its ticks
     square: float = 0.0  # Present squared error, averaged over about WINDOW_M [m2]
     wanted: Array = NOTHING
-    """Map plus correction after the last lap used for learning [unit of the map], or zero if there is no such lap."""
+    """Map plus correction of the last lap used for learning [unit of the map]. Zero before the first of these laps."""
     whole: bool = False
-    """Whether a single map has been used since the start of the lap, so that its error is known at the end."""
+    """Whether the map is unchanged since the start of the lap, so that the lap error belongs to this map."""
     returns: int = 0  # Number of returns to the best map
 
     @property
     def share(self) -> float:
-        """Current gain divided by its initial value [-]."""
+        """Current learning gain divided by its initial value [-]."""
         return 0.5**self.returns if self.returns < GIVE_UP else 0.0
 
     @property
@@ -83,14 +83,14 @@ class LapState(NamedTuple):
 
 
 class LapMap(Spec):
-    """Learning rule for a quantity as a function of arc length."""
+    """Learning rule for a map of a quantity over arc length."""
 
     gain: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Fraction of the correction added to the map in each lap [-]. Assumed value (0.3-0.6): maps may diverge at 0.7."""
     smoothing_m: Annotated[float, Field(ge=0.5, le=20)] = 2.0
-    """Full width at half maximum of the filter [m]. Assumed value (1.5-4): a width of 1 may diverge."""
+    """Full width of the smoothing filter at half maximum [m]. Assumed value (1.5-4): a width of 1 may diverge."""
     guard: bool = True
-    """Whether the best map is restored when a lap becomes worse."""
+    """Whether the map of the best lap is restored when the error increases."""
 
     def value(self, state: LapState, s: float, lap: float) -> float:
         """Return the value of the map [unit of the map] at arc length `s` on a path with laps of length `lap` [m]."""
@@ -101,7 +101,8 @@ class LapMap(Spec):
         return now if fresh == 1.0 else fresh * now + (1.0 - fresh) * _at(state.before, s / lap)
 
     def begun(self, s: float, lap: float, known: Learned | None = None, name: str = "") -> LapState:
-        """Return the state before the first tick, at arc length `s` on a path with laps of length `lap` [m]."""
+        """Return the initial state at arc length `s` on a path with laps of length `lap` [m]. `known` contains a loaded
+        map, or is None."""
         n = max(round(lap / GRID_M), 2)
         map_, best, error, wanted = (_resampled(known, key, n, lap) for key in _names(name))
         rms = float(np.sqrt(np.mean(error**2))) if known and error.max() < UNKNOWN_M else inf
@@ -113,11 +114,10 @@ class LapMap(Spec):
     def after(
         self, state: LapState, s: float, lap: float, error: float, correction: float | None, bound: float
     ) -> LapState:
-        """Return the state after a tick at arc length `s` [m], with the cross-track `error` [m] and the `correction` by
-        the law [unit of the map].
+        """Return the state after a tick at arc length `s` [m], with the cross-track `error` [m] and the `correction`.
 
-        Without a correction (None), the tick is not used for learning. Map values are limited to +-`bound` [unit of the
-        map].
+        A tick without a correction (None) is not used for learning. `correction` and `bound`, the maximum magnitude of
+        the map, are in the unit of the map.
         """
         way, k = s - state.s, int(s % lap / lap * len(state.map_)) % len(state.map_)
         if int(s // lap) > state.lap:
@@ -129,7 +129,7 @@ class LapMap(Spec):
         return self._returned(state) if self.guard and _worse_here(state, k) else state
 
     def learned(self, state: LapState, lap: float, bound: float, name: str) -> Learned:
-        """Return the map of the quantity `name` for the next lap, and the best map with its error, by location."""
+        """Return the map of the quantity `name` for the next lap, and the best map with its error, by arc length."""
         if not len(state.map_):
             return {}
         state = self._next_lap(state, state.lap + 1, bound)
@@ -159,7 +159,8 @@ class LapMap(Spec):
         return fresh._replace(map_=map_, before=state.map_, since=0.0)
 
     def _returned(self, state: LapState) -> LapState:
-        """Return to the best map or, from the best map, to an empty map. The error of this map is measured again."""
+        """Return the state with the map of the best lap or, if this map is in use, with an empty map. The error of the
+        new map is measured again."""
         learnt = not np.array_equal(state.map_, state.best)
         best = state.best if learnt else np.zeros_like(state.best)
         fading = state._replace(map_=best, before=state.map_, since=0.0, best=best, best_rms=inf, whole=False)
@@ -167,7 +168,7 @@ class LapMap(Spec):
 
 
 def _met(state: LapState, k: int, error: float, correction: float | None) -> LapState:
-    """Return the state with a tick at location `k` added. Sums are stored when the tractor leaves a location."""
+    """Return the state after a tick at location `k`. The sums of a location are stored when the tractor leaves it."""
     last, cell = state.cell
     if k != last:
         cells, here = state.cells.copy(), state.here.copy()
@@ -181,13 +182,14 @@ def _met(state: LapState, k: int, error: float, correction: float | None) -> Lap
 
 
 def _worse_here(state: LapState, k: int) -> bool:
-    """Return whether the error at location `k` exceeds the local and mean error of the best lap by the margins."""
+    """Return whether the error at location `k` exceeds the local and the mean error of the best lap by the limits."""
     best = max(sqrt(state.best_square[k]), state.best_rms)  # the first lap may begin with a small error
     return sqrt(state.square) > WORSE_HERE * best + MARGIN_HERE_M
 
 
 def _at(values: Array, turn: float) -> float:
-    """Return `values` (n,), given at the centres of n equal segments of a lap, interpolated at `turn` [laps]."""
+    """Return `values` (n,) interpolated at the lap fraction `turn` [-]. Values are given at the centres of n equal
+    segments of a lap."""
     n = len(values)
     place = turn % 1.0 * n - 0.5
     k = int(place // 1.0)
@@ -196,25 +198,25 @@ def _at(values: Array, turn: float) -> float:
 
 
 def _smooth(values: Array, width: float) -> Array:
-    """Return `values` (n,) of a lap after a zero-phase filter of full width `width` at half maximum [locations]."""
+    """Return `values` (n,) of a lap after a zero-phase filter of a full width `width` at half maximum [locations]."""
     sigma = width / sqrt(8.0 * log(2.0))
     omega = 2.0 * np.pi * np.fft.rfftfreq(len(values))
     return np.fft.irfft(np.fft.rfft(values) * np.exp(-0.5 * (sigma * omega) ** 2), len(values))
 
 
 def _repeats(before: Array, now: Array) -> float:
-    """Return the fraction of map plus correction that repeats from the previous lap [-], or 1 if there is none."""
+    """Return the fraction of map plus correction that repeats the previous lap [-], or 1 without a previous lap."""
     size = float(before @ before) * float(now @ now)
     return max(float(before @ now), 0.0) ** 2 / size if size else 1.0
 
 
 def _names(name: str) -> tuple[str, str, str, str]:
-    """Return the names of the arrays in a file: map, best map, error of the best lap, map plus correction."""
+    """Return the array names in a file: map, best map, error of the best lap, map plus correction."""
     return name, f"{name}_best", f"{name}_best_error", f"{name}_wanted"
 
 
 def _resampled(known: Learned | None, name: str, n: int, lap: float) -> Array:
-    """Return a quantity of a file at the centres of n equal segments of a lap of length `lap` [m], zeros if missing."""
+    """Return a learned array at the centres of n equal segments of a lap of length `lap` [m], or zeros if missing."""
     if not known or name not in known:
         return np.zeros(n)
     place, value = known[name].T

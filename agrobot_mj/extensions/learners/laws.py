@@ -1,4 +1,4 @@
-"""Guidance laws that may be the inner law of a learning law."""
+"""Guidance laws that a learning law accepts as inner law."""
 
 from agrobot_mj.control.laws import InnerLaw
 from agrobot_mj.extensions.learners.eso import Eso

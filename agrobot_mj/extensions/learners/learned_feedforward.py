@@ -8,7 +8,7 @@ angle, so that a law with a steering state does not counteract it.
 
 Learning is suspended while the command is at its limit, the wheels lag behind the command or the position is uncertain
 (dead reckoning, no RTK solution), and also away from the path, near standstill and in reverse. The learned angle
-remains active. The network cannot learn effects that do not depend on its inputs, such as a side slope without an
+remains active. The network cannot learn effects that do not depend on its inputs, for example a side slope without an
 inertial unit, a worn valve, or wind.
 
 Network: fixed interval type-2 fuzzy sets with learned consequents. Inputs are the curvature kappa [1/m] and speed u
@@ -44,11 +44,11 @@ from agrobot_mj.extensions.learners.learning import ANGLE_COLUMNS, AngleLearner
 
 Q = 0.5  # Weight q of the lower firing in the output [-]
 LEAST_TRACE = 0.01
-"""Minimum of trace . trace in the update, used while the trace builds up [-]. N rules with equal firing give 1/N."""
+"""Lower limit of trace . trace in the update of the consequents [-]. N rules with equal firing give 1/N."""
 
 
 class PathInput(NamedTuple):
-    """Inputs from the path and the ground."""
+    """Inputs of the network: path curvature, path speed and ground roll."""
 
     curvature: float  # Curvature of the path ahead [1/m], left positive
     speed: float  # Speed of the reference [m/s]
@@ -63,30 +63,30 @@ class PathNetworkState(NamedTuple):
 
 
 class PathNetwork(Spec):
-    """Network of interval type-2 fuzzy sets over curvature, speed and roll. The consequents learn from feedback."""
+    """Network of interval type-2 fuzzy sets over curvature, speed and roll, with consequents learned from feedback."""
 
     eta: NonNegative = 0.2
-    """Fraction of the feedback that is learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
+    """Learning rate: feedback fraction learned per second [1/s]. Assumed value (0.1-0.6); larger values oscillate."""
     trace_s: Positive = 0.4
-    """Time constant of the traces: delay plus lag of the response to the output [s]. Assumed value (0.2-0.8)."""
+    """Time constant of the traces [s], equal to delay plus lag of the steering response. Assumed value (0.2-0.8)."""
     uncertainty: float = Field(0.3, ge=0, lt=0.5)
     """Relative difference between set width and centre distance [-]. Assumed value (0-0.49); 0.5 leaves gaps."""
     curvature_sets: int = Field(11, ge=1, le=51)
     """Number of curvature sets [-]. Assumed value (5-21): spacing 0.1 1/m."""
     curvature_range_per_m: Positive = 0.5
-    """Absolute curvature of the outermost centres [1/m]. Assumed value (0.3-0.7): a radius of 2 m."""
+    """Magnitude of the curvature at the outermost set centres [1/m]. Assumed value (0.3-0.7): a radius of 2 m."""
     speed_sets: int = Field(2, ge=1, le=21)
     """Number of speed sets [-], with centres from 0 upwards. Assumed value (1-5)."""
     speed_range_m_s: Positive = 3.0
-    """Upper end of the range of speeds: the speed of the highest centre [m/s]. Assumed value (2-5)."""
+    """Speed at the highest set centre [m/s]. Assumed value (2-5)."""
     roll_sets: int = Field(3, ge=1, le=21)
     """Number of roll sets [-]. Assumed value (1-7). More than one set needs `sensors.imu.enabled`."""
     roll_range_rad: Positive = 0.26
-    """Absolute roll of the outermost centres [rad]. Assumed value (0.1-0.4)."""
+    """Magnitude of the roll at the outermost set centres [rad]. Assumed value (0.1-0.4)."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Numbers of sets of curvature, speed and roll."""
+        """Number of sets for curvature, for speed and for roll."""
         return self.curvature_sets, self.speed_sets, self.roll_sets
 
     def init(self) -> PathNetworkState:
@@ -95,7 +95,7 @@ class PathNetwork(Spec):
         return PathNetworkState(np.zeros(rules), np.zeros(rules))
 
     def firing(self, x: PathInput) -> Array:
-        """Return the weight w of each rule in the output [-], shape (rules,)."""
+        """Return the normalised weight w of each rule [-], shape (rules,)."""
         lower, upper = np.ones(1), np.ones(1)
         for value, sets in zip(x, _sets(self), strict=True):
             inside = min(max(value, sets.centres[0]), sets.centres[-1])  # the outermost sets apply outside the range
@@ -105,11 +105,11 @@ class PathNetwork(Spec):
         return w
 
     def remembered(self, state: PathNetworkState, w: Array, dt: float) -> PathNetworkState:
-        """Return the state after the filter of the rule weights `w` advances by `dt` [s]."""
+        """Return the state with the traces filtered over `dt` [s] towards the rule weights `w`."""
         return state._replace(trace=state.trace + (w - state.trace) * dt / (self.trace_s + dt))
 
     def learnt(self, state: PathNetworkState, e: float, bound: float, dt: float) -> PathNetworkState:
-        """Return the state with consequents updated by feedback `e` [rad] during `dt` [s], within +-`bound` [rad]."""
+        """Return the state with consequents updated by feedback `e` [rad] over `dt` [s], within +-`bound` [rad]."""
         step = dt * self.eta * e * state.trace / max(float(state.trace @ state.trace), LEAST_TRACE)
         return state._replace(f=np.clip(state.f + step, -bound, bound))
 
@@ -130,14 +130,14 @@ def _sets(network: PathNetwork) -> tuple[Sets, ...]:
 
 
 def _evenly(n: int, low: float, high: float, uncertainty: float) -> Sets:
-    """Return `n` sets with evenly spaced centres from `low` to `high`. A single set is in the middle, always active."""
+    """Return `n` sets with evenly spaced centres from `low` to `high`. A single set is centred and always active."""
     centres = np.linspace(low, high, n) if n > 1 else np.array([(low + high) / 2])
     distance = (high - low) / max(n - 1, 1)
     return Sets(centres, np.full(n, (1 - uncertainty) * distance), np.full(n, (1 + uncertainty) * distance))
 
 
 class LearnedState(NamedTuple):
-    """State of `LearnedFeedforward`."""
+    """State of the guidance law `LearnedFeedforward` between two ticks."""
 
     inner: Any
     network: PathNetworkState  # State of the network after the learning step of the last tick
@@ -148,19 +148,19 @@ class LearnedState(NamedTuple):
 
 
 class LearnedFeedforward(AngleLearner):
-    """Any feedback law, plus a map from the path ahead to the steering angle that is learned during the run."""
+    """Any feedback law, plus a learned steering angle that depends on the path ahead."""
 
     kind: Literal["learned_feedforward"] = "learned_feedforward"
     label: ClassVar = "learned feedforward"
     inner: Annotated[LawInside, Field(discriminator="kind")] = Kinematic()
     """Feedback law, selected by its own `kind`. A kinematic law uses the yaw controller of `[controller]`."""
     network: PathNetwork = PathNetwork()
-    """Map from the path to the steering angle, with its learning rule."""
+    """Network that maps the path to the learned steering angle."""
     preview_s: Annotated[float, Field(ge=0, le=5)] = 0.3
-    """Time by which the path input is ahead of the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
+    """Preview time of the path input relative to the reference [s]. Assumed value (0.2-0.6): as in `feedforward`."""
     bound_deg: Annotated[float, Field(gt=0, le=45)] = 35.0
-    """Maximum magnitude of the output of a rule (consequent) [deg]. Assumed value (5-45): the steering angle on an arc
-    of 2 m radius; less if `inner` has a separate feedforward."""
+    """Maximum magnitude of a consequent of the network [deg]. Assumed value (5-45): the steering angle on an arc of 2 m
+    radius; less if `inner` has a separate feedforward."""
     max_offset_m: Positive = 2.0
     """Lateral offset above which learning is suspended [m]. Assumed value (0.5-3): the limit of the supervisor."""
     max_steer_lag_deg: Positive = 6.0
@@ -178,11 +178,11 @@ class LearnedFeedforward(AngleLearner):
     }
 
     def init(self) -> LearnedState:
-        """Return the initial state, before learning."""
+        """Return the initial state, before the first tick."""
         return LearnedState(self.inner.init(), self.network.init())
 
     def update(self, state: LearnedState, situation: Situation, dt: float) -> tuple[LearnedState, Command]:
-        """Return the command of the feedback law plus the learned angle, and update the network with the feedback."""
+        """Return the updated state and the command of the feedback law plus the learned angle."""
         w, map_ = self.network.firing(self.inputs(situation)), state.network
         ahead, answered = float(map_.f @ w), float(map_.f @ map_.trace)
         e, r = situation.estimate, situation.reference
@@ -194,20 +194,20 @@ class LearnedFeedforward(AngleLearner):
         return LearnedState(inner, map_, command.steer, ahead, feedback, learning), command
 
     def inputs(self, situation: Situation) -> PathInput:
-        """Return the inputs of the network. The roll is 0 without a measurement."""
+        """Return the network inputs for the path ahead. The roll is 0 without a measurement."""
         ahead = situation.route.at(situation.t + self.preview_s)
         roll = 0.0 if isnan(situation.roll) else situation.roll
         return PathInput(ahead.curvature, sqrt(ahead.vx**2 + ahead.vy**2), roll)
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the inner law, the learned angle, the learning flag and all consequents."""
+        """Columns of the inner law, of the learned angle, of the learning flag and of all consequents."""
         names = [_rule(i, self.network.shape) for i in range(len(self.network.init().f))]
         weights = [Column(f"map_{name}", "rad", f"consequent of rule {name}: curvature, speed, roll") for name in names]
         return (*self.inner.columns, *ANGLE_COLUMNS, *weights)
 
     def report(self, state: LearnedState) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         own = (state.feedforward, state.feedback, float(state.learning))
         return (*self.inner.report(state.inner), *own, *state.network.f.tolist())
 

@@ -1,9 +1,9 @@
-"""Base classes of laws with an inner law and a learned part: selection of ticks for learning, initial values.
+"""Base classes of laws that consist of an inner law and a learned part.
 
-A tick is used for learning if the tractor moves near its path and its position is certain. Learning of a steering angle
-is also suspended while the command is at its limit or the wheels lag far behind the command, because the feedback then
-contains no information about the learned angle. The inner law receives the steering angle minus the learned angle, so
-that it does not counteract the learned angle.
+A tick is used for learning if the tractor moves near its path and its position is accurate. Learning of a steering
+angle is also suspended while the command is at its limit or the wheels lag far behind the command, because the feedback
+then contains no information about the learned angle. The inner law receives the steering angle minus the learned angle,
+so that it does not counteract the learned angle.
 """
 
 from math import radians, sqrt
@@ -25,22 +25,22 @@ class LearningLaw(LawAround):
     """Base class of laws that consist of an inner law and a learned part."""
 
     max_offset_m: Positive
-    """Offset from the path above which learning is suspended [m]."""
+    """Lateral offset from the path above which learning is suspended [m]."""
     max_sigma_m: Positive = 0.1
     """Standard deviation of position above which learning is suspended [m]. Assumed value (0.05-0.3): RTK to float."""
     min_speed_m_s: NonNegative = 0.3
-    """Forward speed below which learning is suspended [m/s]. Assumed value (0.1-0.5)."""
+    """Minimum forward speed for learning [m/s]. Assumed value (0.1-0.5)."""
     holds_lane_change: ClassVar = True
 
     def sound(self, e: Estimate, offset: float) -> bool:
-        """Return whether the tractor moves near its path, at `offset` [m], and its position is certain."""
+        """Return whether a tick is suitable for learning: motion near the path (`offset` [m]) and accurate position."""
         sigma = sqrt(max(e.covariance[0, 0], e.covariance[1, 1], 0.0))
         known = e.aligned and sigma <= self.max_sigma_m
         return known and abs(offset) <= self.max_offset_m and e.speed >= self.min_speed_m_s
 
 
 def require_quantity(name: str, *quantities: str) -> None:
-    """Raise ValueError naming the key `file` unless the learned file `name` contains all given quantities."""
+    """Raise ValueError for the key `file` unless the learned file `name` contains all `quantities`."""
     try:
         learned = read_learned(name)
         if missing := [quantity for quantity in quantities if quantity not in learned]:
@@ -58,32 +58,32 @@ class PlaceLearner(LearningLaw):
     file: Annotated[str, Field(min_length=1)] | None = None
     """Initial map: `learned.parquet` of a run on the same path. Default: none."""
     quantity: ClassVar[str]
-    """Name of the map in the log and in files."""
+    """Name of the learned quantity in the log and in files."""
 
     def check(self) -> None:
-        """Read the initial map from `file`. Raises ValueError for an invalid file."""
+        """Check the initial map in `file`. Raises ValueError for an invalid file."""
         self.inner.check()
         if self.file is not None:
             require_quantity(self.file, self.quantity)
 
     def begun(self, route: Route, s: float) -> tuple[LapState, float]:
-        """Return the initial state of the map at arc length `s` [m] of a route, and the length of a lap [m]."""
+        """Return the initial map state at arc length `s` [m] of a route, and the lap length [m]."""
         known = None if self.file is None else read_learned(self.file)
         return self.map.begun(s, length := route.lap(), known, self.quantity), length
 
 
 class Corrected(NamedTuple):
-    """Output in one tick of an inner law plus a learned angle."""
+    """Result of one tick of an inner law with a learned angle."""
 
     inner: Any
     command: Command
-    """Command whose steering angle is the angle of the inner law plus the learned angle, within the steering limit."""
+    """Command with the steering angle of the inner law plus the learned angle, limited to the steering limit."""
     feedback: float  # Steering angle added by the inner law [rad]
     learning: bool  # Whether the tick may be used for learning
 
 
 class AngleLearner(LearningLaw):
-    """Base class of laws that learn a steering angle. Their states have the fields `inner`, `steer` and `feedback`."""
+    """Base class of laws that learn a steering angle. State classes need the fields `inner`, `steer` and `feedback`."""
 
     max_steer_lag_deg: Positive
     """Difference between measured and last commanded angle [deg] above which learning is suspended."""
@@ -91,7 +91,11 @@ class AngleLearner(LearningLaw):
     def corrected(
         self, state: Any, situation: Situation, ahead: float, answered: float, offset: float, dt: float
     ) -> Corrected:
-        """Return the inner law's command plus the angle `ahead`, of which the wheels have reached `answered` [rad]."""
+        """Return the command of the inner law plus the learned angle `ahead` [rad].
+
+        The inner law receives the steering angle minus `answered` [rad], the learned angle that the wheels have already
+        reached.
+        """
         inner, command = self.inner.update(state.inner, situation._replace(steer=situation.steer - answered), dt)
         wanted, limit = command.steer + ahead, situation.machine.steer_limit
         free = max(abs(command.steer), abs(wanted)) < limit and command.steer_voltage is None
@@ -101,7 +105,7 @@ class AngleLearner(LearningLaw):
         return Corrected(inner, command._replace(steer=clip(wanted, -limit, limit)), feedback, learning)
 
     def feedback(self, state: Any, command: Command) -> float:
-        """Return the steering angle [rad] that the inner law adds to the learned angle by feedback."""
+        """Return the steering angle that the inner law adds by feedback [rad], without the learned angle."""
         return float(state.feedback)
 
 

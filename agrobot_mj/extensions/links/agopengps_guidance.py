@@ -1,4 +1,4 @@
-"""Guidance by an external program of the AgOpenGPS family: keys and behaviour of the simulated boards.
+"""Guidance by an external program of the AgOpenGPS family: scenario keys and behaviour of the simulated boards.
 
 The tractor acts as steer module, GNSS receiver and inertial unit. A host sends the steering angle over UDP. With
 `steer_by = "angle"`, this angle is the setpoint of the tractor's steering loop. With `"pwm"`, the proportional law of
@@ -20,20 +20,20 @@ Byte = Annotated[int, Field(ge=0, le=255)]  # Setting stored in one byte
 
 
 class BoardSettings(Spec):
-    """Settings of a steer module before the host sends settings. The defaults are common values of boards."""
+    """Settings of a steer module at power-up, before the host sends settings. Defaults are common values of boards."""
 
     kp: Byte = 40
     """Proportional gain of the control law of the board [PWM counts/deg]. Default of AgOpenGPS boards."""
     high_pwm: Byte = 60
     """PWM limit at steering errors of 3 deg or more [PWM counts of 255]. Default of AgOpenGPS boards."""
     min_pwm: Byte = 9
-    """Minimum PWM, added in the direction of the set point [PWM counts]. Default of AgOpenGPS boards."""
+    """Minimum PWM of the motor, added in the direction of the setpoint [PWM counts]. Default of AgOpenGPS boards."""
     counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
     """Scale of the angle sensor [counts/deg]. Default of AgOpenGPS boards."""
     offset: Annotated[int, Field(ge=-32768, le=32767)] = 0
     """Offset [counts] added to the sensor counts, or subtracted with `host = "agopenweb"`. Default of these boards."""
     ackermann_percent: Byte = 100
-    """Scale of left steering angles [%]. Default of AgOpenGPS boards."""
+    """Scale factor on steering angles to the left [%]. Default of AgOpenGPS boards."""
 
 
 class Actuation(NamedTuple):
@@ -44,28 +44,28 @@ class Actuation(NamedTuple):
     voltage: float | None = NEUTRAL_V
     """Valve voltage that replaces the output of the steering loop [V], or None if the loop controls the valve."""
     asked: float = nan
-    """Setpoint of the host [rad], left positive. Also valid while not engaged. NaN before the first message."""
+    """Steering setpoint of the host [rad], left positive, also while not engaged. NaN before the first message."""
     cross_track: float = nan
-    """Cross-track error computed by the host [m], left positive. NaN without a line or without messages of the host."""
+    """Cross-track error reported by the host [m], left positive. NaN without a line or without messages of the host."""
 
 
 class AgOpenGps(GuidanceLaw):
-    """Guidance by an external program over UDP, see `agrobot-mj link`."""
+    """Guidance by an external program over UDP with the command `agrobot-mj link`."""
 
     kind: Literal["agopengps"] = "agopengps"
     label: ClassVar = "AgOpenGPS"
     host: Literal["agopengps", "agopenweb"] = "agopengps"
-    """Dialect of the messages. `agopengps` includes QtAgOpenGPS."""
+    """Message dialect of the host. `agopengps` includes QtAgOpenGPS."""
     steer_by: Literal["angle", "pwm"] = "angle"
-    """Use of the angle from the host: setpoint of the steering loop (`angle`), or of the law of the board (`pwm`)."""
+    """Controller for the angle of the host: steering loop (`angle`), or proportional law of the board (`pwm`)."""
     position: Literal["panda", "paogi"] = "panda"
     """Position sentence sent to the host: `panda` for one antenna, `paogi` for two (`sensors.gnss.dual_antenna`)."""
     position_rate_hz: Literal[5, 10] = 10
-    """Rate of positions [Hz]. Hosts discard positions less than 50 ms apart."""
+    """Rate of position sentences [Hz]. Hosts discard positions less than 50 ms apart."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
-    """Latitude of x = y = 0 [deg]."""
+    """Latitude of the map origin x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
-    """Longitude of x = y = 0 [deg]."""
+    """Longitude of the map origin x = y = 0 [deg]."""
     watchdog_s: Annotated[float, Field(gt=0, le=60)] = 2.5
     """Time without messages after which the board releases the steering [s]. AgOpenGPS boards: 100 loops of 25 ms."""
     latch_s: Annotated[float, Field(gt=0, le=3600)] | Literal["never"] = 2.5
@@ -81,31 +81,31 @@ class AgOpenGps(GuidanceLaw):
     engage_at_s: NonNegative | None = None
     """Time at which the steer switch of the board is turned on [s]. Default: the start."""
     sensor_counts_per_degree: Annotated[int, Field(ge=1, le=255)] = 30
-    """True scale of the angle sensor [counts/deg], which should equal `board.counts_per_degree`."""
+    """True scale of the angle sensor [counts/deg]. Normally equal to `board.counts_per_degree`."""
     board: BoardSettings = BoardSettings()
-    """Board settings at power-up."""
+    """Settings of the steer module at power-up."""
 
     @property
     def follows_path(self) -> bool:
-        """False, because the host follows its own line and supervises itself."""
+        """Whether the law follows the scenario path. False, because the host supervises itself on its own line."""
         return False
 
     @property
     def outside(self) -> str:
-        """Name of the command that runs this guidance."""
+        """Name of the command that runs scenarios with this guidance."""
         return "link"
 
     @property
     def needs(self) -> dict[str, str]:
-        """Required sensor settings: two antennas if `position` is "paogi"."""
+        """Sensor settings that this guidance requires: two antennas if `position` is "paogi"."""
         return {"gnss.dual_antenna": 'position: "paogi"'} if self.position == "paogi" else {}
 
     def init(self) -> Actuation:
-        """Return the state of the board at power-up."""
+        """Return the steering output of the board at power-up."""
         return Actuation()
 
     def update(self, state: Actuation, situation: Situation, dt: float) -> tuple[Actuation, Command]:
-        """Return the command for the steering output that the link stored in the state, at the speed of the path."""
+        """Return the command for the board's steering output in `state`, at the reference speed of the path."""
         r = situation.reference
         speed = to_heading(r.yaw, r.vx, r.vy)[0]
         released = not state.engaged and state.voltage is not None  # the steering loop holds the present angle
@@ -113,7 +113,7 @@ class AgOpenGps(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the values that the host sent."""
+        """Columns of the values reported by the host."""
         return (
             Column("link_engaged", "-", "1 while the host steers, else 0"),
             Column("link_steer", "rad", "setpoint of the host, left positive; also valid while disengaged"),
@@ -121,5 +121,5 @@ class AgOpenGps(GuidanceLaw):
         )
 
     def report(self, state: Actuation) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         return float(state.engaged), state.asked, state.cross_track

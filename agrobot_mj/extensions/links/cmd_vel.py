@@ -1,8 +1,8 @@
-"""Guidance by velocity commands as on ROS 2's topic /cmd_vel: forward speed v and yaw rate omega.
+"""Guidance by velocity commands as on the ROS 2 topic /cmd_vel: forward speed v and yaw rate omega.
 
 The steering angle is that of the bicycle model for the commanded yaw rate and speed, tan(delta) = L omega / v. Tractors
-cannot turn on the spot: below `least_speed_m_s` the steering angle stays constant. An external program computes the
-commands, see `agrobot-mj ros2`. This module defines the scenario keys and the behaviour without commands.
+cannot turn on the spot. Therefore the steering angle is constant below `least_speed_m_s`. An external program computes
+the commands (`agrobot-mj ros2`). This module defines the scenario keys and the behaviour without commands.
 """
 
 from collections.abc import Sequence
@@ -26,28 +26,28 @@ class VelocityRequest(NamedTuple):
 
 
 class CmdVel(GuidanceLaw):
-    """Guidance by speed and yaw rate of an external program, see `agrobot-mj ros2`."""
+    """Guidance by speed and yaw rate commands of an external program, with the command `agrobot-mj ros2`."""
 
     kind: Literal["cmd_vel"] = "cmd_vel"
     timeout_s: Positive = 0.5
     """Time after which a command expires and the tractor stops [s]. Default of the ROS 2 diff_drive_controller."""
     least_speed_m_s: Positive = 0.05
-    """Speed below which the steering angle stays constant [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
+    """Commanded speed below which the steering angle is constant [m/s]. Assumed value (0.02-0.2): 1 % of top speed."""
     give_up_s: Positive = 10.0
     """Time without commands after which the run ends [s]. Assumed value (3-60): enough for a restart of the node."""
     origin_lat_deg: Annotated[float, Field(ge=-85, le=85)] = 50.877
-    """Latitude of x = y = 0 [deg]."""
+    """Latitude of the map origin x = y = 0 [deg]."""
     origin_lon_deg: Annotated[float, Field(ge=-180, le=180)] = 4.699
-    """Longitude of x = y = 0 [deg]."""
+    """Longitude of the map origin x = y = 0 [deg]."""
 
     @property
     def follows_path(self) -> bool:
-        """False, because the external program follows its own path and supervises itself."""
+        """Whether the law follows the scenario path. False, because the program supervises itself on its own path."""
         return False
 
     @property
     def outside(self) -> str:
-        """Name of the command that runs this guidance."""
+        """Name of the command that runs scenarios with this guidance."""
         return "ros2"
 
     def init(self) -> VelocityRequest:
@@ -55,8 +55,10 @@ class CmdVel(GuidanceLaw):
         return VelocityRequest()
 
     def update(self, state: VelocityRequest, situation: Situation, dt: float) -> tuple[VelocityRequest, Command]:
-        """Return the command for the velocity that the link has stored in the state. Stop if this velocity has expired.
-        At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards."""
+        """Return the command for the velocity request in `state`. The tractor stops if the request has expired.
+
+        At standstill the pedal is in neutral, because the speed loop would overshoot and roll backwards.
+        """
         if not state.age < self.timeout_s or state.speed == 0.0:
             return state, Command(situation.steer, 0.0, pedal=0.0)
         if abs(state.speed) < self.least_speed_m_s:
@@ -67,7 +69,7 @@ class CmdVel(GuidanceLaw):
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Columns of the velocity commands."""
+        """Columns of the received velocity commands."""
         return (
             Column("cmd_speed", "m/s", "speed requested on /cmd_vel; null before the first request"),
             Column("cmd_yaw_rate", "rad/s", "yaw rate requested on /cmd_vel; null before the first request"),
@@ -75,5 +77,5 @@ class CmdVel(GuidanceLaw):
         )
 
     def report(self, state: VelocityRequest) -> Sequence[float]:
-        """Return the values of `columns`."""
+        """Return the column values for a state, in the order of `columns`."""
         return state.speed, state.yaw_rate, state.age if state.age < inf else nan

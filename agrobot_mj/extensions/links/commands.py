@@ -1,4 +1,5 @@
-"""Commands of the links: `link` and `ros2` run an external control program, `export` converts a run."""
+"""Commands of the links: `link` and `ros2` run an external control program, `export` converts a run to other
+formats."""
 
 from collections.abc import Callable
 from functools import partial
@@ -148,7 +149,7 @@ def _check(options: "LinkOptions", given: tuple[str, dict[str, Any], list[str] |
 
 
 def _loaded(given: tuple[str, dict[str, Any], list[str] | None]) -> "Scenario":
-    """Return the scenario of `given`: its source, keys and overrides."""
+    """Return the scenario for `given`: source, keys and overrides."""
     from agrobot_mj.scenario.loading import load_scenario
 
     source, keys, sets = given
@@ -163,7 +164,7 @@ def _drive(
     quiet: bool,
     about: Callable[[dict[str, Any]], str],
 ) -> Answer:
-    """Run a scenario with an external program and return its result. `given`: source, keys and overrides."""
+    """Run a scenario with an external program and return the result. `given` contains source, keys and overrides."""
     from agrobot_mj.extensions.links.running import NotBegunError
     from agrobot_mj.simulation.results import remove, results
     from agrobot_mj.simulation.storage import RECORDING, files_of_run

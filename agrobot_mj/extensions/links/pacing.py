@@ -1,21 +1,24 @@
-"""Schedule of turns of equal length on the wall clock."""
+"""Wall-clock schedule of the periodic exchange with an external program."""
 
 import time
 
 
 class Pace:
-    """Schedule of turns of equal duration on the wall clock, starting at the first turn, with timing statistics."""
+    """Wall-clock schedule of periodic turns of an exchange, with timing statistics. It starts at the first turn."""
 
     LATE_S = 0.005
-    """Delay above which a turn is late [s]."""
+    """Delay above which a turn of the exchange counts as late [s]."""
 
     def __init__(self, period: float) -> None:
         self.period, self.turns, self.late, self.worst, self.slipped = period, 0, 0, 0.0, 0.0
         self.next = time.perf_counter()
 
     def begin(self) -> float:
-        """Begin a turn now. Return its delay relative to the schedule [s]. A delay above the duration of a turn shifts
-        the schedule, because hosts cannot process positions in quick succession."""
+        """Begin a turn of the exchange. Return its delay relative to the schedule [s].
+
+        A delay above the duration of a turn shifts the schedule, because hosts cannot process positions in quick
+        succession.
+        """
         now = time.perf_counter()
         behind = now - self.next if self.turns else 0.0
         self.next = self.next if self.turns else now  # compilation and loading before the first turn are no delay

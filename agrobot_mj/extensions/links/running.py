@@ -1,7 +1,7 @@
-"""Common parts of runs with external programs: compilation before the start, observers, outcome.
+"""Common parts of runs with external programs: compilation before the start, calls of observers, outcome.
 
-Observers usually receive the run at its end, because recording a turn in real time takes longer than the turn. A live
-observer receives the run while it lasts.
+Observers usually receive the run at its end, because recording an exchange turn in real time takes longer than the
+turn. A live observer receives the rows during the run.
 """
 
 from collections.abc import Callable
@@ -17,15 +17,15 @@ from agrobot_mj.simulation.stepping import Simulation
 
 
 class NotBegunError(ScenarioError):
-    """Exception for an external program that does not start in time, so that the run does not begin."""
+    """Exception for a run that does not begin, because the external program does not start in time."""
 
 
 class LinkSession(Protocol):
-    """Run controlled by an external program."""
+    """Interface of a run controlled by an external program."""
 
     sim: Simulation
     ended: str | None
-    """Outcome set by the link, or None if the outcome is determined by the simulation."""
+    """Outcome of the run set by the link, or None if the simulation sets the outcome."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
         """Simulate to the end and call `tell` after each tick. Raises `NotBegunError` if the program does not start."""
@@ -39,8 +39,11 @@ def run_session(
     should_stop: Callable[[], bool],
     told: bool,
 ) -> Log:
-    """Run a session and return its log with the `metrics` of the link. Raises `NotBegunError` if it does not begin. If
-    `told`, the observers are called during the run, otherwise at its end."""
+    """Run a session and return its log with the `metrics` of the link.
+
+    The observers are called during the run if `told`, otherwise at its end. Raises `NotBegunError` if the run does not
+    begin.
+    """
 
     def finish(log: Log) -> Log:
         own = log.outcome in ("completed", "aborted")
@@ -54,15 +57,19 @@ def run_session(
 
 
 def gyro_heading(before: float, rate: float, true: float, dt: float) -> float:
-    """Return the heading of an inertial unit: the gyro integrated over `dt` [s] from the true initial heading [rad].
-    `before` is the previous heading, NaN at the start. Without a gyro, `rate` [rad/s] and the heading are NaN."""
+    """Return the heading of an inertial unit [rad]: the integrated yaw rate `rate` [rad/s], starting at the true
+    heading.
+
+    `before` is the heading one time step `dt` [s] earlier, or NaN at the start. Without a gyro, `rate` and the heading
+    are NaN.
+    """
     if isnan(rate):
         return nan
     return true if isnan(before) else wrap(before + rate * dt)
 
 
 def _warm_up(sim: Simulation) -> None:
-    """Simulate one tick of a copy of the simulation, so that compilation does not delay the exchange of messages."""
+    """Simulate one tick of a second simulation, so that compilation does not delay the exchange of messages."""
     other = Simulation(sim.scenario)
     other.reset()
     other.step()

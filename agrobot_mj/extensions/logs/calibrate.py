@@ -1,11 +1,11 @@
 """Calibration of the sensors of a log: centre, scale and sign of the steering, latencies, mounting, antenna position.
 
 One fit estimates all of these quantities together with tyre slip and steering play (`identify.fit`). With priors,
-parameters that slow driving does not excite have wide intervals and do not bias the others. The wheelbase must be
+parameters that slow driving does not excite have wide intervals and do not bias other parameters. The wheelbase must be
 known, because slow driving only identifies the scale divided by the wheelbase. Latencies are relative to the gyro or,
 without a gyro, to the steering.
 
-The initial value comes from a regression without slip (`steering`), which also finds two scales with one centre.
+Initial values come from a regression without slip (`steering`), which also detects different scales to both sides.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,34 +39,36 @@ from agrobot_mj.sensors.dual_antenna import DualAntenna
 
 TYRES = ("front_compliance", "rear_compliance", "front_relaxation_m", "rear_relaxation_m", "backlash")
 AT_THE_EDGE = 0.97
-"""Fraction of the longest evaluated latency above which an estimate may be limited by the search range [-]."""
+"""Ratio of an estimated latency to the limit of its search range above which a calibration is rejected [-]."""
 LEAST_WINDOWS = 3  # Minimum number of windows for a calibration: 15 s of driving at speed
 SEEN_IN_SPEED = 0.9  # Minimum squared correlation of speed and positions for identifying the latency of the speed [-]
 SURE = {"ahead_m": 0.25, "left_m": 0.25, "delay_s": 0.15, "offset": inf, "scale": inf, "scale_right": inf}
-"""Maximum half width of the interval of an identified quantity [unit of the key]. Assumed values."""
+"""Maximum half widths of the intervals of identified quantities, by key [unit of the key]. Assumed values."""
 BENDS_RAD = radians(2.5)
-"""Minimum standard deviation of the wheel angle for identifying latencies and positions [rad]. Assumed value: without
-slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m, bends of 3 deg one of 0.016 m."""
+"""Minimum standard deviation of the wheel angle at which latencies and antenna positions are identifiable [rad].
+Assumed value: without slip, corrections of 0.7 deg on a line give an antenna error of 0.13 m. Bends of 3 deg give
+0.016 m."""
 LAG_OF_TYRES_S, LAG_OF_MACHINE_S = 0.035, 0.04
-"""Half widths of the interval of a latency, relative to a gyro and relative to the steering, due to lag of tyres and
-body sway [s]. For a distance ahead it is the first value times the speed. Assumed values, from the simulator."""
+"""Half widths of latency intervals due to the lag of tyres and body, for latencies relative to a gyro and relative to
+the steering [s]. The first value times the speed applies to the antenna's distance ahead. Assumed values, from the
+simulator."""
 TWO_SIGMA = 2.0  # Minimum difference between the scales of both sides, divided by its standard error [-]
 RIGHT_SIGMA = 0.3  # Prior standard deviation of the scale to the right, divided by the scale to the left [-]
 ONE_SPEED = 3.0
-"""Factor that widens the intervals if the log has a single speed, which confounds scale, tyres and antenna [-]. Assumed
-value."""
+"""Factor on interval widths for a log with a single speed [-]. A single speed confounds steering scale, tyre parameters
+and antenna position. Assumed value."""
 SPREAD = {"speed.delay_s": 1.4}
-"""Factors on the widths of intervals that depend on slip, by key [-]. Assumed values, from synthetic machines."""
+"""Factors on interval widths of quantities that depend on slip, by key [-]. Assumed values, from synthetic machines."""
 MOST_SCRUB = 1.2
-"""Half width of the interval of the tyre scrub, divided by the scrub of the plant [-]. Assumed value: the scrub of a
-real tyre is at most about twice that of the plant."""
+"""Half width of the interval of the tyre scrub, divided by the scrub of the simulated tyres [-]. Assumed value: the
+scrub of real tyres is at most about twice as large."""
 SLIP_LEAD = 1 / 30
-"""Half width of the interval of the latency of a wheel speed, divided by the speed [s2/m]: accelerating wheels slip.
+"""Half width of the interval of a wheel-speed latency due to slip of accelerating wheels, divided by the speed [s2/m].
 Assumed value (tyres on firm ground: 1/60)."""
 
 
 class _Drive(NamedTuple):
-    """Properties of a log that limit the identifiability of parameters, independent of the fit."""
+    """Properties of the motion in a log that limit the identifiability of parameters."""
 
     wander: float  # Half width of the interval of the mean heading drift of two antennas [rad]
     bends: bool  # Whether latencies and antenna positions are identifiable
@@ -87,28 +89,28 @@ class Calibration(NamedTuple):
     data: VehicleData
     fit: VehicleFit  # Fitted parameters, relative to the values of `rough` and of the map
     centres: tuple[float, ...]
-    """Sensor reading straight ahead in the first and in the second half of the log [unit of the sensor]."""
+    """Raw sensor values with the wheels straight ahead, in both halves of the log [unit of the sensor]."""
 
     @property
     def steer(self) -> SteerColumn:
-        """Steering column of the original map."""
+        """Definition of the wheel-angle column in the original map."""
         assert self.log_map.steer is not None
         return self.log_map.steer
 
     @property
     def positive(self) -> Literal["left", "right"]:
-        """Side to which the sensor readings increase."""
+        """Steering direction, `left` or `right`, in which the raw sensor values increase."""
         return "left" if self.rough.scale > 0 else "right"
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of the estimated quantities that depend on the map."""
+        """Units of estimated quantities whose unit is defined by the map, by map key."""
         units = dict.fromkeys(("steer.scale", "steer.scale_right"), f"{self.steer.unit} per reading")
         return units | ({"heading.offset": self.log_map.heading.unit} if self.log_map.heading else {})
 
     @property
     def centre_error(self) -> float:
-        """Error of the wheel angle due to the centre given in the map [rad], left positive."""
+        """Wheel angle error due to the error of the steering centre in the original map [rad], left positive."""
         scale = self.rough.scale * self.fit.values["steer_scale"]
         return scale * (self.steer.offset - self.found["steer.offset"].value)
 
@@ -130,7 +132,7 @@ class Calibration(NamedTuple):
 
     @property
     def calibrated(self) -> LogMap:
-        """Map with the estimated values. Keys of quantities that are not identified are unchanged."""
+        """Copy of the map with the estimated values. Keys of unidentified quantities are unchanged."""
         told = {key: each.rounded for key, each in self.found.items() if each.identified}
         return changed_map(self.log_map, {**told, "steer.positive": self.positive})
 
@@ -138,14 +140,14 @@ class Calibration(NamedTuple):
 def calibrate(
     sources: Sequence[Source], log_map: LogMap | None, scenario: Scenario, start_s: float = 0.0, end_s: float = inf
 ) -> Calibration:
-    """Calibrate the sensors of logs with a common map; the wheelbase is from a scenario. Raises `FieldLogError`."""
+    """Calibrate the sensors of logs with a common map. The wheelbase is that of `scenario`. Raises `FieldLogError`."""
     m = steered_map(sources[0], log_map)
     cut = read_pieces(sources, m, scenario.tractor.antenna_height_m, start_s, end_s, readings=True)
     return calibrated(cut, m, scenario)
 
 
 def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
-    """Return `log_map`, or by default a built-in map. Raises `FieldLogError` if the map has no wheel angle."""
+    """Return `log_map` or, by default, a built-in map. Raises `FieldLogError` if the map has no wheel angle."""
     m = log_map or built_in(column_names(source), source_name(source))
     if m.steer is None:
         raise FieldLogError(f"{source_name(source)}: the map has no [steer]; add it with the column of the wheel angle")
@@ -153,7 +155,7 @@ def steered_map(source: Source, log_map: LogMap | None) -> LogMap:
 
 
 def calibrated(cut: Pieces, log_map: LogMap, scenario: Scenario) -> Calibration:
-    """Calibrate from segments whose wheel angle is the raw sensor reading. Raises `FieldLogError`."""
+    """Calibrate the sensors from segments whose wheel angle is the raw sensor value. Raises `FieldLogError`."""
     t = scenario.tractor
     check_columns(cut.kept)
     rough = rough_steering(cut.kept, t.wheelbase_m)
@@ -192,7 +194,7 @@ def _spread(angles: Sequence[FieldRecording]) -> float:
 
 
 def _names(data: VehicleData) -> tuple[str, ...]:
-    """Return the names of the parameters to fit. Latencies are relative to the gyro or otherwise to the steering."""
+    """Return the names of the fitted parameters. Latencies are relative to the gyro or else to the steering."""
     channels = set(data.channels)
     ages = {"steer_delay_s": "yaw_rate", "heading_delay_s": "heading", "position_delay_s": "position"}
     if _speed_explained([piece.recording for piece in data.pieces]) > SEEN_IN_SPEED:
@@ -202,9 +204,10 @@ def _names(data: VehicleData) -> tuple[str, ...]:
 
 
 def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
-    """Return the fraction of the variance of track lengths that the recorded speed explains with the best latency [-].
+    """Return the fraction of the variance of distances between positions that the recorded speed explains [-].
 
-    At nearly constant speed, both contain only noise, and the fraction is low.
+    The fraction is the maximum over all latencies of the speed. At nearly constant speed, noise dominates the variance
+    and the fraction is low.
     """
     ways = [_ways(each.position, each.speed) for each in recordings if each.position and len(each.position.t)]
     if not ways:
@@ -214,15 +217,15 @@ def _speed_explained(recordings: Sequence[FieldRecording]) -> float:
 
 
 def _ways(position: TimeSeries, speed: TimeSeries) -> Array:
-    """Return track lengths in intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0 is computed from positions,
-    the other rows from the speed with each latency of `AGES_S`."""
+    """Return distances travelled in intervals of `CHORD_S` [m], shape (1 + latencies, n). Row 0 contains the distances
+    between positions. The other rows contain the integrated speed, one row for each latency of `AGES_S`."""
     t, chord = chords(position, CHORD_S)
     way = cumulative_trapezoid(np.abs(speed.value), speed.t, initial=0)
     return np.stack([chord, *(np.diff(np.interp(t - age, speed.t, way)) for age in AGES_S)])
 
 
 def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -> dict[str, Quantity]:
-    """Return the quantities of the map, with intervals, computed from the fitted parameters."""
+    """Return the calibrated quantities by map key, with intervals, computed from the fitted parameters."""
     value, index = result.values, {name: k for k, name in enumerate(result.names)}
     assert m.steer is not None
     s, o, k = value["steer_scale"], value["steer_offset"], rough.scale
@@ -261,7 +264,7 @@ def _found(result: VehicleFit, rough: RoughSteering, m: LogMap, drive: _Drive) -
 
 
 def _wander(data: VehicleData) -> float:
-    """Return the half width of the interval of the mean heading drift of two antennas [rad].
+    """Return the half width of the interval of the mean drift of a dual-antenna heading [rad].
 
     The mean drift cannot be distinguished from a mounting angle. Over T time constants, the variance of the mean of a
     first-order process is 2 / T (1 - (1 - e^-T) / T) times the process variance.
@@ -281,7 +284,7 @@ def _quantity(
     index: dict[str, int],
     drive: _Drive,
 ) -> Quantity:
-    """Return a quantity with its interval, from its derivatives `slopes` with respect to the fit parameters."""
+    """Return a quantity with its interval. `slopes` contains its derivatives with respect to the fitted parameters."""
     if not slopes.keys() <= index.keys():  # the fit omits latencies that the log cannot identify
         return Quantity(middle, middle - 2 * DELAY_S, middle + 2 * DELAY_S, False)
     gradient = np.zeros(len(index))
@@ -304,7 +307,7 @@ def _quantity(
 
 
 def changed_map(m: LogMap, values: Mapping[str, float | str]) -> LogMap:
-    """Return a copy of a map with other values, given by `table.key`."""
+    """Return a copy of a map with the given `values`, by `table.key`."""
     tables: dict[str, dict[str, float | str]] = {}
     for key, value in values.items():
         table, _, name = key.partition(".")

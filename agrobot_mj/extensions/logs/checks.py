@@ -11,14 +11,13 @@ from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.series import chords, course_rate
 
 CHORD_S, SLIPPED = 2.0, 1.5
-"""Time between positions whose distances are summed [s], and maximum of this sum divided by the integrated speed
-[-]. Assumed values."""
+"""Position interval for track lengths [s], maximum ratio of track length to integrated speed [-]. Assumed values."""
 LONGEST_ARM_M, ARM_EXPLAINS = 6.0, 0.2
-"""Maximum distance between antenna and rear axle [m], and maximum relative RMS error of distances that an antenna
-position may explain [-]. Assumed values."""
+"""Limits for explaining a wrong distance by the antenna position: maximum distance from antenna to rear axle [m], and
+maximum relative RMS residual [-]. Assumed values."""
 AGREED = 0.5
-"""Minimum correlation between the yaw rates from the positions and from a sensor at which a ratio other than 1 is
-attributed to a wrong unit [-]. Assumed value: consistent sensors have 0.9."""
+"""Minimum correlation between the course rate of the positions and the yaw rate of a sensor for detecting a wrong unit
+or sign [-]. Assumed value: consistent sensors have 0.9."""
 OTHER_UNIT = 5.0  # Ratio of two yaw rates above which one of them has a wrong unit [-]; deg/s instead of rad/s gives 57
 LEAST_HZ = 2.5  # Minimum rate at which positions and headings resolve yaw dynamics [Hz]
 COARSE_M_S = 0.12
@@ -26,14 +25,14 @@ COARSE_M_S = 0.12
 
 
 def check_columns(kept: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for slow, coarse or contradictory columns, such as a speed in a wrong unit."""
+    """Raise `FieldLogError` for slow, coarse or contradictory columns, for example a speed in a wrong unit."""
     _check_rates(kept)
     _check_speed(kept)
     _check_turning(kept)
 
 
 def _check_rates(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` for a constant or coarse sensor, and for positions or headings too infrequent for a fit."""
+    """Raise `FieldLogError` for a constant heading or yaw rate, a coarse speed, or infrequent positions or headings."""
     name = recordings[0].name
     for part in ("heading", "yaw_rate"):
         values = [series.value for each in recordings if (series := getattr(each, part)) is not None]
@@ -53,7 +52,7 @@ def _check_rates(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _check_speed(recordings: Sequence[FieldRecording]) -> None:
-    """Raise `FieldLogError` if speeds and positions differ by more than slip and antenna position can explain."""
+    """Raise `FieldLogError` if the track lengths from speed and from positions differ by more than slip can explain."""
     found = [part for piece in recordings if (part := _ways(piece)) is not None]
     if not found:
         return
@@ -73,10 +72,10 @@ def _check_speed(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _ways(piece: FieldRecording) -> Array | None:
-    """Return distances covered in each interval `CHORD_S`, shape (3, n) [m], or None if there are no positions.
+    """Return the motion in each interval `CHORD_S`, shape (3, n), or None if there are no positions.
 
-    Row 0: distance between positions. Row 1: distance travelled by the antenna, computed from speed and yaw rate. Row
-    2: lateral displacement of a point one metre ahead of the rear axle.
+    Row 0: distance between positions [m]. Row 1: distance travelled by the antenna, from speed and yaw rate [m]. Row 2:
+    change of yaw [rad].
     """
     if piece.position is None or not len(piece.position.t):
         return None
@@ -88,7 +87,7 @@ def _ways(piece: FieldRecording) -> Array | None:
 
 
 def _arm(way: Array, said: Array, across: Array) -> float | None:
-    """Return the distance from rear axle to antenna that explains the positions [m], or None if no distance does so."""
+    """Return the distance from rear axle to antenna that explains the positions [m], or None without a solution."""
     bend = float((across**4).sum())
     squared = float(((way**2 - said**2) * across**2).sum()) / bend if bend else 0.0
     if not 0.0 < squared < LONGEST_ARM_M**2:
@@ -119,7 +118,7 @@ def _check_turning(recordings: Sequence[FieldRecording]) -> None:
 
 
 def _turning_twice(piece: FieldRecording) -> Array | None:
-    """Return the rates of course and yaw at common times, shape (2, n) [rad/s], or None unless both are measured."""
+    """Return course rate and yaw rate at common times, shape (2, n) [rad/s], or None unless both are measured."""
     if piece.position is None or piece.yaw_rate is None or piece.yaw_rate_source == "course":
         return None
     course = course_rate(piece.position, piece.speed)

@@ -1,4 +1,4 @@
-"""Command `twin` for logs of real and simulated machines, and older commands for single parts of the analysis."""
+"""Command `twin` for logs of real and simulated machines, and deprecated commands for parts of its analysis."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -106,7 +106,7 @@ def twin(
 
 
 def _described(logs: list[Path], map_file: Path | None) -> list[str]:
-    """Return a description of each log that includes its possible uses."""
+    """Return a description of each log, including its possible uses."""
     from agrobot_mj.extensions.logs.maps import read_map
     from agrobot_mj.extensions.logs.readers import open_log
     from agrobot_mj.extensions.logs.readers.describe import describe
@@ -116,7 +116,10 @@ def _described(logs: list[Path], map_file: Path | None) -> list[str]:
 
 
 def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
-    """Return the results folder: the folder of the run for `valve` alone, None for a calibration without --out."""
+    """Return the folder for result files, or None if no files are written.
+
+    By default, identification of a run writes to the run folder, and a calibration writes no files.
+    """
     if out is None and parts and "replay" not in parts:
         identified = "calibrate" not in parts and (log / "signals.parquet").is_file()
         return log if identified else None
@@ -124,7 +127,7 @@ def _folder(out: Path | None, parts: list[str], log: Path) -> Path | None:
 
 
 def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
-    """Return the scenario next to the log, or the default scenario on level ground. Apply the overrides."""
+    """Return the scenario in the folder of the log, or a default scenario, with the overrides `sets`."""
     from agrobot_mj.scenario.loading import load_scenario
 
     beside = (log if log.is_dir() else log.parent) / "scenario.toml"
@@ -133,7 +136,7 @@ def _scenario(log: Path, sets: list[str] | None) -> "Scenario":
 
 
 def _former(name: str) -> Callable[..., Answer]:
-    """Return the older command that runs one part of the analysis, with the options of `twin`."""
+    """Return a deprecated command that runs one part of the analysis, with the options of `twin`."""
 
     @wraps(twin)
     def command(*given: Any, vehicle: bool = False, **options: Any) -> Answer:

@@ -19,21 +19,21 @@ from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 SIGNED = -0.1  # A recorded speed with values below this limit has a sign [m/s]. Assumed: larger than the noise at rest.
 LEAST_LEG_M, LEG_PER_SCATTER = 0.5, 10.0
-"""Minimum length of a section driven in reverse [m], and minimum length per standard deviation of the positions [-]."""
+"""Minimum length of a reverse section: constant [m], and factor on the standard deviation of positions [-]."""
 AROUND_S = 2.0  # Time before and after a change of direction in which the minimum speed is searched [s]
 LONGEST_STEP_S = 2.0  # Maximum time between two fixes whose displacement is used [s]
 STANDING_M_S = 0.1
 """Speed below which a machine is at rest [m/s]. Assumed value: three times the noise of a receiver at rest."""
 LEAST_TOLD, LEAST_GAIN = 0.3, 0.01
 """Minimum fraction of the yaw-rate variance that the steering must explain to determine directions, and minimum
-increase of this fraction for reversing the sign of a section [-]. Assumed values: larger than for noise."""
+increase of this fraction for reversing the sign of a section [-]. Assumed values: noise gives smaller values."""
 MOST_TURN = 3.0
-"""Yaw rate above which a value is an outlier, divided by the 80 % quantile of all yaw rates [-]. Assumed value."""
+"""Maximum ratio of a valid yaw rate to the 80 % quantile of all yaw rates [-]. Assumed value."""
 MOST_LEGS = 200  # Maximum number of sections whose directions the steering can determine
 
 
 class Directed(NamedTuple):
-    """Recording whose speed is negative in reverse."""
+    """Recording with a signed speed, negative in reverse."""
 
     recording: FieldRecording
     reverse_m: float  # Distance driven in reverse, if detected [m], or 0 for a signed recorded speed
@@ -74,14 +74,16 @@ def directed(recording: FieldRecording) -> Directed:
 
 
 def _displacements(position: TimeSeries) -> tuple[Array, Array]:
-    """Return mean times [s] and displacements between fixes as complex numbers, east + i north [m]; 0 across gaps."""
+    """Return the mean times of consecutive fixes [s], and the displacements between these fixes as complex numbers,
+    east + i north [m]. Displacements across gaps are zero."""
     step = np.diff(position.value[:, 0] + 1j * position.value[:, 1])
     step[np.diff(position.t) > LONGEST_STEP_S] = 0.0
     return (position.t[:-1] + position.t[1:]) / 2, step
 
 
 def by_course(step: Array, least: float) -> Array:
-    """Return signed distances. The sign changes where the course reverses between two sections of `least` [m] each."""
+    """Return the distances between fixes with the sign of the direction of travel. The sign changes where the course
+    reverses between two sections of length `least` [m]."""
     sign, now, start, leg, before = np.ones(len(step)), 1.0, 0, 0j, 0j
     for k in range(len(step)):
         leg += step[k]
@@ -97,7 +99,7 @@ def by_course(step: Array, least: float) -> Array:
 
 
 def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Array, Array]:
-    """Return the times of changes of direction, shape (n,), and the sign of each section, shape (n + 1,)."""
+    """Return times of direction changes, shape (n,), and direction of each section (1 or -1), shape (n + 1,)."""
     way = np.cumsum(forward)
     turns = sorted(k for up in (way, -way) for k in find_peaks(up, prominence=least)[0])
     borders = np.array([_slowest(speed, t[k]) for k in turns])
@@ -105,7 +107,7 @@ def _legs(t: Array, forward: Array, speed: TimeSeries, least: float) -> tuple[Ar
 
 
 def _slowest(speed: TimeSeries, t: float) -> float:
-    """Return the time of the minimum speed near `t` [s]."""
+    """Return the time of the minimum absolute speed near time `t` [s]."""
     near = np.abs(speed.t - t) < AROUND_S
     return float(speed.t[near][np.abs(speed.value[near]).argmin()]) if near.any() else t
 
@@ -113,7 +115,7 @@ def _slowest(speed: TimeSeries, t: float) -> float:
 def _by_steering(recording: FieldRecording, borders: Array, signs: Array) -> Array | None:
     """Return the direction (1 or -1) of each section that best explains the yaw rate, or None if the fit is poor.
 
-    Most of the distance is assumed to be forwards. Centre, scale and sign of the steering sensor are unknown here.
+    Most of the distance is assumed to be forwards. Centre, scale and sign of the steering sensor may be unknown.
     """
     if recording.steer is None or recording.yaw_rate is None or len(signs) > MOST_LEGS:
         return None

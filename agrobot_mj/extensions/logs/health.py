@@ -1,8 +1,9 @@
-"""Properties of a log that need no fit: scatter of positions, bursts, steering centre over time, antenna position.
+"""Properties of a log computed without a vehicle fit: position noise, recording bursts, steering centre, antenna
+position.
 
-They do not require segments of several seconds or a known machine. The steering centre follows from a regression
-without slip and is independent of the wheelbase. A centre that moves, or that differs from the map, indicates that the
-sensor has slipped.
+The computation requires neither segments of several seconds nor known machine parameters. The steering centre follows
+from a regression without slip and is independent of the wheelbase. A steering centre that changes, or differs from the
+map, indicates that the sensor has slipped.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,15 +33,16 @@ from agrobot_mj.extensions.logs.steering import (
 
 WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
 PART_S, MOST_PARTS = 15.0, 6
-"""Minimum driving time of each part of a log with its own steering centre [s], and maximum number of parts."""
+"""Minimum driving time per part of a log with a separate steering centre [s], and maximum number of these parts."""
 MOVED_DEG = 1.0  # Minimum change of the steering centre that is reported [deg]
 TOLD = 0.5
-"""Minimum fraction of the yaw-rate variance that the steering must explain for a steering centre [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that the steering explains for a steering centre [-]. Assumed value."""
 SIGMAS = 3.0  # Number of standard errors above which a difference is reported [-]
 CHORD_S, MOST_ALIKE = 0.5, 20.0
-"""Minimum time between fixes used for the antenna position [s], and maximum condition number of its regression [-]."""
+"""Minimum time between fixes [s] and maximum condition number [-] of the regression for the antenna position."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
-"""Minimum reported error of the antenna position, beyond `SIGMAS` standard errors, and maximum standard error [m]."""
+"""Minimum reported error of the antenna position in the map, in addition to `SIGMAS` standard errors, and maximum
+standard error of the estimated position [m]."""
 
 
 class CentrePart(NamedTuple):
@@ -53,7 +55,7 @@ class CentrePart(NamedTuple):
 
 
 class LogHealth(NamedTuple):
-    """Properties of a log that need no fit, with None for properties that are not identified."""
+    """Properties of a log computed without a vehicle fit. Unidentified properties are None."""
 
     name: str
     scatter_m: float | None  # Standard deviation of white noise in each coordinate of the positions [m]
@@ -65,18 +67,18 @@ class LogHealth(NamedTuple):
 
     @property
     def centre(self) -> float:
-        """Steering sensor reading for straight driving, averaged over all parts of the log [unit of the sensor]."""
+        """Raw steering sensor value for straight driving, averaged over all parts of the log [unit of the sensor]."""
         return float(np.mean([part.centre for part in self.parts]))
 
     @property
     def centre_error(self) -> float:
-        """Standard error of the mean steering centre, from its scatter over parts [sensor unit], or 0 for one part."""
+        """Standard error of the mean steering centre, from its scatter over parts [sensor unit]. Zero for one part."""
         centres = [part.centre for part in self.parts]
         return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
 
 
 def health(recording: FieldRecording) -> LogHealth:
-    """Evaluate a recording whose wheel angle is the raw sensor reading."""
+    """Return the properties of a recording whose wheel angle is the raw sensor value."""
     whole = directed(recording).recording
     steering, parts = _steering(whole)
     noise = None if whole.position is None else scatter(whole.position.value)
@@ -84,7 +86,8 @@ def health(recording: FieldRecording) -> LogHealth:
 
 
 def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[CentrePart, ...]]:
-    """Return the steering relation without slip, and the steering centre in parts with equal numbers of samples."""
+    """Return the relation between sensor value and wheel angle without slip, and the steering centre in parts of the
+    log with equal numbers of samples."""
     if recording.steer is None or recording.yaw_rate is None:
         return None, ()
     found = turning([recording], WHEELBASE_M)
@@ -141,7 +144,7 @@ def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
 
 
 def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0) -> list[str]:
-    """Return sentences about properties of logs. Unreadable logs are omitted here and reported by their reader."""
+    """Return sentences about properties of logs. Unreadable logs are skipped."""
     found = []
     for source in sources:
         try:
@@ -154,7 +157,7 @@ def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0
 
 
 def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
-    """Yield a sentence if the steering centres of two logs differ."""
+    """Yield a sentence if the steering centres of two logs differ significantly."""
     assert one.steering is not None
     per_reading, (before, after) = degrees(abs(one.steering.scale)), (one.centre, other.centre)
     if per_reading * (abs(after - before) - SIGMAS * hypot(one.centre_error, other.centre_error)) > MOVED_DEG:
@@ -166,7 +169,7 @@ def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
 
 
 def _digits(per_reading: float) -> int:
-    """Return the number of decimals for a steering centre, given the angle per unit of the reading [deg]."""
+    """Return the number of decimals for a steering centre. `per_reading` is the wheel angle per sensor unit [deg]."""
     return max(0, -int(np.floor(np.log10(0.1 / per_reading))))
 
 

@@ -1,4 +1,4 @@
-"""Meaning of the columns of a recording: `map.toml`, its schema, and built-in maps.
+"""Maps of log columns: the schema of `map.toml`, and built-in maps.
 
 A map defines columns with their units, signs, offsets and latencies. Converted values are in SI units and radians, left
 positive, in east-north-up axes. The latency of a value is the time of its row minus the time at which the value was
@@ -23,7 +23,7 @@ Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class TimeColumn(Spec):
-    """Definition of the time column. Times may start at any value."""
+    """Definition of the time column. The first time may have any value."""
 
     column: Name
     """Name of the column. Its values are numbers, or clock times with a date."""
@@ -35,26 +35,26 @@ class MeasuredColumn(Spec):
     """Definition of a column with measured values."""
 
     column: Name
-    """Name of the column."""
+    """Name of the column in the log."""
     delay_s: Delay = 0.0
-    """Latency of the values [s]."""
+    """Latency of the values [s]: time of the row minus time of validity."""
 
 
 class SteerColumn(MeasuredColumn):
     """Definition of the column with the wheel angle of the bicycle model."""
 
     unit: Literal["deg", "rad", "1/m"] = "deg"
-    """Unit of the values. With 1/m, values are curvatures of the circle that corresponds to the angle."""
+    """Unit of the values. With 1/m, values are curvatures of the turning circle at the rear axle."""
     wheelbase_m: Annotated[float, Field(gt=0, le=20)] | None = None
     """Wheelbase that converts curvatures to angles [m]."""
     positive: Literal["left", "right"] = "left"
-    """Direction in which the values are positive."""
+    """Steering direction with positive values."""
     offset: Factor = 0.0
-    """Reading with the wheels straight ahead [unit of the column]."""
+    """Column value with the wheels straight ahead [unit of the column]."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
-    """True angle divided by the reading [-]. With `scale_right`, for angles to the left."""
+    """True angle divided by the column value [-]. With `scale_right`, it applies to angles to the left only."""
     scale_right: Annotated[float, Field(gt=0, le=100)] | None = None
-    """True angle divided by the reading for angles to the right [-]. Default: `scale`."""
+    """True angle divided by the column value, for angles to the right [-]. Default: `scale`."""
     averaged_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Time over which the sensor averages [s]. Add half of this time to `delay_s`."""
 
@@ -65,7 +65,7 @@ class SteerColumn(MeasuredColumn):
         return self
 
     def as_read(self) -> "SteerColumn":
-        """Return a copy of the definition for raw readings, which are treated as angles in radians or as curvatures."""
+        """Return the definition for raw sensor values, which are treated as angles in radians or as curvatures."""
         unit = self.unit if self.unit == "1/m" else "rad"
         return self.model_copy(
             update={"unit": unit, "positive": "left", "offset": 0.0, "scale": 1.0, "scale_right": None}
@@ -73,55 +73,55 @@ class SteerColumn(MeasuredColumn):
 
 
 class ValveColumn(MeasuredColumn):
-    """Definition of the column with the valve voltage, or with a proportional signal such as a PWM value."""
+    """Definition of the column with the valve voltage, or with a proportional signal, for example a PWM value."""
 
     volts_per_unit: Factor = 1.0
     """Valve voltage (0-12 V) per unit of the column [V/unit], negative if values increase to the right."""
     neutral: Factor = 6.0
-    """Reading with the valve closed [unit of the column]."""
+    """Column value with the valve closed [unit of the column]."""
 
 
 class SpeedColumn(MeasuredColumn):
     """Definition of the column with the speed along the heading, negative in reverse."""
 
     unit: Literal["m/s", "km/h", "kn", "mph"] = "m/s"
-    """Unit of the values."""
+    """Unit of the speed values."""
     of: Literal["ground", "antenna", "wheel"] = "ground"
-    """Measured point: rear axle over ground (radar), GNSS antenna, or driven wheels, which slip."""
+    """Point whose speed is measured: rear axle over ground (radar), GNSS antenna, or driven wheels, which slip."""
     scale: Annotated[float, Field(gt=0, le=100)] = 1.0
-    """True speed divided by the reading [-]."""
+    """True speed divided by the column value [-]."""
     signed: bool = False
-    """Whether the values are negative in reverse. Set to true also for a machine that never reverses."""
+    """Whether the values are negative in reverse. Use true also for a machine that never reverses."""
 
 
 class YawRateColumn(MeasuredColumn):
     """Definition of the column with the yaw rate of a gyro."""
 
     unit: Literal["deg/s", "rad/s"] = "deg/s"
-    """Unit of the values."""
+    """Unit of the yaw rate values."""
     positive: Literal["left", "right"] = "left"
     """Direction of rotation with positive values."""
     offset: Factor = 0.0
-    """Reading without rotation [unit of the column]."""
+    """Column value without rotation [unit of the column]."""
 
 
 class HeadingColumn(MeasuredColumn):
     """Definition of the column with the heading from two antennas or an inertial unit, not the course over ground."""
 
     unit: Literal["deg", "rad"] = "deg"
-    """Unit of the values."""
+    """Unit of the heading values."""
     convention: Literal["compass", "enu"] = "compass"
-    """Zero and direction of the values: `compass` from north clockwise, `enu` from east counter-clockwise."""
+    """Zero direction and sense of the values: `compass` from north clockwise, `enu` from east counter-clockwise."""
     offset: Factor = 0.0
-    """Reading when the tractor points north (`compass`) or east (`enu`) [unit of the column]."""
+    """Column value when the tractor points north (`compass`) or east (`enu`) [unit of the column]."""
     quality: Name | None = None
-    """Column with the quality of the heading."""
+    """Column with the quality of the heading. Rows with other than `accepted` values are omitted."""
     accepted: Accepted = (1,)
     """Values of the quality column in valid rows, as numbers or text. True equals 1."""
 
 
 class PositionColumns(Spec):
-    """Definition of the columns with the position of a point: latitude and longitude, or east and north."""
+    """Definition of the columns with the position of a tractor point: latitude and longitude, or east and north."""
 
     latitude: Name | None = None
     """Column of the latitude [deg], north positive."""
@@ -146,7 +146,7 @@ class PositionColumns(Spec):
     up_m: Metres | None = None
     """Height of the point above level ground [m]. Default: antenna height of the scenario."""
     quality: Name | None = None
-    """Column with the quality of the solution."""
+    """Column with the quality of the position solution."""
     accepted: Accepted = (4,)
     """Values of the quality column in valid rows, as numbers or text. In GGA, 4 is RTK fixed."""
     delay_s: Delay = 0.0
@@ -163,7 +163,7 @@ class PositionColumns(Spec):
 
 
 def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
-    """Yield each map key that names a column, with the column."""
+    """Yield map keys that name a column, and the names of these columns."""
     for part, spec in log_map:
         for key in ("column", "latitude", "longitude", "east", "north", "quality"):
             if isinstance(spec, Spec) and (column := getattr(spec, key, None)):
@@ -171,24 +171,24 @@ def _named(log_map: Spec) -> Iterator[tuple[str, str]]:
 
 
 class LogMap(Spec):
-    """Meaning of the columns of a recording."""
+    """Definition of the columns of a recording."""
 
     title: str = ""
     """Title of the recording."""
     time: TimeColumn
-    """Time of a row."""
+    """Time column."""
     speed: SpeedColumn
-    """Speed along the heading."""
+    """Column of the speed along the heading."""
     steer: SteerColumn | None = None
-    """Wheel angle."""
+    """Column of the wheel angle."""
     valve: ValveColumn | None = None
-    """Voltage of the steering valve."""
+    """Column of the steering valve voltage."""
     yaw_rate: YawRateColumn | None = None
-    """Yaw rate of a gyro. Default: derivative of the heading or the course."""
+    """Column of the yaw rate from a gyro. Default: derivative of the heading or the course."""
     heading: HeadingColumn | None = None
-    """Heading of the body."""
+    """Column of the body heading."""
     position: PositionColumns | None = None
-    """Position of a point of the tractor."""
+    """Columns of the position of a tractor point, usually the antenna."""
 
     @model_validator(mode="after")
     def _says_enough(self) -> "LogMap":
@@ -221,26 +221,26 @@ AGOPENGPS_MAP = LogMap(
     speed=SpeedColumn(column="speed_km_h", unit="km/h"),
     position=PositionColumns(latitude="latitude", longitude="longitude", quality="fix_quality"),
 )
-"""Built-in map of the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality numbers of GGA."""
+"""Built-in map of the CSV format in docs/extensions/logs/replay.md: right positive, km/h, quality as in GGA."""
 BUILT_IN = (GYRO_MAP, SIGNALS_MAP, AGOPENGPS_MAP)
-"""Built-in maps, in the order in which they are tried for a log without a map."""
+"""Built-in maps, in order of preference for a log without a map."""
 UNKNOWN = "the columns are unknown; describe their meaning with --map map.toml"
 
 
 def read_map(path: Path) -> LogMap:
-    """Return the map in a TOML file. Raises `ScenarioError` with all errors of the file."""
+    """Read a map from a TOML file. Raises `ScenarioError` with all errors of the file."""
     return read_spec(LogMap, read_toml(path), path.name)
 
 
 def built_in(names: Sequence[str], log: str) -> LogMap:
-    """Return the first map of `BUILT_IN` with all columns present. Raises `ScenarioError` if none fits."""
+    """Return the first map of `BUILT_IN` whose columns are all in `names`. Raises `ScenarioError` if no map fits."""
     if (found := known_map(names)) is None:
         raise ScenarioError(f"{log}: {UNKNOWN}")
     return found
 
 
 def known_map(names: Sequence[str]) -> LogMap | None:
-    """Return the first map of `BUILT_IN` with all columns present, or None if none fits."""
+    """Return the first map of `BUILT_IN` whose columns are all in `names`, or None if no map fits."""
     return next((each for each in BUILT_IN if set(named_columns(each)) <= set(names)), None)
 
 
@@ -254,19 +254,18 @@ SI_TABLES: tuple[tuple[str, tuple[str, ...], dict[str, Any]], ...] = (
     ("position", ("latitude", "longitude"), {"latitude": "latitude", "longitude": "longitude"}),
     ("position", ("east", "north"), {"east": "east", "north": "north"}),
 )
-"""Tables of a map for logs in SI units, each with the columns that it requires. If a table has several entries, the
-first whose columns are present is used."""
+"""Map tables for logs in SI units: table name, required columns, keys. Earlier entries of a table take precedence."""
 INSTEAD = {
     "steer_demand": "the commanded angle; the residuals then include the lag of the steering",
     "curvature": 'with unit = "1/m" and wheelbase_m',
     "steering_wheel": "the angle of the steering wheel, with scale = wheel angle / steering-wheel angle",
 }
-"""Columns that can replace the wheel angle if a map names them."""
+"""Columns that a user-defined map may use instead of a measured wheel angle, with instructions."""
 
 
 def si_tables(names: Sequence[str], changed: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Return the map tables for a log in SI units with the columns `names`. `changed` contains, by table, the keys that
-    differ from their defaults."""
+    """Return the map tables for a log in SI units with the columns `names`. `changed` contains keys that differ from
+    their defaults, by table."""
     found: dict[str, dict[str, Any]] = {"time": {"column": "t"}}
     for table, needed, keys in SI_TABLES:
         if table not in found and set(needed) <= set(names):
@@ -289,5 +288,5 @@ def lacking(tables: Iterable[str], names: Sequence[str]) -> str:
 
 
 def named_columns(log_map: LogMap) -> dict[str, str]:
-    """Return the map key by which each column is named."""
+    """Return the map key of each column, by column name."""
     return {column: key for key, column in _named(log_map)}

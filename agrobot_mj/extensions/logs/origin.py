@@ -1,4 +1,4 @@
-"""Identity of a result from logs: the identity of its scenario, extended by logs, map and options of the command."""
+"""Identity of a result from logs. It consists of the scenario identity, the logs, the map and the command options."""
 
 import json
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from agrobot_mj.scenario.schema import Scenario
 
 
 def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap | None = None, **asked: Any) -> str:
-    """Return the identity of a result as text. `asked` contains the options that affect this result, as JSON values."""
+    """Return the identity of a result as text. `asked` contains the options that affect the result, as JSON values."""
     of = scenario.identity
     said = json.dumps([log_map and log_map.model_dump(mode="json"), asked])
     files = joined([of.files, *map(_content, sources)])
@@ -23,7 +23,7 @@ def log_identity(scenario: Scenario, sources: Sequence[Source], log_map: LogMap 
 
 
 def _content(source: Source) -> str:
-    """Return the digest of a log's content, independent of name and location."""
+    """Return a digest of a log's content, independent of file name and folder."""
     if isinstance(source, Path):
         return file_digest(source)
     table, sink = source.replace_schema_metadata(None).combine_chunks(), pa.BufferOutputStream()

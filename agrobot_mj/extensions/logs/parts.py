@@ -1,4 +1,5 @@
-"""Parts of `agrobot-mj twin`. Each part returns text lines, the content of a JSON file, and further files."""
+"""Parts of the analysis by `agrobot-mj twin`. Each part returns text lines, the content of a JSON file, and further
+files."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
@@ -36,15 +37,15 @@ from agrobot_mj.simulation.results import remove, results, write_json, write_tex
 
 
 class Job:
-    """Logs of one machine with the options for their analysis."""
+    """Logs of one machine with the options of their analysis."""
 
     def __init__(self, logs: list[Path], map_file: Path | None, scenario: Scenario, **options: Any) -> None:
-        """Create a job with the options `start_s`, `end_s` [s], `share` [-], parameter `names` and input `by`."""
+        """Create a job with options: `start_s`, `end_s` [s], `share` [-], parameter `names`, steering input `by`."""
         self.logs, self.map_file, self.scenario, self.options = logs, map_file, scenario, options
 
     @cached_property
     def opened(self) -> tuple[list[Source], LogMap]:
-        """Opened logs, and their common map."""
+        """Contents of the logs, and their common map."""
         log_map = read_map(self.map_file) if self.map_file is not None else None
         found = [open_log(log) for log in self.logs]
         maps = [log_map or each.checked_map() for each in found]
@@ -55,7 +56,7 @@ class Job:
 
     @cached_property
     def health(self) -> list[str]:
-        """Sentences about properties of the logs. Without a wheel angle, the list is empty."""
+        """Sentences about properties of the logs. The list is empty for logs without a wheel angle."""
         sources, log_map = self.opened
         return health_lines(sources, log_map) if log_map.steer is not None else []
 
@@ -84,11 +85,11 @@ class LogPart(NamedTuple):
     run: Callable[[Job], Finding]
     file: str  # Name of the JSON file
     others: Callable[[Scenario], tuple[str, ...]] = lambda scenario: ()
-    """Function that returns the names of the additional files of a log of a scenario."""
+    """Function that returns the names of further result files for a scenario."""
 
 
 def analyse(parts: Mapping[str, LogPart], job: Job, folder: Path | None) -> dict[str, Finding]:
-    """Run parts of the analysis on logs, and write their results to `folder` if it is given."""
+    """Run parts of the analysis on the logs of a job. Write the results to `folder` unless it is None."""
     names = [name for part in parts.values() for name in (part.file, *part.others(job.scenario))]
     found = dict[str, Finding]()
     with nullcontext() if folder is None else results(folder, names):
@@ -147,7 +148,7 @@ def keys(job: Job) -> Finding:
 
 
 def _table(found: Found, units: Mapping[str, str]) -> str:
-    """Return values with intervals as a table: plain text and valid Markdown."""
+    """Return a table of quantities with intervals, as text that is also valid Markdown."""
     return markdown_table(HEAD, quantity_rows(found, units), 1, aligned=True)
 
 
@@ -168,7 +169,7 @@ def driven(job: Job) -> Finding:
 
 
 def valve(job: Job) -> Finding:
-    """Identify the steering valve of a run."""
+    """Identify the steering valve from a run."""
     run = job.logs[0]
     if len(job.logs) > 1:
         raise ScenarioError("--only valve: the valve is fitted to one run; specify a single run")
@@ -186,7 +187,7 @@ def valve(job: Job) -> Finding:
 
 
 def _valve_lines(found: Identified, scenario: Scenario | None) -> list[str]:
-    """Return lines with identified values, standard errors and, if given, the values of the scenario."""
+    """Return a table of identified values with standard errors and, if given, scenario values, followed by comments."""
     known = dict[str, float]()
     if scenario is not None:
         own, cylinder = scenario.steering.valve, scenario.steering.cylinder
@@ -210,7 +211,7 @@ def _text(value: float | None, absent: str = "-") -> str:
 
 
 def whole(job: Job) -> Finding:
-    """Calibrate and identify with the first part of the logs, replay the rest, and write a report."""
+    """Calibrate sensors and identify the vehicle with the first part of the logs, and replay the rest."""
     sources, log_map, scenario, options = job.given("share")
     found = twin(sources, log_map, scenario, **options)
     content = {
@@ -232,13 +233,13 @@ PARTS = {
     "replay": LogPart(driven, "replay.json", files_of_replay),
     "valve": LogPart(valve, "identified.json"),
 }
-"""Parts that `--only` selects, by name."""
+"""Parts of the analysis that the option `--only` selects, by name."""
 WHOLE = {"twin": LogPart(whole, "twin.json", lambda scenario: FILES)}
-"""Default analysis: all parts except the valve, with a report."""
+"""Default analysis: calibration, identification, replay and report."""
 
 
 def chosen_parts(names: Sequence[str]) -> dict[str, LogPart]:
-    """Return the parts with the given names, or the default analysis without names. Raises `ScenarioError`."""
+    """Return the parts with the given names. Without names, return the default analysis. Raises `ScenarioError`."""
     if unknown := next((name for name in names if name not in PARTS), None):
         near = suggestion(unknown, list(PARTS))
         raise ScenarioError(f"--only {unknown}: unknown{near} (known: {', '.join(PARTS)})")

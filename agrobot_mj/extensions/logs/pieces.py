@@ -1,7 +1,7 @@
 """Segments of recordings for replay and fit, separated by gaps, standstill and loss of position.
 
-In a segment, all inputs and recorded positions are available without gaps, and the machine moves except for short
-stops. A speed without a sign first gets one (`direction`).
+A segment contains all inputs and positions without gaps, and the machine moves except for short stops. The module
+`direction` first determines the sign of an unsigned speed.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,7 +34,7 @@ class Span(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Segments of recordings that are used for a fit, with notes."""
+    """Usable segments of recordings, with notes about used and omitted data."""
 
     kept: tuple[FieldRecording, ...]
     notes: tuple[str, ...]
@@ -43,7 +43,7 @@ class Pieces(NamedTuple):
 
 
 def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float = inf) -> Pieces:
-    """Return the segments of all recordings, from `start` to `end` in the time of each recording [s].
+    """Return the usable segments of all recordings, from `start` to `end` in the time of each recording [s].
 
     Raises `FieldLogError` if no segment remains.
     """
@@ -70,7 +70,7 @@ def pieces(recordings: Iterable[FieldRecording], start: float = 0.0, end: float 
 
 
 def _at_axle(recording: FieldRecording) -> FieldRecording:
-    """Return the recording with the speed of the rear axle if its recorded speed is the speed of the antenna."""
+    """Return the recording with the speed of the rear axle, converted if the recorded speed is that of the antenna."""
     if not recording.antenna_speed or recording.yaw_rate is None:
         return recording
     (t, v), (ahead, left, _) = recording.speed, recording.arm
@@ -78,7 +78,7 @@ def _at_axle(recording: FieldRecording) -> FieldRecording:
 
 
 class Bursts(NamedTuple):
-    """Bursts of a recording: its sections between gaps of the inputs."""
+    """Statistics of bursts: sections of a recording between gaps of the inputs."""
 
     number: int
     length: float  # Median duration of a burst [s]
@@ -86,7 +86,7 @@ class Bursts(NamedTuple):
 
 
 def bursts(recording: FieldRecording) -> Bursts | None:
-    """Return the bursts of a recording with pauses, or None if pauses are few or sections between them long enough."""
+    """Return burst statistics of a recording. Return None for few bursts, or bursts long enough for a fit."""
     gaps = sorted({gap for part in recording.inputs for gap in _gaps(getattr(recording, part).t, LONGEST_GAP_S)})
     starts = np.array([recording.start, *(end for _, end in gaps)])
     ends = np.array([*(start for start, _ in gaps), recording.end])
@@ -97,7 +97,7 @@ def bursts(recording: FieldRecording) -> Bursts | None:
 
 
 def _remedy(recordings: Sequence[FieldRecording]) -> str:
-    """Return advice for recording logs with sufficiently long segments."""
+    """Return advice for recording a log with sufficiently long segments."""
     for recording in recordings:
         if found := bursts(recording):
             return (
@@ -115,13 +115,13 @@ def read_pieces(
     end: float = inf,
     readings: bool = False,
 ) -> Pieces:
-    """Return the segments of one or more logs with a common map, by `read_recording` and `pieces`."""
+    """Read one or more logs with a common map, and return their segments."""
     sources = source if isinstance(source, Sequence) else [source]
     return pieces((read_recording(each, log_map, antenna_height, readings) for each in sources), start, end)
 
 
 def _left_out(recording: FieldRecording) -> Iterator[Span]:
-    """Yield the intervals in which an input or a position is missing, or the machine is at rest."""
+    """Yield the time intervals without an input or a position, and the intervals at standstill."""
     for part, column in recording.inputs.items():
         yield from (Span(a, b, f"gap in {column!r}") for a, b in _gaps(getattr(recording, part).t, LONGEST_GAP_S))
     if (fixes := recording.position) is not None:
@@ -135,7 +135,7 @@ def _left_out(recording: FieldRecording) -> Iterator[Span]:
 
 
 def spells(mask: Mask) -> list[tuple[int, int]]:
-    """Return the start index and the end index (exclusive) of each run of true values."""
+    """Return the start index and the end index (exclusive) of each sequence of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask, [0])).astype(int)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
@@ -145,7 +145,7 @@ def _gaps(t: Array, longest: float) -> list[tuple[float, float]]:
 
 
 def _between(out: list[Span], start: float, end: float, shortest: float) -> Iterator[tuple[float, float]]:
-    """Yield the intervals within `start` to `end` that are not omitted and last at least `shortest` [s]."""
+    """Yield the intervals from `start` to `end` between the omitted spans that last at least `shortest` [s]."""
     for span in (*out, Span(end, end, "")):
         if min(span.start, end) - start >= shortest:
             yield start, min(span.start, end)
@@ -155,7 +155,7 @@ def _between(out: list[Span], start: float, end: float, shortest: float) -> Iter
 def _note(
     recording: FieldRecording, bounds: tuple[float, float], spans: list[tuple[float, float]], out: list[Span]
 ) -> str:
-    """Return a text about the used and omitted parts of a recording."""
+    """Return a text about used and omitted time of a recording."""
     kept, whole = sum(b - a for a, b in spans), bounds[1] - bounds[0]
     text = f"{recording.name}: {kept:.0f} of {whole:.0f} s kept"
     if spans and len(spans) < 7:
@@ -184,13 +184,13 @@ def _excitation(recording: FieldRecording) -> tuple[Array, Array, Array]:
 
 
 def slow_and_fast(recordings: Sequence[FieldRecording]) -> tuple[float, float]:
-    """Return the 10th and the 90th percentile of the speed in recordings [m/s]."""
+    """Return the 10th and the 90th percentile of the absolute speed in recordings [m/s]."""
     slow, fast = np.percentile(np.abs(excitation(recordings)[0]), [10, 90])
     return float(slow), float(fast)
 
 
 def split(kept: Sequence[FieldRecording], share: float) -> tuple[list[FieldRecording], list[FieldRecording]]:
-    """Split segments by time: the first fraction `share`, and the rest. One segment may be divided."""
+    """Split segments into the first fraction `share` of the total time, and the rest. One segment may be divided."""
     left = share * sum(each.end - each.start for each in kept)
     first, second = list[FieldRecording](), list[FieldRecording]()
     for each in kept:

@@ -14,7 +14,7 @@ LEVEL = 0.95
 
 
 class Quantity(NamedTuple):
-    """Estimated quantity with its interval, in the unit of its key. An infinite end means no bound."""
+    """Estimated quantity with its interval, in the unit of its key. An unbounded interval has an infinite end."""
 
     value: float
     low: float
@@ -23,7 +23,7 @@ class Quantity(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half width of the interval."""
+        """Half width of the interval, in the unit of the key."""
         return (self.high - self.low) / 2
 
     @property
@@ -33,12 +33,12 @@ class Quantity(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Text of the rounded value."""
+        """Rounded value as text."""
         return f"{self.rounded:g}"
 
     @property
     def ends(self) -> tuple[str, str]:
-        """Texts of both ends of the interval, rounded as the value."""
+        """Lower and upper end of the interval as texts, rounded to the same digit as the value."""
         return f"{rounded(self.low, self.half):g}", f"{rounded(self.high, self.half):g}"
 
     def excludes(self, value: float) -> bool:
@@ -54,7 +54,7 @@ UNITS |= {"understeer_gradient_rad_s2_m": "rad s2/m", "backlash_deg": "deg", "st
 
 
 def quantity_rows(found: Found, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table of quantities. `units` gives units that are not part of the key."""
+    """Yield the rows of a table of quantities. `units` contains units that are not part of the key."""
     for key, each in found.items():
         unit = units.get(key) or UNITS.get(key) or unit_of(key)
         yield key, each.text, *each.ends, unit, "yes" if each.identified else "no"
@@ -69,12 +69,13 @@ def quantity_numbers(found: Found) -> dict[str, dict[str, Any]]:
 
 
 def rounded(value: float, half: float) -> float:
-    """Return a value rounded to the second significant digit of a half width, or to six digits without an interval."""
+    """Return a value rounded to the second digit of its half width, or to six digits without an interval."""
     if not 0.0 < half < 1e300:
         return float(f"{value:.6g}")
     return round(value, 1 - floor(log10(half)))
 
 
 def half_width(covariance: Array, gradient: Array, freedom: int) -> float:
-    """Return the half width of Student's t interval of a function of the parameters with the given gradient (n,)."""
+    """Return the half width of the Student t interval of a function of the parameters. `gradient` (n,) contains the
+    derivatives of the function."""
     return float(stdtrit(max(freedom, 1), 0.5 + LEVEL / 2) * np.sqrt(gradient @ covariance @ gradient))

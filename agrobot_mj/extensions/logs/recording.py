@@ -1,8 +1,8 @@
-"""Recording in SI units: the columns of a log converted with a map, each value at the time of its validity.
+"""Recordings in SI units: columns of a log converted with a map and corrected for latency.
 
 Inputs (steering, speed) are complete except for short gaps. Measured channels (yaw rate, heading, position) may have
-gaps of any length. Time counts from the first row. Values that are implausible for their unit are rejected, because a
-wrong unit resembles a poorly controlled tractor.
+gaps of any length. Time counts from the first row. Implausible values are rejected, because a wrong unit would
+otherwise be interpreted as poor control.
 """
 
 from math import inf, pi, radians
@@ -82,7 +82,8 @@ class FieldRecording(NamedTuple):
     signed: bool  # Whether the map declares the speed as negative in reverse
 
     def bounds(self, start: float, end: float) -> tuple[float, float]:
-        """Limit the interval from `start` to `end` [s] to the recording. Raises `FieldLogError` below 1 s."""
+        """Return the part of the interval from `start` to `end` [s] that is inside the recording. Raises
+        `FieldLogError` below 1 s."""
         first, last = max(start, self.start), min(end, self.end)
         if last - first < 1.0:
             raise FieldLogError(
@@ -92,7 +93,7 @@ class FieldRecording(NamedTuple):
         return first, last
 
     def between(self, start: float, end: float) -> "FieldRecording":
-        """Return the part from `start` to `end` [s]. Channels with fewer than `FEWEST` values are removed.
+        """Return the part of the recording from `start` to `end` [s], without channels of fewer than `FEWEST` values.
 
         Raises `FieldLogError` for an empty part, or if an input has a gap.
         """
@@ -117,7 +118,7 @@ def read_recording(
 ) -> FieldRecording:
     """Read a log with `log_map`, or with a suitable built-in map if `log_map` is None.
 
-    With `readings`, the wheel angle is the raw sensor reading in its own unit. Raises `FieldLogError`, or
+    With `readings`, the wheel angle is the raw sensor value in the unit of its column. Raises `FieldLogError`, or
     `ScenarioError` if no map fits.
     """
     name = source_name(source)
@@ -162,7 +163,7 @@ def read_recording(
 
 
 class _Reader(NamedTuple):
-    """Columns of a log, with methods that convert quantities to time series."""
+    """Columns of a log, with methods that convert them to time series."""
 
     name: str
     t: Array
@@ -262,14 +263,14 @@ class _Reader(NamedTuple):
         return steady
 
     def _settled(self, column: str, values: Values) -> Values:
-        """Return the values of a column with NaN at outliers."""
+        """Return the values of a column with outliers replaced by NaN."""
         alone = lone(self.t, values)
         if alone.any():
             self.left_out.append(f"{alone.sum()} values of {column!r} far from their neighbours")
         return np.where(alone, np.nan, values)
 
     def _known(self, part: str, c: MeasuredColumn, values: Array, bound: float = inf, unit: str = "") -> TimeSeries:
-        """Return the values at their times of validity. Raises `FieldLogError` if a value exceeds `bound` [`unit`]."""
+        """Return finite values with latency-corrected times. Raises `FieldLogError` for values above `bound`."""
         good = np.isfinite(values)
         if good.sum() < FEWEST:
             raise FieldLogError(f"{self.name}: {c.column!r} has only {good.sum()} values; remove [{part}] from the map")
@@ -281,7 +282,7 @@ class _Reader(NamedTuple):
 def _derived(
     heading: TimeSeries | None, position: TimeSeries | None, speed: TimeSeries
 ) -> tuple[TimeSeries | None, str]:
-    """Return the yaw rate computed from the heading or, without a heading, from the course, and its source.
+    """Return the yaw rate without a gyro, and its source. The source is the heading or, without a heading, the course.
 
     Sideslip and tilt distort the course.
     """

@@ -1,4 +1,4 @@
-"""Reports of this extension, except the report of a twin, which the command `twin` writes."""
+"""Reports of this extension, except the report of a twin, which is written by the command `twin`."""
 
 from agrobot_mj.studies.pages.report import Reports
 

@@ -16,35 +16,34 @@ Index = np.ndarray[tuple[int, ...], np.dtype[np.int_]]
 FEWEST = 4  # Minimum number of values that interpolation needs [-]
 SMOOTHING_S = 1.0  # Duration of the local cubic fits that differentiate headings [s]
 COURSE_S = 2.0
-"""Duration of the local cubic fits for the course rate [s], which is long because second derivatives are noisy."""
+"""Duration of the local cubic fits for the course rate [s]. It is long, because second derivatives are noisy."""
 LOST_S = 2.0
-"""Time without positions after which the position is lost [s]. For slow receivers it is three times their interval."""
+"""Minimum time without fixes that counts as a loss of position [s]. Slow receivers: three times their interval."""
 JUMP_M, FASTER, NOISY = 0.5, 2.0, 3.0
-"""Terms of the maximum plausible distance between two fixes: constant [m], factors on the recorded speed and on the
+"""Maximum plausible distance between two fixes: constant [m], factor on the recorded speed [-], and factor on the
 typical error of the fix speed [-]. Assumed values: RTK floats drift less, wheels slip less."""
 JUMP_RAD, LARGEST_YAW_RATE = 0.3, 3.0
-"""Limit of plausible heading changes between two values: a constant [rad] plus a yaw rate [rad/s] times the interval.
-Assumed values."""
+"""Maximum plausible heading change: constant [rad], plus yaw rate [rad/s] times the interval. Assumed values."""
 AWAY_S = 5.0
-"""Maximum time after which positions return from a temporary jump [s]; longer jumps are permanent. Assumed value."""
+"""Maximum duration of a temporary position jump [s]. Longer jumps count as permanent. Assumed value."""
 STANDS_OUT, USUAL_OFF = 5.0, 0.9
-"""Minimum ratio of the deviation of an outlier to the neighbouring deviations [-]. Lower limit of the neighbouring
+"""Minimum ratio of an outlier's deviation to the neighbouring deviations [-], and lower limit of the neighbouring
 deviations, as a quantile of all deviations [-]. Assumed values."""
 LEAST_SPEED = 0.3  # Speed below which the course is undefined and the dynamics are not excited [m/s]
 
 
 class TimeSeries(NamedTuple):
-    """Time series of values."""
+    """Values at increasing times."""
 
     t: Array  # Increasing times [s], shape (n,)
     value: Array  # Values in SI units, shape (n,) or (n, 2)
 
     def at(self, t: Array) -> Array:
-        """Return the values at times `t` (m,) by Akima interpolation, constant beyond both ends."""
+        """Return the values at times `t` (m,) by Akima interpolation. Values beyond both ends are constant."""
         return self.smooth()(t)
 
     def smooth(self) -> Callable[[Array], Array]:
-        """Return a function that interpolates the series at times (m,) by Akima splines, constant beyond both ends."""
+        """Return an Akima spline through the series, as a function of times (m,), constant beyond both ends."""
         # linear interpolation between samples 50 ms apart would reduce an oscillation of 1 Hz by 0.8 %
         cubics = Akima1DInterpolator(self.t, self.value)
 
@@ -61,15 +60,18 @@ class TimeSeries(NamedTuple):
 
 
 def fresh(series: TimeSeries) -> TimeSeries:
-    """Return the series without repeated values, which frozen or slow receivers send."""
+    """Return the series without repeated values, which frozen or slow receivers produce."""
     new = np.diff(series.value.reshape(len(series.t), -1), axis=0).any(axis=1)
     kept = np.concatenate(([True], new))
     return TimeSeries(series.t[kept], series.value[kept]) if kept.sum() >= FEWEST else series
 
 
 def lone(t: Array, values: Values) -> Mask:
-    """Return a mask of the outliers in `values` (n,), real or complex, NaN if missing, at times `t` (n,). An outlier is
-    far from the line between its neighbours, while the neighbours are not. Repeated values count once."""
+    """Return a mask of the outliers in `values` (n,), real or complex, at times `t` (n,). Missing values are NaN.
+
+    An outlier is far from the line between its neighbours, while the neighbours are not outliers. Repeated values count
+    once.
+    """
     known = np.flatnonzero(np.isfinite(values))
     starts = known[np.flatnonzero(np.diff(values[known], prepend=np.nan) != 0)]
     found = np.zeros(len(values), dtype=bool)
@@ -87,7 +89,7 @@ def lone(t: Array, values: Values) -> Mask:
 
 
 def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
-    """Return the positions that can be reached at the recorded speed; others are removed by `without_jumps`."""
+    """Return the positions that are reachable at the recorded speed."""
     t, places = position
     u = np.abs(np.interp(t, *speed))
     speeds = np.hypot(*np.diff(places, axis=0).T) / np.diff(t)
@@ -98,7 +100,7 @@ def driven_places(position: TimeSeries, speed: TimeSeries) -> TimeSeries:
 
 
 def turned_headings(heading: TimeSeries) -> TimeSeries:
-    """Return the headings [rad] that can be reached with the maximum yaw rate; others are removed."""
+    """Return the headings [rad] that are reachable with the maximum yaw rate."""
     t, yaw = heading
     points = TimeSeries(t, np.column_stack([np.cos(yaw), np.sin(yaw)]))
     kept = np.isin(t, without_jumps(points, lambda a, b: JUMP_RAD + LARGEST_YAW_RATE * (t[b] - t[a])).t)
@@ -107,7 +109,7 @@ def turned_headings(heading: TimeSeries) -> TimeSeries:
 
 def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) -> TimeSeries:
     """Return points (n, 2) without temporary jumps and without points near permanent jumps. `reach(a, b)` returns the
-    maximum distance that the machine can travel between points a and b."""
+    maximum plausible distance between points a and b."""
     t, places = series
     rows = np.arange(len(t))
 
@@ -137,32 +139,36 @@ def without_jumps(series: TimeSeries, reach: Callable[[Index, Index], Array]) ->
 
 
 def scatter(*series: Array) -> float:
-    """Return the standard deviation of white noise in values (n,) or (n, 2), estimated from the median of third
-    differences, which is robust to motion and outliers. Return 0 for too few values."""
+    """Return the standard deviation of white noise in values (n,) or (n, 2), or 0 for too few values.
+
+    The median of third differences makes the result robust to motion and outliers.
+    """
     off = [np.abs(np.diff(values, 3, axis=0)).ravel() for values in series if len(values) > 3]
     # standard deviation of a normal distribution; a third difference has 1 + 9 + 9 + 1 variances
     return 1.4826 * float(np.median(np.concatenate(off))) / sqrt(20.0) if off else 0.0
 
 
 def longest_pause(t: Array) -> float:
-    """Return the time without positions after which the position is lost [s], given the times `t` (n,) of positions."""
+    """Return the minimum time without fixes that counts as a loss of position [s], for fixes at times `t` (n,)."""
     return max(LOST_S, 3 * float(np.median(np.diff(t))))
 
 
 def axle_speed(v: Array, yaw_rate: Array, ahead: float, left: float) -> Array:
-    """Return the rear-axle speed (n,) from the speed `v` (n,) [m/s] of a point `ahead` and to the `left` [m]."""
+    """Return the rear-axle speed (n,) [m/s] from the speed `v` (n,) of a point at the distances `ahead` and `left` of
+    the axle centre [m]."""
     found: Array = np.sign(v) * np.sqrt(np.maximum(v**2 - (ahead * yaw_rate) ** 2, 0.0)) + left * yaw_rate
     return found
 
 
 def chords(position: TimeSeries, spacing: float) -> tuple[Array, Array]:
-    """Return times in steps of `spacing` [s], shape (n,), and distances between positions, shape (n - 1,) [m]."""
+    """Return times in steps of `spacing` [s], shape (n,), and the distances between the positions at these times, shape
+    (n - 1,) [m]."""
     t = np.arange(position.t[0], position.t[-1], spacing)
     return t, np.hypot(*np.diff([np.interp(t, position.t, each) for each in position.value.T]))
 
 
 def sharpened(series: TimeSeries, length: float) -> Array:
-    """Return the values corrected, to second order, for averaging over `length` [s] in the sensor."""
+    """Return the values corrected to second order for averaging over `length` [s] in the sensor."""
     x, spacing = series.value, float(np.median(np.diff(series.t)))
     if not length or len(x) < 3:
         return x
@@ -174,7 +180,7 @@ def sharpened(series: TimeSeries, length: float) -> Array:
 
 
 def course_rate(position: TimeSeries, speed: TimeSeries) -> TimeSeries | None:
-    """Return the rate of the course from local cubic fits of duration `COURSE_S`, at speeds above `LEAST_SPEED`."""
+    """Return the rate of the course at speeds above `LEAST_SPEED`, from local cubic fits of duration `COURSE_S`."""
     if (grid := _even(position.t, COURSE_S, 7)) is None:
         return None
     t, known, cubic = grid
@@ -196,8 +202,11 @@ def slope_of(series: TimeSeries) -> TimeSeries | None:
 
 
 def _even(t: Array, length_s: float, least: int) -> tuple[Array, Mask, dict[str, Any]] | None:
-    """Return regular times in place of `t` [s], a mask of the times at which a cubic of `length_s` [s] contains no gap
-    of `SMOOTHING_S`, and parameters of `savgol_filter` for these cubics. Return None for too few samples."""
+    """Return evenly spaced times, a mask of times without a gap, and parameters of `savgol_filter`.
+
+    The filter fits cubics of duration `length_s` [s]. A gap is at least `SMOOTHING_S` long. The result is None for too
+    few samples.
+    """
     spacing = float(np.median(np.diff(t)))
     length = max(least, 2 * round(length_s / spacing / 2) + 1)
     even = np.arange(t[0], t[-1], spacing, dtype=np.float64)

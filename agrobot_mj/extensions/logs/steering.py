@@ -1,7 +1,7 @@
-"""Steering of a log without slip: centre, scale and latency of the sensor by regression.
+"""Steering relation of a log without tyre slip: centre, scale and latency of the sensor by regression.
 
 The wheel angle without slip, atan(L r / u), is computed from yaw rate r, speed u and wheelbase L. It is regressed on
-the sensor reading, with the latency that explains the largest variance. A sensor on one wheel or on a linkage has
+the raw sensor value, with the latency that explains the largest variance. A sensor on one wheel or on a linkage has
 different scales to both sides. If the scales differ significantly, two lines that meet at the centre are fitted,
 because one line would shift the centre.
 """
@@ -20,47 +20,48 @@ from agrobot_mj.extensions.logs.series import TimeSeries, scatter
 
 AGES_S = np.arange(-0.5, 1.5, 0.02)  # Evaluated latencies of the yaw rate relative to the steering [s]
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the variance of the angle that a line explains [-]. Assumed value: sensors give > 0.9."""
+"""Minimum fraction of the angle variance that a valid regression explains [-]. Assumed value: sensors give > 0.9."""
 LEAST_SAMPLES = 50  # Minimum number of yaw-rate samples for a regression
 OUTLIER = 3.0  # Distance from the line above which a sample is an outlier [robust standard deviations]
 SIDES_DIFFER, SURELY = 0.05, 4.0
-"""Minimum relative difference between the scales of both sides, and minimum difference divided by its standard error,
-for two lines [-]. Assumed values: scales of linkages differ by more."""
+"""Criteria for separate scales to the left and right: minimum relative difference, and minimum ratio of the difference
+to its standard error [-]. Assumed values: scales of linkages differ by more."""
 LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
-"""Minimum fraction of samples on each side, beyond this wheel angle [rad], for two lines [-]. Assumed values."""
+"""Criteria for separate scales to the left and right: minimum fraction of samples on each side [-] with a wheel angle
+above the second value [rad]. Assumed values."""
 BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
 CENTRES = 101  # Number of steering centres that a search evaluates
 
 
 class RoughSteering(NamedTuple):
-    """Relation between sensor reading and wheel angle: one line, or two lines that meet at the centre."""
+    """Relation between raw sensor value and wheel angle: one line, or two lines that meet at the centre."""
 
     centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
     scale: float
-    """Wheel angle per unit of the reading when steering left [rad/unit], negative if readings increase to the right."""
+    """Wheel angle per sensor unit when steering left [rad/unit], negative if sensor values increase to the right."""
     age: float  # Latency of the yaw rate relative to the steering [s]
     explained: float  # Fraction of the variance of the wheel angle that the relation explains [-]
     right: float = 1.0  # Scale to the right divided by the scale to the left [-], or 1 for one line
 
     def wheel(self, reading: Array) -> Array:
-        """Return the wheel angle [rad] for sensor readings."""
+        """Return the wheel angle [rad] for raw sensor values."""
         angle = self.scale * (reading - self.centre)
         return np.where(angle < 0, self.right * angle, angle)
 
     def less_wheel(self, reading: Array, angle: Array) -> Array:
-        """Return the sensor readings [unit of the sensor] minus the effect of the known wheel angles `angle` [rad].
-        Without errors, the result is the centre."""
+        """Return the sensor values minus the effect of known wheel angles `angle` [rad]. Without errors, the result is
+        the steering centre [unit of the sensor]."""
         return reading - np.where(angle < 0, angle / self.right, angle) / self.scale
 
     def angle(self, recording: FieldRecording) -> FieldRecording:
-        """Return the recording with wheel angles instead of readings, computed with the scale of the left side."""
+        """Return the recording with wheel angles instead of sensor values, for the scale to the left on both sides."""
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
 
 
 class TurningSamples(NamedTuple):
-    """Samples of sensor readings, and of the wheel angle without slip as computed from the yaw rate."""
+    """Samples for the regression: raw sensor values, and wheel angles without slip from the yaw rate."""
 
     reading: Array  # Readings for each latency in `AGES_S`, shape (latencies, n) [unit of the sensor]
     angle: Array  # Wheel angle for the measured turn without slip [rad], shape (n,)
@@ -68,7 +69,7 @@ class TurningSamples(NamedTuple):
 
 
 def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughSteering:
-    """Regress the wheel angle without slip on the readings of segments. Raises `FieldLogError` for a poor fit."""
+    """Regress the wheel angle without slip on the raw sensor value. Raises `FieldLogError` for a poor fit."""
     found, name = turning(pieces, wheelbase), pieces[0].name
     if found is None or len(found.angle) < LEAST_SAMPLES:
         raise FieldLogError(f"{name}: too few values of yaw rate, heading or position in motion; add one to the map")
@@ -86,7 +87,7 @@ def rough_steering(pieces: Sequence[FieldRecording], wheelbase: float) -> RoughS
 
 
 def turning(pieces: Sequence[FieldRecording], wheelbase: float) -> TurningSamples | None:
-    """Return the samples of all segments, or None if there are none."""
+    """Return the regression samples of all segments, or None without samples."""
     found = [part for part in (_turning(piece, wheelbase) for piece in pieces) if part is not None]
     return TurningSamples(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True))) if found else None
 
@@ -111,7 +112,8 @@ def line_of(found: TurningSamples) -> RoughSteering:
 
 
 def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, float]:
-    """Return explained fraction, slope, and reading at angle zero of a regression line. Outliers are removed once."""
+    """Return the explained fraction of variance, the slope, and the sensor value at angle zero of a regression line.
+    Outliers are removed once."""
     kept = np.ones(len(angle), dtype=bool)
     for _ in range(2):
         if np.ptp(reading[kept]) == 0.0 or np.ptp(angle[kept]) == 0.0:
@@ -124,7 +126,7 @@ def _line(reading: Array, angle: Array, weight: Array) -> tuple[float, float, fl
 
 
 def two_sided(found: TurningSamples, line: RoughSteering) -> RoughSteering:
-    """Return two lines that meet at the centre if their scales differ significantly, otherwise the given line."""
+    """Return two lines that meet at the centre if both scales differ significantly, otherwise `line`."""
     if min(np.mean(side * found.angle > SIDE_RAD) for side in (1, -1)) < LEAST_SIDE:
         return line
     samples = np.stack([found.reading[int(np.abs(AGES_S - line.age).argmin())], found.angle, found.weight])
@@ -158,7 +160,7 @@ def _meeting(samples: Array, line: RoughSteering) -> RoughSteering:
 
 
 def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, float]:
-    """Return the sum of squares and the slopes (left, right) of two lines that meet at angle zero at `centre`."""
+    """Return squared error and slopes (left, right) of two lines that meet at angle zero and sensor value `centre`."""
     reading, angle, weight = samples
     x, wy, left = weight * (reading - centre), weight * angle, (reading - centre) * scale > 0
     total, slopes = 0.0, []
@@ -170,7 +172,7 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
 
 
 def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float | None:
-    """Return the mean reading with the wheels straight ahead, for the scales of `rough`, or None without samples."""
+    """Return the mean sensor value with the wheels straight ahead for the scales of `rough`. None without samples."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]

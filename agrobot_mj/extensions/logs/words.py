@@ -20,23 +20,23 @@ PLACES = {
     "ahead_m": ("ahead of the rear axle", "behind the rear axle"),
     "left_m": ("left of the middle", "right of the middle"),
 }
-"""Words for positive and negative values of the antenna position, by key."""
+"""Texts for positive and negative values of the antenna position, by key."""
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
-"""Ranges of the steering scale that indicate a wrong unit of the angles, by unit in the map [-]."""
+"""Range of the steering scale that indicates a wrong angle unit [-], by unit in the map."""
 LOOKAHEAD_M = 2.0  # Look-ahead distance of a pure-pursuit law for which the resulting lateral offset is reported [m]
 MOVED_DEG = 1.0  # Minimum error or change of the steering centre that is reported [deg]
 
 
 FOLLOWED = 0.05  # RMS speed residual divided by the mean speed above which the plant does not follow the speed [-]
 SAME_GAIN = 0.05
-"""Minimum reported relative error of scale and wheelbase combined [-]: larger than measurement errors of users."""
+"""Minimum reported relative error of scale and wheelbase combined [-], larger than measurement errors of users."""
 SLIPLESS = 0.5
-"""Ratio of the residual without slip to the residual of the plant below which the plant is wrong, not the scale [-]."""
+"""Ratio of the residual without slip to the plant residual below which the plant is wrong, not the scale [-]."""
 JUDGED_S = 10.0  # Minimum duration for evaluating a yaw-rate gain [s]: one or two bends
 WRONG_GAIN = 3.0  # Yaw-rate gain above which the unit of a sensor is wrong, not its scale [-]
 SAME_WAY_M, SAME_LENGTH, SAME_UNIT = 0.05, 0.01, 0.2
-"""Minimum reported position error in a window [m], minimum reported relative error of the track length [-], and
-relative error that is too large for slip and indicates a wrong unit [-]."""
+"""Limits above which errors are reported: position error in a window [m], relative error of the track length [-], and
+relative error of the track length that indicates a wrong unit [-]."""
 FAST_M_S = 2.5
 """Minimum speed at which stiffnesses are identifiable [m/s]. Assumed value: K u^2 is a few per cent at this speed."""
 TIGHT = 0.15  # Minimum curvature of a tight bend [1/m]: a radius of 7 m
@@ -44,7 +44,7 @@ QUICK_DEG_S = 10.0  # 95th percentile of the steering rate above which steering 
 
 
 def sentences(c: Calibration, tractor: TractorParameters) -> list[str]:
-    """Return sentences that interpret a calibration."""
+    """Return sentences about the results of a calibration."""
     found = [*_centre(c, tractor), *_scale(c, tractor), *_ages(c), *_places(c)]
     if (largest := degrees(c.largest_angle)) > tractor.steer_limit_deg:
         found.append(
@@ -146,12 +146,12 @@ def _side(angle: float) -> str:
 
 
 def _unit(c: Calibration) -> str:
-    """Return the unit of the readings as text: `counts` for scaled readings, otherwise the unit of the column."""
+    """Return the unit of raw sensor values as text: `counts` for scaled values, otherwise the unit of the column."""
     return f" {c.steer.unit}" if c.steer.scale == 1.0 and c.found["steer.scale"].value > 0.5 else " counts"
 
 
 def advice(recordings: Sequence[FieldRecording], missing: Collection[str]) -> list[str]:
-    """Return sentences about manoeuvres that would identify `missing` quantities (keys), or an empty list."""
+    """Return sentences about manoeuvres that identify the `missing` quantities (keys), or an empty list."""
     (_, rate, bend), (slow, fast) = excitation(recordings), slow_and_fast(recordings)
     found = []
     if any("stiffness" in key for key in missing):
@@ -216,7 +216,7 @@ def replay_sentences(found: ReplayResult, tractor: TractorParameters) -> Iterato
 
 
 def replay_rows(m: Mapping[str, Any]) -> Iterator[tuple[str, float | None, str]]:
-    """Yield rows of the table of a replay from its metrics: name, value, unit."""
+    """Yield table rows with the metrics of a replay: name, value, unit."""
     if rate := m["yaw_rate"]:
         slipless = rate["kinematic_rms_without_bias"]
         yield f"yaw rate by the {rate['source']}, residual rms", degrees(rate["rms_without_bias"]), "deg/s"
@@ -270,7 +270,7 @@ def doubts(found: ReplayResult, tractor: TractorParameters, scaled: bool = False
 
 
 def _why(rate: dict[str, Any], scaled: bool) -> str:
-    """Return possible reasons for a difference between yaw rates."""
+    """Return possible causes of a difference between the yaw rates of plant and recording."""
     off, slipless = rate["rms_without_bias"], rate["kinematic_rms_without_bias"]
     if slipless is not None and slipless < (1.0 if scaled else SLIPLESS) * off:
         return (
@@ -301,7 +301,7 @@ def _way_doubts(place: dict[str, Any] | None) -> Iterator[str]:
 
 
 def twin_sentences(t: Twin) -> list[str]:
-    """Return sentences about the reliability of a twin, then about its properties."""
+    """Return sentences about the reliability of a twin and about its properties."""
     m = t.held_out.metrics
     rate, place = m["yaw_rate"], m["position"]
     parts = []

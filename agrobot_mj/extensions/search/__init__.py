@@ -1,1 +1,1 @@
-"""Search many runs for limits of laws, rare failures, small failing changes, important parameters, and gains."""
+"""Searches over many runs: limits of laws, rare failures, smallest failing changes, important parameters, and gains."""

@@ -2,9 +2,9 @@
 
 Each metric in the condition gets a value at each tick: its value at the end of the run if all later errors were 0. A
 maximum is the present magnitude. A root mean square or a percentile covers the complete planned duration. The margin of
-a comparison with a number c is (value - c) / |c|, which is negative until the condition is met; `and` takes the
-minimum, `or` the maximum, `not` the negative [Fainekos2009]. At a margin of about 0 the condition is first met; whether
-a run fails is decided by `Condition.fails`. The margin of a tick does not depend on later ticks, because splitting
+a comparison with a number c is (value - c) / |c|, which is negative until the condition is met. `and` takes the
+minimum, `or` the maximum, `not` the negative [Fainekos2009]. At a margin of about 0 the condition is first met, but
+`Condition.fails` decides whether a run fails. The margin of a tick does not depend on later ticks, because splitting
 would then be biased.
 """
 
@@ -29,7 +29,7 @@ from agrobot_mj.simulation.outcomes import LOST_M
 from agrobot_mj.simulation.run import run
 
 SLOPE_TICKS = 5
-"""Number of ticks over which the slope of the margin is computed [-]. Assumed value: a quarter of a second."""
+"""Number of ticks over which the rate of change of the margin is computed [-]. Assumed value: a quarter of a second."""
 SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "xte_": lambda view: view.cg_on_path.offset,
     "safety.offset_": lambda view: view.cg_on_path.offset,
@@ -40,19 +40,19 @@ SIGNALS: dict[str, Callable[[RunView], Array]] = {
     "yaw_rate_error_": lambda view: view.column("e_yaw_rate"),
     "hitch_angle_": lambda view: view.column("hitch_angle"),
 }
-"""Signal from which a metric is computed, by the first part of the name of the metric."""
+"""Functions that return the signal of a metric, by the first part of the metric name."""
 
 
 @dataclass(frozen=True)
 class Closeness:
-    """Function that returns the margin of a run to a failure condition."""
+    """Function that returns the margin of a run to a failure condition at each tick."""
 
     until: str  # Failure condition as text, see `Condition`
     signal: str | None = None
-    """Column whose magnitude is the margin. Default: the margin is computed from the metrics in the condition."""
+    """Signal whose magnitude is the margin. Default: the margin is computed from the metrics in the condition."""
 
     def __call__(self, log: Log) -> Array:
-        """Return the finite margin at each tick [-], shape (ticks,). Raises `ScenarioError` for an unknown signal."""
+        """Return the margin at each tick [-], finite, shape (ticks,). Raises `ScenarioError` for an unknown signal."""
         view = RunView(log)
         if self.signal is None:
             return _Ticks(view, log).close(ast.parse(self.until.strip(), mode="eval").body)
@@ -64,7 +64,7 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Rises:
-    """Function that returns the ticks at which the margin of a run reaches a new maximum, at which runs are split."""
+    """Function that returns the ticks with a new maximum of the margin of a run, at which runs are split."""
 
     closeness: Closeness
     ahead_s: float = 0.0  # Time by which an increase of the margin is extrapolated [s]
@@ -80,19 +80,19 @@ class Rises:
 
 
 def check_closeness(closeness: Closeness, scenario: Scenario) -> None:
-    """Raise `ScenarioError` if a short run of the scenario lacks the signals of the margin."""
+    """Raise `ScenarioError` if the margin cannot be computed for a short run of the scenario."""
     closeness(run(scenario.changed({"duration_s": TRIAL_S})))
 
 
 class _Ticks:
-    """Margins of one run at all its ticks."""
+    """Evaluator of the margin of one run at all ticks."""
 
     def __init__(self, view: RunView, log: Log) -> None:
         self.view, self.planned, self.known = view, log.scenario.ticks, log.rows.columns
         self.completed = log.outcome == "completed"
 
     def close(self, node: ast.expr) -> Array:
-        """Return the margin of a node of the condition's syntax tree at each tick [-], positive if the node is true."""
+        """Return the margin of a syntax-tree node of the condition at each tick [-], positive if the node is true."""
         if isinstance(node, ast.BoolOp):
             parts = np.array([self.close(part) for part in node.values])
             return np.asarray(parts.min(axis=0) if isinstance(node.op, ast.And) else parts.max(axis=0))
@@ -118,7 +118,7 @@ class _Ticks:
         return np.abs(apart) if isinstance(op, ast.NotEq) else -np.abs(apart)
 
     def _side(self, term: ast.expr) -> tuple[Array, float]:
-        """Return one side of a comparison at each tick, shape (ticks,), and its scale; the scale of a metric is 0."""
+        """Return one side of a comparison at each tick, shape (ticks,), and its scale. A metric has the scale 0."""
         name = name_of(term)
         if name is not None:
             return self._metric(name), 0.0
@@ -139,7 +139,7 @@ class _Ticks:
         return values
 
     def _end(self, outcome: str) -> Array:
-        """Return the margin to an outcome at each tick, from load transfer, roll, hitch angle or distance to path."""
+        """Return the margin to an outcome at each tick [-], by load transfer, roll, hitch angle or path distance."""
         if outcome == "rolled_over":
             return self._tipped() - 1.0
         if outcome == "jackknifed" and "hitch_angle" in self.known:
@@ -148,7 +148,7 @@ class _Ticks:
         return 1.0 - np.maximum(self._tipped(), lost) if outcome == "completed" else lost - 1.0
 
     def _tipped(self) -> Array:
-        """Return the mean of load transfer ratio and roll angle [-], which is about 1 for an overturned tractor."""
+        """Return the mean of load transfer ratio and absolute roll [rad], about 1 for an overturned tractor."""
         lean = _magnitude(self.view.column("roll"))
         if "load_fl" not in self.known:
             return lean
@@ -162,7 +162,7 @@ def _magnitude(values: Array) -> Array:
 
 
 def _over(size: Array, name: str, planned: int) -> Array:
-    """Return the value of a metric at each tick if all later errors, up to the `planned` ticks, were 0."""
+    """Return the value of a metric at each tick for zero errors in the remaining ticks of the `planned` duration."""
     if "p95" in name:
         return _percentile(size, planned)
     if name.endswith(("_mse", "_rms")):
@@ -172,7 +172,7 @@ def _over(size: Array, name: str, planned: int) -> Array:
 
 
 def _percentile(size: Array, planned: int) -> Array:
-    """Return the 95th percentile at each tick if all later errors, up to the `planned` ticks, were 0."""
+    """Return the 95th percentile at each tick for zero errors in the remaining ticks of the `planned` duration."""
     largest, most, found = list[float](), planned - int(0.95 * (planned - 1)), np.zeros(len(size))
     for k, value in enumerate(size.tolist()):
         if len(largest) < most:

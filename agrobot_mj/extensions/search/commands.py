@@ -1,4 +1,4 @@
-"""Commands that search for limits, rare failures, smallest failing changes, important parameters and gains."""
+"""Commands that search for limits, rare failures, smallest failing changes, important parameters, and gains."""
 
 from collections.abc import Callable
 from functools import partial
@@ -198,7 +198,7 @@ def falsify(
 
 
 def _varied(text: str) -> "Varied":
-    """Return a key with its range or distribution, read from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
+    """Return a varied key with range or distribution, from `KEY=MILD:HARD` or `KEY={normal = [MEAN, SD]}`."""
     from agrobot_mj.extensions.search.falsify import Varied
 
     key, _, value = utf8(text, "--vary").partition("=")

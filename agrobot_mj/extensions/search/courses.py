@@ -1,4 +1,4 @@
-"""Trajectories of an ordinary run and of a failed run for a figure, and the recording of the failed run."""
+"""Trajectories of an ordinary run and of a failed run for figures, and the recording of the failed run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,18 +23,18 @@ COLUMNS = ("t", "x", "y", "x_ref", "y_ref")  # Signals that describe a trajector
 
 @dataclass(frozen=True)
 class MeasuredCourse:
-    """Function that returns the trajectory of a run for figures."""
+    """Function that returns the trajectory and the margin of a run for figures."""
 
     closeness: Closeness
 
     def __call__(self, log: Log) -> dict[str, Any]:
-        """Return columns `course.*` with the time [s], position [m] and margin [-] at each tick."""
+        """Return the columns `course.*`: time [s], position [m] and margin [-] at each tick."""
         columns = {f"course.{name}": log.column(name).tolist() for name in COLUMNS}
         return {**columns, "course.close": self.closeness(log).tolist()}
 
 
 def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mapping[str, str]) -> list[dict[str, Any]]:
-    """Simulate an ordinary run and a failed run, if one exists. Return the trajectories and the branch times [s]."""
+    """Simulate an ordinary run and, if available, a failed run. Return their trajectories and branch times [s]."""
     ordinary, *failure = [task._replace(measure=MeasuredCourse(closeness)) for task in tasks]
     failure = [task._replace(keep="recordings") for task in failure]
     rows = [*do([ordinary]), *do(failure, files=_Renamed(do.rows, kept))]
@@ -47,23 +47,23 @@ def courses(tasks: Sequence[Task], closeness: Closeness, do: Study, kept: Mappin
 
 
 class _Renamed(NamedTuple):
-    """Storage of selected files of a run in the results folder, with other names."""
+    """Storage that writes selected files of a run to the results folder under new names."""
 
     rows: RowFiles
     kept: Mapping[str, str]
 
     def has(self, task: Task, row: Row) -> bool:
-        """Return whether all renamed files exist."""
+        """Return whether all renamed files exist in the results folder."""
         return all((self.rows.folder / name).is_file() for name in self.kept.values())
 
     def put(self, task: Task, contents: Mapping[str, bytes]) -> None:
-        """Write the files under their new names."""
+        """Write the selected files of a run under their new names."""
         for name in self.kept.keys() & contents.keys():
             self.rows.write_bytes(Path(self.kept[name]), contents[name])
 
 
 def courses_figure(courses: Sequence[dict[str, Any]], labels: Sequence[str]) -> tuple[Figure, Axes, Axes]:
-    """Return a figure of an ordinary and a failed run, its panel for the margin, and an empty panel."""
+    """Return a figure of an ordinary and a failed run, its empty panel, and its panel with the margins."""
     drawn = Figure((2 * PANEL_WIDTH_IN, 4.2), layout="constrained")
     panels = drawn.subplot_mosaic([["", "close"], ["above", "above"]], height_ratios=(3, 2))
     close, above = panels["close"], panels["above"]

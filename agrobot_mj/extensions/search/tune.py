@@ -4,11 +4,11 @@ The objective is the mean cost of runs over cases (`tuning_cases`) and seeds. Th
 steering travel / TRAVEL_DEG_S. The acquisition cost (`metrics.acquisition`) is acquired_s / ACQUIRED_S + overshoot /
 OVERSHOOT_M + steering travel / TRAVEL_DEG_S. If the line is not acquired, the duration replaces acquired_s, and the
 final distance / XTE_M is added. A run that fails (`metrics.success`) or loses its line costs more than any successful
-run; the cost decreases with the completed fraction of its task.
+run. The cost of a failed run decreases with the completed fraction of its task.
 
 Differential evolution searches the ranges that the law declares (`tunable`), starting from the scenario's gains, so
-that the result is never worse on the training cases. Test cases have other seeds; only the evaluation of the result
-uses them.
+that the result is never worse on the training cases. Test cases have other seeds and are used only for the evaluation
+of the result.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -38,21 +38,21 @@ MOST = 20.0  # Maximum cost of a successful run [-]
 FAILED = 25.0  # Minimum cost of a failed run [-]. Without any progress, the cost is larger by `MOST`.
 POPULATION = 8
 MUTATION, CROSSOVER = (0.5, 1.0), 0.7
-"""Range of the factor on the difference of two candidates, and fraction of keys that change [-] [Storn1997]."""
+"""Range of the factor on the difference of two candidates, and probability that a key changes [-] [Storn1997]."""
 MOST_RUNS = 100_000  # Maximum number of runs of a search, including the evaluation of its result
 Overrides = dict[str, Any]
 Limits = tuple[float, float]  # Minimum and maximum of a gain [unit of the gain]
 
 
 class Judgement(NamedTuple):
-    """Evaluation of one run."""
+    """Cost and metrics of one run."""
 
     cost: float  # Cost of the run [-], as in the objective
     row: dict[str, Any]  # Metrics of the run, including whether it ended as expected (`metrics.success`)
 
 
 def tunable(scenario: Scenario) -> dict[str, Limits]:
-    """Return the gain ranges of the law and yaw controller of a scenario, by dotted key; reject laws without gains."""
+    """Return the gain ranges of a scenario's law and yaw controller, by dotted key. Raises `ScenarioError`."""
     law, controller = scenario.guidance, scenario.controller
     driving = law.using(controller)
     found = {f"guidance.{key}": limits for key, limits in law.tunable.items()}
@@ -75,7 +75,7 @@ def check_size(file: TuningFile, budget: int, seeds: int) -> None:
 
 
 def task_of(case: TuningCase, gains: Overrides) -> Task:
-    """Return the task of one run of a case with the given gains."""
+    """Return the simulation task for one case with the given gains."""
     return Task.of(case.scenario, gains, measure=steering)
 
 
@@ -86,7 +86,7 @@ def steering(log: Log) -> dict[str, float]:
 
 
 def judge(case: TuningCase, row: dict[str, Any]) -> Judgement:
-    """Return the evaluation of a run; `row` contains its metrics and the values of `steering`."""
+    """Return the cost and metrics of a run. `row` contains the metrics and the values of `steering`."""
     if row["outcome"] == ERROR:
         return Judgement(FAILED + MOST, row)
     return (_acquisition if case.measure == "acquisition" else _tracking)(row)
@@ -116,7 +116,8 @@ def _travel(row: dict[str, Any]) -> float:
 def mean_costs(
     cases: Sequence[TuningCase], candidates: Sequence[Overrides], bounds: Sequence[float], do: RunTasks
 ) -> list[float]:
-    """Return the cost of each candidate [-], or a lower bound of a cost that exceeds the limit in `bounds`."""
+    """Return the mean cost of each candidate [-]. The evaluation of a candidate ends early if its cost exceeds its
+    limit in `bounds`, and the result is then a lower bound."""
     totals, going = [0.0] * len(candidates), list(range(len(candidates)))
     for case in cases:
         rows = do([task_of(case, candidates[k]) for k in going])
@@ -136,7 +137,7 @@ def tune(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Tune the gains of the law of a scenario. Write tuning.json to `folder` and return its content."""
+    """Tune the gains of a scenario's law. Write tuning.json to `folder` and return its content."""
     check_size(file, budget or file.budget, seeds or file.seeds)
     training, test = (tuning_cases(scenario, file, part, seeds or file.seeds) for part in ("training", "test"))
     check_tractors(case.scenario for case in (*training, *test))
@@ -155,7 +156,7 @@ def search(
     known: Overrides | None = None,
     done: Callable[[int], object] = lambda evaluations: None,
 ) -> dict[str, Any]:
-    """Search with `budget` evaluations of the objective, in complete generations. Return gains and history."""
+    """Search with `budget` evaluations of the objective, in complete generations. Return gains, scores and history."""
     ranges = tunable(scenario)
     if scenario.expected_outcome != COMPLETED:
         raise ScenarioError(
@@ -190,8 +191,11 @@ def search(
 
 
 def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence[float]], list[float]]) -> None:
-    """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997]. A
-    trial is accepted only if it is better than the point that it would replace, which limits its evaluation."""
+    """Run differential evolution (best/1/bin) on `points`, shape (POPULATION, n), each within 0 to 1 [Storn1997].
+
+    A trial replaces a point only if its cost is not higher. Therefore the cost of the point is the limit for evaluating
+    the trial.
+    """
     rng, costs = np.random.default_rng(1), evaluate(points, [inf] * POPULATION)
     for _ in range(generations - 1):
         best, factor = points[int(np.argmin(costs))], rng.uniform(*MUTATION)
@@ -210,7 +214,7 @@ def _evolve(points: Array, generations: int, evaluate: Callable[[Array, Sequence
 
 
 def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
-    """Return the gains at a point of the search, with two digits. The scale of positive ranges is logarithmic."""
+    """Return the gains at a search point within 0 to 1, with two digits. Positive ranges are logarithmic."""
     found = {}
     for (key, (low, high)), share in zip(ranges.items(), x.tolist(), strict=True):
         value = low * (high / low) ** share if low > 0 else low + share * (high - low)
@@ -219,7 +223,7 @@ def _gains(ranges: Mapping[str, Limits], x: Array) -> dict[str, float]:
 
 
 def _first(begun: Sequence[Mapping[str, float | None]], ranges: Mapping[str, Limits]) -> Array:
-    """Return the first generation, shape (POPULATION, keys): the initial gains, and a Latin hypercube."""
+    """Return the first generation of search points (POPULATION, keys): initial gains and a Latin hypercube."""
     rng, n = np.random.default_rng(1), len(ranges)
     cells = np.stack([rng.permutation(POPULATION) for _ in range(n)], axis=1)
     points: Array = (cells + rng.random((POPULATION, n))) / POPULATION

@@ -1,4 +1,4 @@
-"""Tuning file: training cases for a gain search, and test cases that evaluate its result.
+"""Tuning files: training cases for a gain search, and test cases for the evaluation of its result.
 
 A case is a set of overrides of the tuned scenario, as for `--set`. Its key `measure` selects the cost: `tracking` for
 the cross-track error, `acquisition` for the acquisition of a line from a lateral offset.
@@ -21,50 +21,50 @@ from agrobot_mj.studies.pieces import at_speed
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 FIRST_TEST_SEED = 1000
-"""First seed of the test cases. The seeds of the training cases start at the seed of the scenario."""
+"""First seed of the test cases. The seeds of the training cases start at the scenario seed."""
 
 
 class CaseSpec(Spec):
     """Case of a tuning file: one run, or one run for each speed."""
 
     name: Name
-    """Name of the case in the table of scores."""
+    """Name of the case in the table of costs."""
     measure: Literal["tracking", "acquisition"] = "tracking"
-    """Cost of the case: tracking error or acquisition of the line."""
+    """Cost of the case: cross-track error (`tracking`) or acquisition of the line (`acquisition`)."""
     speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1)] | None = None
     """Speeds at which the same path segment is simulated [m/s]. Default: the speed of the scenario."""
     set: dict[str, Any] = Field(default_factory=dict)
-    """Overrides by dotted key."""
+    """Scenario overrides of the case, by dotted key."""
 
 
 class LawSpec(Spec):
-    """Law whose gains are tuned."""
+    """Guidance law whose gains are tuned."""
 
     set: dict[str, Any]
     """Overrides that select the law and its initial gains."""
     known: dict[str, float] = Field(default_factory=dict)
-    """Gains known to be good, which are part of the first generation."""
+    """Gains that are known to be good. They are included in the first generation."""
 
 
 class TuningFile(Spec):
     """Content of a tuning file."""
 
     title: str = ""
-    """Title for lists and reports, in one line."""
+    """Title for lists and reports, on one line."""
     version: str = __version__
-    """Version of agrobot_mj that wrote the file; for information."""
+    """Version of agrobot_mj that wrote the file, for information only."""
     budget: Annotated[int, Field(ge=8)] = 64
     """Default number of evaluations of the objective."""
     seeds: Annotated[int, Field(ge=1)] = 2
     """Default number of seeds per case."""
     set: dict[str, Any] = Field(default_factory=dict)
-    """Overrides common to all cases."""
+    """Scenario overrides of all cases, by dotted key."""
     training: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
-    """Training cases, used by the search: `[[training]]`."""
+    """Training cases for the search: `[[training]]`."""
     test: Annotated[tuple[CaseSpec, ...], Field(min_length=1)]
-    """Test cases, which evaluate the result: `[[test]]`."""
+    """Test cases for the evaluation of the result: `[[test]]`."""
     laws: dict[str, LawSpec] = Field(default_factory=dict)
-    """Laws by name, tuned by `make gains`."""
+    """Laws that `make gains` tunes, by name."""
 
     def part(self, name: str) -> tuple[CaseSpec, ...]:
         """Return the cases of the part "training" or "test"."""
@@ -76,7 +76,7 @@ class TuningFile(Spec):
 
 
 class TuningCase(NamedTuple):
-    """One run of the objective."""
+    """Case with one seed and one speed, which is one run of the objective."""
 
     name: str
     measure: str  # Cost of the case: `tracking` or `acquisition`
@@ -85,7 +85,7 @@ class TuningCase(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Reference speed of the path [m/s]."""
+        """Reference speed of the scenario's path [m/s]."""
         return self.scenario.path.speed_m_s
 
 
@@ -99,7 +99,7 @@ def read_tuning(source: str | Path) -> TuningFile:
 
 
 def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) -> list[TuningCase]:
-    """Return the cases of "training" or "test" that the scenario's plant supports."""
+    """Return the cases of the part "training" or "test" that the scenario's plant supports."""
     first = scenario.seed if part == "training" else FIRST_TEST_SEED
     return [
         TuningCase(case.name, case.measure, seed, changed.changed({"seed": seed}))
@@ -110,7 +110,7 @@ def tuning_cases(scenario: Scenario, file: TuningFile, part: str, seeds: int) ->
 
 
 def _driven(scenario: Scenario, changes: dict[str, Any], case: CaseSpec) -> Iterator[Scenario]:
-    """Yield the scenario of a case at each speed, unless the plant does not support the case; reject invalid keys."""
+    """Yield the scenario of a case at each speed if the plant supports it. Raises `ScenarioError` for invalid keys."""
     try:
         changed = scenario.changed(changes)
     except ScenarioError as error:

@@ -1,4 +1,4 @@
-"""Along a side slope with the whole loop
+"""Closed-loop guidance along a side slope
 
 Guided along the contour, the tractor has a steady offset from its line, because its antenna tilts and its wheels are
 steered against the slope. Averaged over noise, the steady state of the loop has a closed form. The offset y is positive
@@ -10,17 +10,17 @@ The lateral positions of antenna and CG relative to R are
 
     a = -h sin(phi) cos(beta),    c = l_r sin(beta) - h_c sin(phi) cos(beta)
 
-The paper's EKF interprets the steady steering angle as a turn, which the fixes contradict in each tick. In steady
-state, its corrections cancel the turn, with the gains K_y, K_psi of the Riccati equation of (y, psi):
+The paper's EKF interprets the steady steering angle as a rotation, which the fixes contradict in each tick. In steady
+state, its corrections cancel the rotation, with the gains K_y, K_psi of the Riccati equation of (y, psi):
 
     nu = -T V tan(delta) / (L K_psi),    sin(psi^) = (K_y / K_psi) tan(delta) / L,    y^_R = y_R + a - (1 - K_y) nu
 
-The estimated heading is thus independent of the crab, which no sensor measures: it is the steering angle divided by the
-wheelbase times a length of the filter, 2.4 m at 1.2 m/s. The estimated lateral position of the CG is y^ = y^_R + l_r
-sin(psi^). With terrain compensation, y^_R does not contain a, and the CG is estimated at y^_R + c(psi^). With a
+The estimated heading is thus independent of the crab angle, which no sensor measures. It is the steering angle divided
+by the wheelbase times a length of the filter, 2.4 m at 1.2 m/s. The estimated lateral position of the CG is y^ = y^_R +
+l_r sin(psi^). With terrain compensation, y^_R does not contain a, and the CG is estimated at y^_R + c(psi^). With a
 steering bias in the EKF, psi^ = 0 and nu = 0.
 
-The speed loop has an integral, which makes the longitudinal error tan(psi^) times the lateral one after the tanh. The
+The speed loop has an integral, which makes the longitudinal error tan(psi^) times the lateral error after the tanh. The
 kinematic law then commands gamma_ref = -(V sin(psi^) + k_s tanh(k_e y^) / cos(psi^)) / l_r while the tractor does not
 turn. The PD controller needs this gamma_ref for the steady steering angle, delta = k_P gamma_ref; a network (or any
 integral) holds delta with gamma_ref = 0. Hence
@@ -28,10 +28,10 @@ integral) holds delta with gamma_ref = 0. Hence
     k_s tanh(k_e y^) = -(V sin(psi^) + l_r delta / k_P) cos(psi^)      (with the network: without delta / k_P)
 
 and the true CG is at y = y^ - (y^ - y^_R) - (y^_R - y_R) + c. Uphill is positive; GNSS and IMU have no noise. Two
-theories must agree to 1 cm. *Held* uses roll, crab and steering angle of the run and predicts the resulting error of
-the loop, on every tyre and slope; the table shows the larger difference of both directions of travel. *From parameters*
-uses the slip angles of the section on the side slope. It has limits only in its linear range: 0.1 deg of steering is up
-to 2.5 cm.
+theories must agree with the simulation to 1 cm. *Held* uses roll, crab and steering angle of the run and predicts the
+resulting error of the loop, on every tyre and slope; the table shows the larger difference of both directions of
+travel. *From parameters* uses the slip angles of the section on the side slope. It has limits only in the linear range
+of the tyres, because 0.1 deg of steering is up to 2.5 cm.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -63,7 +63,7 @@ GAINS: dict[str, dict[str, float]] = {
         "controller.network.alpha": 0.062,
     },
 }
-"""Gains of the runs, by controller. With these gains, the offset with PD increases by 5.4 cm per degree of steering."""
+"""Gains of the loops, by controller. With these gains, the PD offset changes by 5.4 cm per degree of steering."""
 ESTIMATORS: dict[str, dict[str, Any]] = {
     "paper's sensors": {},
     "compensated": {"terrain_compensation": True},
@@ -80,7 +80,7 @@ class SlopeState(NamedTuple):
 
 
 def steady_state(tyre: Any, grade_deg: float) -> SlopeState:
-    """Return the theoretical steady state on a slope, computed without measured values."""
+    """Return the theoretical steady state on a slope, computed from parameters only."""
     grade, state = radians(grade_deg), Tractor(tyre=tyre).side_slope(grade_deg)
     crab = atan(tan(state.rear_slip) * cos(grade))
     return SlopeState(grade + state.loads.lean, crab, state.front_slip - state.rear_slip)
@@ -97,7 +97,8 @@ def gains(scenario: Scenario) -> tuple[float, float]:
 
 
 def estimated(scenario: Scenario, delta: float) -> tuple[float, float]:
-    """Return estimates at a steering angle `delta` [rad]: sin(psi) [-] and offset of R to the left of the fixes [m]."""
+    """Return the estimates of the EKF in steady state at a steering angle `delta` [rad]: sin(psi) [-], and lateral
+    offset of R from the fixes, left positive [m]."""
     if scenario.estimator.kind != "ekf":
         return 0.0, 0.0
     K_y, K_psi = gains(scenario)
@@ -125,7 +126,7 @@ def offset(scenario: Scenario, slope: SlopeState) -> float:
 
 
 class SlopeDrive(NamedTuple):
-    """Run along a contour of the slope, evaluated in steady state."""
+    """Results of a run along a contour of the slope, in steady state."""
 
     scenario: Scenario
     offset: float  # Mean uphill offset of the true CG from the line [m]
@@ -133,14 +134,14 @@ class SlopeDrive(NamedTuple):
 
 
 def loop(controller: str, estimator: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the scenario keys of a control loop, for checks and figures."""
+    """Return the scenario keys of a control loop with a controller and an estimator."""
     return {"controller.kind": controller, **GAINS[controller], "estimator": estimator, "sensors.imu.enabled": True}
 
 
 def drive(
     tyre: Any, grade_deg: float, controller: str, estimator: dict[str, Any], heading_deg: float = 0.0
 ) -> SlopeDrive:
-    """Simulate a run along a contour, eastwards (left side uphill) or westwards (180 deg). Return its final state."""
+    """Return the steady state of a run along a contour, eastwards (left side uphill) or westwards (180 deg)."""
     given = {
         "duration_s": DRIVE_S,
         "terrain": {"kind": "slope", "grade_deg": grade_deg, "direction_deg": 90.0},
@@ -162,8 +163,11 @@ def drive(
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Check the offsets on every tyre with a force law. Quick mode: PD controller and paper's EKF, eastwards on 10
-    degrees; only some tyres are tested with terrain compensation."""
+    """Yield checks of the offsets on every tyre with a force law.
+
+    Quick mode tests the PD controller with the paper's EKF on 10 degrees, eastwards. Only some tyres are tested with
+    terrain compensation.
+    """
     grades, ways = ((10.0,), (0.0,)) if m.quick else (GRADES_DEG, (0.0, 180.0))
     chosen: Iterable[tuple[str, str, Any]] = product(("pd", "pd_t2fnn"), ESTIMATORS, force_tyres())
     if m.quick:
@@ -176,7 +180,7 @@ def run(m: Trial) -> Iterator[Check]:
 
 
 def _against(m: Trial, seen: list[SlopeDrive], tyre: Any, grade_deg: float, words: str) -> Iterator[Check]:
-    """Yield checks of measured offsets `seen`, one per direction of travel, against both theories [cm]."""
+    """Yield checks of the measured offsets `seen`, one per direction of travel, against both theories [cm]."""
     pairs = [(100 * run.offset, 100 * offset(run.scenario, run.state)) for run in seen]
     worse = max(pairs, key=lambda pair: abs(pair[0] - pair[1]))
     yield m.about(f"{words}, held", tyre.kind, "cm").close(*worse, ROOM_CM)

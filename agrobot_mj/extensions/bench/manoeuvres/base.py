@@ -1,7 +1,7 @@
 """Common parts of all manoeuvres: checks with acceptance bands, plants and tyres.
 
 A manoeuvre is a file with a function `run(m: Trial) -> Iterator[Check]`. The bands state the accuracy of the simulator
-and are never widened; a check outside its band fails. Internal units are SI and radians; checks have individual units.
+and are never widened. A check outside its band fails. Internal units are SI and radians; checks have individual units.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,11 +17,11 @@ from agrobot_mj.tyres import Linear
 from agrobot_mj.tyres.bearing import FIRM
 
 BICYCLE = "bicycle"
-"""Subject of checks on the bicycle model. For a MuJoCo tractor, the subject is the kind of its tyres."""
+"""Name of the bicycle model as the subject of a check. The subject of a MuJoCo tractor is the kind of its tyres."""
 
 
 def tractor_of(mass_kg: float) -> TractorParameters:
-    """Return the default tractor, scaled geometrically to a mass [kg], without explicit tyre properties."""
+    """Return the default tractor scaled geometrically to a mass [kg], without explicit tyre properties."""
     p = TractorParameters()
     size = (mass_kg / p.mass_kg) ** (1 / 3)
     powers = {"_kg": 3, "_kg_m2": 5, "_m": 1}
@@ -31,7 +31,7 @@ def tractor_of(mass_kg: float) -> TractorParameters:
 
 
 class Check(NamedTuple):
-    """Measured value with its theoretical value and acceptance band."""
+    """Measured value with its theoretical value and its acceptance band."""
 
     manoeuvre: str
     quantity: str
@@ -45,11 +45,11 @@ class Check(NamedTuple):
 
     @property
     def passed(self) -> bool:
-        """Whether the measured value is finite and inside its band."""
+        """Whether the measured value is finite and inside its acceptance band."""
         return isfinite(self.measured) and self.low <= self.measured <= self.high
 
     def judged(self, judged: bool) -> "Check":
-        """Return the check, without acceptance limits if `judged` is False."""
+        """Return the check unchanged if `judged`, otherwise without acceptance limits."""
         return self if judged else self._replace(low=-inf, high=inf, band="reported")
 
     @property
@@ -61,7 +61,7 @@ class Check(NamedTuple):
 
 
 class About(NamedTuple):
-    """Description of a check: manoeuvre, quantity, subject and unit. Its methods create checks."""
+    """Description of a check: manoeuvre, quantity, subject and unit. The methods return checks of a measured value."""
 
     manoeuvre: str
     quantity: str
@@ -69,32 +69,32 @@ class About(NamedTuple):
     unit: str
 
     def near(self, measured: float, theory: float, share: float) -> Check:
-        """Return a check that requires a difference from `theory` of at most the fraction `share` of `theory`."""
+        """Return a check with the acceptance band `theory` +- `share` times `theory`."""
         room = share * abs(theory)
         return self._check(measured, theory, theory - room, theory + room, f"±{100 * share:g} %")
 
     def close(self, measured: float, theory: float, room: float) -> Check:
-        """Return a check that requires a difference from `theory` of at most `room` [unit]."""
+        """Return a check with the acceptance band `theory` +- `room` [unit]."""
         return self._check(measured, theory, theory - room, theory + room, f"±{room:g} {self.unit}".rstrip())
 
     def below(self, measured: float, limit: float) -> Check:
-        """Return a check that requires an absolute value of at most `limit` [unit]."""
+        """Return a check with a maximum absolute value `limit` [unit]."""
         return self._check(measured, None, -limit, limit, f"< {limit:g} {self.unit}".rstrip())
 
     def none(self, measured: float) -> Check:
-        """Return a check that requires a count of zero."""
+        """Return a check of a count that must be zero."""
         return self._check(measured, None, 0.0, 0.0, "none")
 
     def between(self, measured: float, low: float, high: float) -> Check:
-        """Return a check that requires a value from `low` to `high` [unit]."""
+        """Return a check with the acceptance band from `low` to `high` [unit]."""
         return self._check(measured, None, low, high, f"{low:g} to {high:g} {self.unit}".rstrip())
 
     def above(self, measured: float, limit: float) -> Check:
-        """Return a check that requires a value of at least `limit` [unit]."""
+        """Return a check with a minimum value `limit` [unit]."""
         return self._check(measured, None, limit, inf, f"> {limit:g} {self.unit}".rstrip())
 
     def reported(self, measured: float, theory: float | None = None) -> Check:
-        """Return a check without acceptance limits; only a finite value is required."""
+        """Return a check without acceptance limits, for values that are only reported. The value must be finite."""
         return self._check(measured, theory, -inf, inf, "reported")
 
     def _check(self, measured: float, theory: float | None, low: float, high: float, band: str) -> Check:
@@ -103,7 +103,7 @@ class About(NamedTuple):
 
 
 def tyres() -> list[Any]:
-    """Return the default tyres of all kinds for firm ground. Soil with sinkage has a separate manoeuvre."""
+    """Return the default tyres of all kinds for firm ground. Tyres on soft soil have a separate manoeuvre."""
     found: list[Any] = [kind() for kind in families()["plant.tyre"].values()]
     return [tyre for tyre in found if tyre.structure().bearing == FIRM]
 
@@ -114,38 +114,38 @@ def tyre_of(kind: str) -> Any:
 
 
 def force_tyres() -> list[Any]:
-    """Return the default tyres of all kinds with a force law, for which a theory exists."""
+    """Return the default tyres of all kinds with a force law, for which a theoretical result exists."""
     return [tyre for tyre in tyres() if tyre.judged]
 
 
 class Trial:
-    """One execution of a manoeuvre. A trial creates plants and checks, and stores curves for figures."""
+    """Execution of one manoeuvre. It creates plants and checks, and stores curves for figures."""
 
     def __init__(self, name: str, quick: bool = False) -> None:
         self.name, self.quick = name, quick
         self.curves: dict[str, Any] = {}
-        """Curves for the figures, by subject."""
+        """Curves for the figures, by subject of the check."""
         self.checks: list[Check] = []
         self._plants: list[MujocoPlant] = []
         self._warned = 0
 
     def drive(self, run: "Run") -> "Trial":
-        """Run the manoeuvre, store its checks, and return this trial."""
+        """Run the manoeuvre `run`, store its checks, and return this trial."""
         self.checks = list(run(self))
         return self
 
     def about(self, quantity: str, subject: str, unit: str = "") -> About:
-        """Return the description of a check in this trial."""
+        """Return the description of a check of this manoeuvre."""
         return About(self.name, quantity, subject, unit)
 
     def mujoco(self, tyre: Any, *place: Any, **how: Any) -> tuple[MujocoPlant, Truth]:
-        """Return the plant and truth of `mujoco_plant`. Warnings of this plant are counted."""
+        """Return a MuJoCo plant and its initial truth from `mujoco_plant`. Its warnings are counted in this trial."""
         plant, truth = mujoco_plant(tyre, *place, **how)
         self._plants.append(plant)
         return plant, truth
 
     def restart(self, plant: MujocoPlant) -> None:
-        """Reset the tractor to the origin. MuJoCo warnings up to now remain counted."""
+        """Reset the tractor to the origin. Earlier MuJoCo warnings remain counted."""
         self._warned += plant.warnings()
         plant.reset(ORIGIN)
 

@@ -1,7 +1,7 @@
 """Brake
 
-The hydrostat is disconnected, and only the brake on the rear wheels holds the tractor. Parked nose up and nose down,
-the brake is released slowly: the tractor must begin to roll at the torque
+The hydrostat is disconnected, and only the brake on the rear wheels holds the tractor. It is parked facing uphill and
+downhill, and the brake is released slowly. The tractor must begin to roll at the torque
 
     T = m g sin(theta) r_e,
 
@@ -33,11 +33,11 @@ from agrobot_mj.tyres import Linear
 
 GRADE_DEG = 8.0
 FACING = {"nose up": 0.0, "nose down": 180.0}
-"""Direction of steepest ascent [deg] for a tractor that faces east, by orientation on the slope."""
+"""Direction of steepest ascent from east [deg] by orientation on the slope, for a tractor that faces east."""
 CAPACITY_N_M, STOPPING_N_M = 1000.0, 700.0
-"""Maximum brake torque on the slope, and brake torque for stopping: half of the torque that locks the wheels [N m]."""
+"""Brake torque capacity on the slope, and brake torque for stopping: half of the torque that locks the wheels [N m]."""
 ROLLING_M_S = 0.0003
-"""Speed above which the tractor has begun to roll [m/s]: 1 % of the speed with full rolling resistance."""
+"""Speed above which the tractor counts as rolling [m/s]: 1 % of the speed with full rolling resistance."""
 FROM_M_S, TO_M_S = 2.5, 0.5
 BAND = 0.02
 MASSES_KG, PARKED_DEG = (700.0, 2000.0, 5000.0, 9000.0), 12.0
@@ -57,7 +57,7 @@ def released(plant: MujocoPlant, needed: float) -> float:
 
 
 def deceleration(plant: MujocoPlant) -> float:
-    """Return the deceleration [m/s2] on level ground from `FROM_M_S` to `TO_M_S` with `STOPPING_N_M`."""
+    """Return the deceleration on level ground from `FROM_M_S` to `TO_M_S` with the torque `STOPPING_N_M` [m/s2]."""
     plant.data.qvel[0] = 3.0
     for wheel, radius in zip(WHEELS, plant.tyred.tyres.radius, strict=True):
         plant.data.qvel[plant.model.joint(f"spin_{wheel}").dofadr[0]] = 3.0 / radius
@@ -75,7 +75,7 @@ def parked(m: Trial, mass_kg: float) -> float:
 
 
 def holding(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Check the brake torque that holds the tractor, facing uphill and downhill."""
+    """Yield checks of the brake torque that holds the tractor, facing uphill and downhill."""
     for facing, direction in FACING.items():
         plant, _ = m.mujoco(tyre, Slope(grade_deg=GRADE_DEG, direction_deg=direction), FREE)
         radii, _ = Tractor(plant.tractor, tyre).rolling(radians(GRADE_DEG))
@@ -85,7 +85,7 @@ def holding(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stopping(m: Trial, tyre: Any) -> Check:
-    """Return the check of the deceleration caused by the brake."""
+    """Return a check of the deceleration by the brake on level ground."""
     plant, _ = m.mujoco(tyre, machine=FREE)
     r, resisted = Tractor(plant.tractor, tyre).rolling()
     moved = plant.tractor.mass_kg + float(np.sum(spin_inertia(plant) / r**2))

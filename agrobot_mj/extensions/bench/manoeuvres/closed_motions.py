@@ -1,9 +1,9 @@
 """Closed motions
 
-A wheel follows a random periodic motion of sliding, rolling and load. It stands, rolls back and forth, or rolls
-forwards, with loads from almost zero to twice the static load of either axle. In the periodic steady state only losses
-may remain: over one period the ground must not do positive work on the wheel, for any phases. The work of the load is
-excluded, because a spring returns it over a period. The check includes a soil tool with varying depth.
+A wheel follows a random periodic motion of sliding, rolling and load. It is at rest, rolls back and forth, or rolls
+forwards, with loads from almost zero to twice the static load of either axle. In the periodic steady state, the ground
+may only dissipate energy: over one period it must not do positive work on the wheel, for any phases. The work of the
+load is excluded, because a spring returns it over a period. The check includes a soil tool with varying depth.
 """
 
 from collections.abc import Iterator
@@ -31,8 +31,10 @@ ROUNDING = 1e-6  # Maximum energy gain due to rounding errors, divided by the en
 
 
 class Cycle(NamedTuple):
-    """Periodic motion of one wheel that returns to its start. Each signal is given by its mean and `HARMONICS` pairs
-    (amplitude, phase), shape (5,)."""
+    """Periodic motion of one wheel that returns to its start.
+
+    Each signal has shape (5,): its mean and `HARMONICS` pairs (amplitude, phase).
+    """
 
     wheel: int  # Index of the wheel: 0 for front left, 2 for rear left
     period: float  # Period [s]
@@ -43,7 +45,7 @@ class Cycle(NamedTuple):
 
 
 def cycle(rng: np.random.Generator) -> Cycle:
-    """Return a random closed motion of a wheel that rolls or is at rest."""
+    """Return a random periodic motion of a wheel."""
     wheel, period = int(rng.choice([0, 2])), float(10 ** rng.uniform(-0.5, 0.5))
     static = TRACTOR.wheels[wheel // 2].deflection
 
@@ -67,7 +69,7 @@ def cycle(rng: np.random.Generator) -> Cycle:
 
 @jit
 def value(wave: Array, phase: float) -> float:
-    """Return the value of a signal at a phase of its period [rad]."""
+    """Return the value of a periodic signal at a phase [rad]."""
     found = wave[0]
     for k in range(HARMONICS):
         found += wave[1 + 2 * k] * np.sin((k + 1) * phase + wave[2 + 2 * k])
@@ -76,7 +78,7 @@ def value(wave: Array, phase: float) -> float:
 
 @jit
 def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int) -> tuple[float, float]:
-    """Return the work of the ground on a wheel in the last period, and the integral of the absolute power [J]."""
+    """Return work of the ground on a wheel and integral of the absolute power over the last period [J]."""
     i, dt = cycle.wheel, cycle.period / steps
     bristle, wrench, report, before = np.zeros(3), np.zeros(6), np.zeros(6), np.zeros(6)
     work, moved = 0.0, 0.0
@@ -97,7 +99,8 @@ def drive(tyres: TyreSet, ground: Ground, cycle: Cycle, steps: int, periods: int
 
 
 def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
-    """Return the work of the ground on a wheel and the integral of the absolute power in a period, (motions, 2) [J]."""
+    """Return two energies per period for each motion of a wheel, shape (motions, 2) [J]: work of the ground, and
+    integral of the magnitude of the power."""
     ground, tyres = Flat().ground(), tyre_set(tyre, TRACTOR)
     tyres.damping[:] = 0.0  # damping would reduce the load to zero
     steps = [max(300, round(one.period / DT_S)) for one in motions]
@@ -105,7 +108,8 @@ def gains(tyre: TyreBase, motions: list[Cycle]) -> Array:
 
 
 def tool_gains(motions: list[Cycle]) -> Array:
-    """Return the work of the soil on a tool and the integral of the absolute power in a period, (motions, 2) [J]."""
+    """Return two energies per period for each motion of a soil tool, shape (motions, 2) [J]: work of the soil, and
+    integral of the magnitude of the power."""
     law, found = Tool(suction_share=0.0).law(), []
     for one in motions:
         memory, before, work, moved, n = np.zeros(MEMORIES), np.zeros(3), 0.0, 0.0, 300
@@ -123,7 +127,7 @@ def tool_gains(motions: list[Cycle]) -> Array:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of random motions: a wheel with each tyre, with and without carcass damping, and a tool."""
+    """Yield checks of the work in random motions of a wheel (each tyre, carcass damped or undamped) and a tool."""
     rng = np.random.default_rng(SEED)
     motions = [cycle(rng) for _ in range(BRIEFLY if m.quick else MOTIONS)]
     some = motions[: len(motions) // 10]

@@ -45,7 +45,7 @@ def theory(plant: MujocoPlant, paper: Tractor) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the acceleration with every tyre, also in quick mode."""
+    """Yield checks of the downhill acceleration with every tyre, also in quick mode."""
     for tyre in tyres():
         slope, free = Slope(grade_deg=GRADE_DEG, direction_deg=180.0), Machine(driveline=Driveline(connected=False))
         plant, _ = m.mujoco(tyre, slope, free, settle_s=0.0)

@@ -1,4 +1,4 @@
-"""Halving the physics step
+"""Convergence with the physics step
 
 The figure eight is simulated in closed loop with noise, at physics steps of 2 ms and 1 ms. The RMS lateral error must
 be nearly equal. The tyre `contact` is reported without limits.
@@ -26,7 +26,8 @@ def lateral_rms(tyre: Any, dt: float, duration_s: float | None) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the change with every tyre. Quick mode simulates the first seconds, on tyres with a force law."""
+    """Yield checks of the change of the lateral error with the physics step, for every tyre. Quick mode simulates only
+    the first seconds, on tyres with a force law."""
     for tyre in force_tyres() if m.quick else tyres():
         coarse, fine = (lateral_rms(tyre, dt, BRIEFLY_S if m.quick else None) for dt in (STEP_S, STEP_S / 2))
         change = m.about("change of lateral rms, 2 ms to 1 ms", tyre.kind, "%")

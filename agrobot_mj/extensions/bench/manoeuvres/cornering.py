@@ -28,7 +28,7 @@ BAND = 0.02
 
 
 def hold_radius(radius: float, wheelbase: float) -> Steer:
-    """Return a steering function that holds a path radius [m] by integrating the error of the curvature."""
+    """Return a steering function that holds a path radius [m] by integral control of the curvature."""
     steer = wheelbase / radius
 
     def rule(truth: Truth) -> float:
@@ -42,7 +42,7 @@ def hold_radius(radius: float, wheelbase: float) -> Steer:
 
 
 def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Array = SPEEDS_M_S) -> Array:
-    """Return, at each speed, the lateral acceleration [m/s2] and the steering angle minus L / R [rad], shape (n, 2)."""
+    """Return lateral acceleration [m/s2] and steering angle minus L / R [rad] at each speed, shape (n, 2)."""
     L = driver.plant.tractor.wheelbase_m
     rule, rows = hold_radius(radius, L), []
     for speed in speeds:
@@ -54,7 +54,7 @@ def circle(driver: Driver, seconds: float, radius: float = RADIUS_M, speeds: Arr
 
 
 def paper_gradient(kind: str) -> float:
-    """Return the understeer gradient by the formula of the paper [rad s2/m], for the bicycle or the `linear` tyre."""
+    """Return the understeer gradient of the bicycle or the `linear` tyre by the formula of the paper [rad s2/m]."""
     tyre, bicycle = Linear(), Bicycle()
     front, rear = bicycle.front_cornering_stiffness_n_rad, bicycle.rear_cornering_stiffness_n_rad
     if kind != BICYCLE:
@@ -72,8 +72,7 @@ def theory(kind: str) -> float | None:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the understeer gradient for the bicycle model and every tyre model. Runs are shorter in quick
-    mode."""
+    """Yield checks of the understeer gradient for the bicycle model and every tyre. Runs are shorter in quick mode."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = rows = circle(Driver(plant, truth), 12.0 if m.quick else 30.0)
         about, wanted = m.about("understeer gradient", subject, "mrad s2/m"), theory(subject)

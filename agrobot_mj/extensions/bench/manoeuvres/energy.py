@@ -32,7 +32,7 @@ BAND = 0.02  # Maximum residual of the balance divided by the change of kinetic 
 
 
 class Wheel:
-    """State of one wheel during a physics step: position at its start, motion at its middle."""
+    """Geometry of one wheel at the start of a physics step, from which the powers of its tyre are computed."""
 
     def __init__(self, plant: MujocoPlant, i: int, normal: Array) -> None:
         body = plant.views.wheels[i]
@@ -75,7 +75,7 @@ class Wheel:
 
 
 class Books:
-    """Sums of energies since the start [J]."""
+    """Energy balance of a plant: sums of all energies since the start [J]."""
 
     def __init__(self, plant: MujocoPlant) -> None:
         self.plant = plant
@@ -89,12 +89,12 @@ class Books:
         self.jacobians = np.zeros((2, 3, plant.model.nv))
 
     def stored(self) -> Array:
-        """Return the current potential and kinetic energy, shape (2,) [J]."""
+        """Return the potential and kinetic energy of the plant, shape (2,) [J]."""
         mujoco.mj_forward(self.plant.model, self.plant.data)
         return np.array(self.plant.data.energy, dtype=np.float64)
 
     def step(self, drive: Drive) -> Any:
-        """Advance the plant by one physics step, add its powers to the sums, and return the truth."""
+        """Advance the plant by one physics step, add its energies to the sums, and return the truth."""
         plant, data = self.plant, self.plant.data
         before = data.qvel.copy()
         wheels = [Wheel(plant, i, self.normal) for i in range(4)]
@@ -121,7 +121,7 @@ class Books:
 
 
 def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
-    """Simulate the weaving path with one physics step per call, and return the energy sums."""
+    """Simulate the weaving path and return its energy sums. Each call of the plant is one physics step."""
     books, driver = Books(plant), Driver(plant, truth, SPEED_M_S)
     for step in range(round(seconds / DT_S)):
         if step % round(TICK_S / DT_S) == 0:
@@ -132,7 +132,7 @@ def balance(plant: MujocoPlant, truth: Any, seconds: float) -> Books:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the energy balance for every tyre with a force law. In quick mode, a run lasts a few seconds."""
+    """Yield checks of the energy balance for every tyre with a force law. Quick mode simulates only a few seconds."""
     for tyre in force_tyres():
         plant, truth = m.mujoco(tyre, SLOPE, dt=DT_S, tick_s=DT_S)
         books = balance(plant, truth, BRIEFLY_S if m.quick else DURATION_S)

@@ -1,4 +1,5 @@
-"""Figures of the validation: step steer, crab angle on a slope, understeer. Markers show measurements, lines theory."""
+"""Figures of the validation: step steer, crab angle on a slope, offset on a slope, understeer. Markers show
+measurements, lines theory."""
 
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -27,7 +28,7 @@ STYLES = dict(zip(ESTIMATORS, ("-", "--", ":"), strict=True))
 
 
 def write_figures(found: Mapping[str, Trial], folder: Path) -> list[Path]:
-    """Draw the figures of all manoeuvres in `found` (by name) into `folder`, and return the files."""
+    """Draw the figures of all manoeuvres in `found` (trials by name) into `folder`, and return the files."""
     with mpl.rc_context(STYLE):
         return [
             save(draw(found[manoeuvre].curves), folder / f"{draw.__name__}.png")
@@ -52,7 +53,7 @@ def step_steer(steps: Mapping[str, Step]) -> Figure:
 
 
 def side_slope(rows: Mapping[str, list[tuple[float, float]]]) -> Figure:
-    """Plot the crab angle of the heading versus the grade, and the mean crab angle from the total stiffness."""
+    """Plot the crab angle of the heading versus the grade, with the theoretical mean crab angle."""
     figure = Figure((PANEL_WIDTH_IN + 1.0, 3.2), layout="constrained")
     axes, grades = figure.subplots(), np.linspace(0.0, 16.0, 33)
     for kind, seen in rows.items():
@@ -121,4 +122,4 @@ FIGURES: dict[str, Callable[[Any], Figure]] = {
     "antenna lean": antenna_lean,
     "constant radius": understeer,
 }
-"""Functions that plot the curves of a manoeuvre, by name of the manoeuvre. The file is named after the function."""
+"""Plot functions by name of the manoeuvre. The file has the name of the function."""

@@ -1,9 +1,9 @@
-"""Filters against filterpy
+"""Comparison of the filters with filterpy
 
 `estimator.backend = "filterpy"` computes the velocity and pose filters with filterpy's `KalmanFilter` and
-`ExtendedKalmanFilter`. Both backends estimate the same measured figure eight; their maximum differences over the run
-are due to rounding alone. Closed loop amplifies this rounding about tenfold in 5 s, so that two runs with different
-backends differ by centimetres at their end.
+`ExtendedKalmanFilter`. Both backends process the same measurements of a figure eight. Their maximum differences over
+the run are due to rounding alone. Closed loop amplifies this rounding about tenfold in 5 s, so that two runs with
+different backends differ by centimetres at their end.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ BRIEFLY_S = 20.0  # Duration of the run in quick mode [s]
 
 
 def differences(kind: str, duration_s: float | None) -> tuple[float, float, float]:
-    """Return the maximum differences between both backends: position [m], yaw [rad], covariance [m2, rad2]."""
+    """Return the maximum differences between the backends: position [m], yaw [rad], covariance [m2, rad2]."""
     changes = {"estimator.kind": kind, **({"duration_s": duration_s} if duration_s else {})}
     sim = Simulation("figure_eight", changes)
     sim.reset()
@@ -39,7 +39,7 @@ def differences(kind: str, duration_s: float | None) -> tuple[float, float, floa
 
 
 def _numbers(estimate: Estimate) -> Array:
-    """Return position, yaw and covariance of an estimate, shape (12,)."""
+    """Return position, yaw and covariance of an estimate as one vector, shape (12,)."""
     return np.array((estimate.rear_x, estimate.rear_y, estimate.yaw, *estimate.covariance.ravel()))
 
 

@@ -39,24 +39,24 @@ SHARP = 0.25  # Steering angle for the slow circle [rad]
 BAND = 0.02
 TYRE = Linear()
 AXLES = 2 * TYRE.front_cornering_stiffness_n_rad, 2 * TYRE.rear_cornering_stiffness_n_rad
-"""Cornering stiffnesses of the front and the rear axle [N/rad]."""
+"""Cornering stiffnesses of the front axle and of the rear axle [N/rad]."""
 PLOUGH = Mounted(
     tool=Tool(draught_scale=0.0, noise_share=0.0, cornering_stiffness_n_deg=200.0, side_limit_n=1e5), mass_kg=110.0
 )
-"""Mounted tool with lateral forces only."""
+"""Mounted tool with lateral forces and without draught."""
 TRAILER = Drawn(cg_height_m=0.5)
 CHISEL = Tool(type="chisel_plough", size=3.0, depth_m=0.1, texture="fine", noise_share=0.0, suction_share=0.0)
 
 
 class Steady(NamedTuple):
-    """Steady turn of tractor and implement, relative to the steering angle."""
+    """Steady turn of tractor and implement, per unit steering angle."""
 
     gain: float  # Yaw rate divided by steering angle [1/s]
     hitch: float  # Hitch angle divided by steering angle [-]
 
 
 def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady:
-    """Return the theoretical steady turn with a rigidly mounted tool, at the speed `u` [m/s]."""
+    """Return the theoretical steady turn of a tractor with a rigidly mounted tool, at the speed `u` [m/s]."""
     (C_f, C_r), L = AXLES, tractor.wheelbase_m
     C_t = plough.tool.cornering_stiffness_n_deg * 180 / np.pi
     x_t, x_i = tractor.hitch_behind_m + plough.tool_behind_m, tractor.hitch_behind_m + plough.cg_behind_m
@@ -72,7 +72,7 @@ def three_axles(tractor: TractorParameters, plough: Mounted, u: float) -> Steady
 
 
 def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady:
-    """Return the theoretical steady turn with a trailer on a pin, at the speed `u` [m/s]."""
+    """Return the theoretical steady turn of a tractor with a trailer, at the speed `u` [m/s]."""
     (C_f, C_r), L, b = AXLES, tractor.wheelbase_m, tractor.hitch_behind_m
     C_i = C_r * trailer.slip_stiffness_scale
     share = trailer.cg_behind_m / trailer.axle_behind_m
@@ -86,13 +86,13 @@ def with_trailer(tractor: TractorParameters, trailer: Drawn, u: float) -> Steady
 
 
 class Hauler:
-    """Tractor with an implement, controlled with the true state."""
+    """Tractor with an implement, controlled with true state values."""
 
     def __init__(self, m: Trial, implement: ImplementBase, tyre: Any = TYRE) -> None:
         self.driver = Driver(*m.mujoco(tyre, machine=STOCK._replace(implement=implement)))
 
     def drive(self, speed: float, seconds: float, steer: float) -> dict[str, Array]:
-        """Continue the run. Return signals of truth and implement during the last second, each of shape (20,)."""
+        """Drive for `seconds` [s]. Return signals of tractor and implement in the last second, shape (20,) each."""
         self.driver.speed = speed
         self.driver.go(seconds - 1.0, steer)
         rows, reported = [], [column.name for column in COLUMNS]
@@ -104,7 +104,7 @@ class Hauler:
 
 
 def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: float) -> Iterator[Check]:
-    """Yield checks of yaw-rate gain and hitch angle against the theory at every speed."""
+    """Yield checks of yaw-rate gain and hitch angle against theory, at several speeds."""
     hauler = Hauler(m, implement)
     for speed in SPEEDS_M_S:
         found = hauler.drive(speed, seconds, STEER)
@@ -117,14 +117,14 @@ def turns(m: Trial, implement: ImplementBase, theory: Any, words: str, seconds: 
 
 
 def radius_of(truth: dict[str, Array], x: str, y: str) -> float:
-    """Return the mean distance [m] of a point from the instantaneous centre of rotation of the tractor."""
+    """Return the mean distance of point `x`, `y` from the tractor's instantaneous centre of rotation [m]."""
     R = truth["speed"] / truth["yaw_rate"]
     c_x, c_y = truth["rear_x"] - R * np.sin(truth["yaw"]), truth["rear_y"] + R * np.cos(truth["yaw"])
     return float(np.hypot(truth[x] - c_x, truth[y] - c_y).mean())
 
 
 def off_tracking(m: Trial, seconds: float) -> Check:
-    """Return the check of the radius of the trailer axle on a slow circle."""
+    """Return a check of the radius of the trailer axle on a slow circle."""
     b, d = STOCK.tractor.hitch_behind_m, TRAILER.axle_behind_m
     found = Hauler(m, TRAILER).drive(0.5, seconds, SHARP)
     wanted = (radius_of(found, "rear_x", "rear_y") ** 2 + b * b - d * d) ** 0.5
@@ -133,7 +133,7 @@ def off_tracking(m: Trial, seconds: float) -> Check:
 
 
 def pulls(m: Trial, seconds: float) -> Iterator[Check]:
-    """Yield checks of the draught against the formula of the standard, and of the balance of forces at the hitch."""
+    """Yield checks of the draught by the formula of the standard, and of the pull by the sum of resistances."""
     tyre, row = MagicFormula(), TOOLS[CHISEL.type]
     hauler = Hauler(m, Drawn(lowered=True, tool=CHISEL), tyre)
     for speed in SPEEDS_M_S[:2]:
@@ -148,7 +148,7 @@ def pulls(m: Trial, seconds: float) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield all checks of implements. Quick mode has shorter runs."""
+    """Yield all checks of implements. Runs are shorter in quick mode."""
     seconds = 14.0 if m.quick else 25.0
     yield from turns(m, PLOUGH, three_axles, "mounted tool", seconds)
     yield from turns(m, TRAILER, with_trailer, "trailer", seconds)

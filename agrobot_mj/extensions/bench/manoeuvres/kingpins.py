@@ -1,7 +1,7 @@
 """Steering with mechanics: kingpins, cylinder and load
 
 A steering system that is sized for its class (cylinder, valve section, kingpins with offset, inclination and friction)
-turns the wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. The theoretical torque of the parked
+steers the wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. The theoretical torque of the parked
 tractor is the rule of manufacturers of steering units, mu W sqrt(b^2 / 8 + e^2), with the tyre width b and the kingpin
 offset e [Eaton2006]. The rule assumes blocked wheels. Here the wheels roll about their kingpins, so that e adds only
 rolling resistance. With a relief pressure below the parking pressure, the steering stalls at rest and works while the
@@ -32,28 +32,28 @@ LINKAGE = Linkage(kingpin_offset_m=0.03, kingpin_inclination_deg=8.0, caster_deg
 SIZED = Machine(valve=VALVE, cylinder=CYLINDER, linkage=LINKAGE)
 """Steering system sized for the class of the tractor, as in the scenario `steering_backlash`."""
 RATE_DEG_S, ENDS_DEG, WITHIN_DEG = 10.0, 15.0, 8.0
-"""Rate [deg/s] and end angles [deg] of steering sweeps, and range of angles in which torques are averaged [deg]."""
+"""Rate [deg/s] and end angle [deg] of steering sweeps, and maximum angle for averaging torques [deg]."""
 SPEED_M_S = 1.0
 CASTER_DEG = 6.0
 WEAK_BAR = 25.0  # Relief pressure that is too low for steering at standstill [bar]
 
 
 class Turning(NamedTuple):
-    """Mean torques of a steering sweep."""
+    """Mean steering torques of a steering sweep in both directions."""
 
     torque: float  # Torque that opposes the motion [N m], mean of both directions
     offset: float  # Half of the difference between the torques in both directions [N m]
 
 
 def volts(machine: Machine, side: int, rate_deg_s: float) -> float:
-    """Return the valve voltage [V] for a steady steering rate to one side (1 left, -1 right)."""
+    """Return the valve voltage for a steady steering rate to one side (1 left, -1 right) [V]."""
     gain = machine.valve.gain_left_l_min_v if side > 0 else machine.valve.gain_right_l_min_v
     flow = radians(rate_deg_s) * machine.cylinder.displacement * 6e4
     return NEUTRAL_V + side * (machine.valve.dead_band_v + flow / gain)
 
 
 def driver_of(plant: MujocoPlant, speed: float) -> Driver:
-    """Return a driver whose tractor is at rest or rolls straight."""
+    """Return a driver with a tractor at rest, or rolling straight ahead at `speed` [m/s]."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     if speed:
         driver.go(3.0)
@@ -61,7 +61,7 @@ def driver_of(plant: MujocoPlant, speed: float) -> Driver:
 
 
 def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
-    """Steer left, right and left about an angle. Return the mean torques of the last two sweeps within `WITHIN_DEG`."""
+    """Steer left, right, left about an angle. Return mean torques of the last two sweeps within +-`WITHIN_DEG`."""
     torques: dict[int, list[float]] = {1: [], -1: []}
     for turn, side in enumerate((1, -1, 1)):
         for _ in range(200):
@@ -76,23 +76,23 @@ def sweep(driver: Driver, machine: Machine, middle_deg: float = 0.0) -> Turning:
 
 
 def scrubbing(front_load: float, width: float, offset: float) -> float:
-    """Return the torque for turning both parked wheels [N m], by the rule of manufacturers."""
+    """Return the steering torque of both parked front wheels by the rule of manufacturers [N m]."""
     return DRY_GRIP * front_load * sqrt(width**2 / 8 + offset**2)
 
 
 def changed(**linkage: float) -> Machine:
-    """Return the machine with the kingpin parameters in `linkage`."""
+    """Return the machine `SIZED` with other linkage parameters."""
     return SIZED._replace(linkage=LINKAGE.model_copy(update=linkage))
 
 
 def loaded_radius(plant: MujocoPlant) -> float:
-    """Return the height [m] of the centre of a front wheel above the ground at static load."""
+    """Return the height of the front wheel centre above the ground at static load [m]."""
     tractor = plant.tractor
     return tractor.front_wheel_radius_m - tractor.front_axle_load / 2 / tractor.front_wheel.stiffness
 
 
 def parked(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Yield checks of torque and pressure, parked and rolling, with two kingpin offsets."""
+    """Yield checks of steering torque and pressure, parked and rolling, for two kingpin offsets."""
     for offset in (0.0, LINKAGE.kingpin_offset_m):
         machine = changed(kingpin_offset_m=offset)
         plant, _ = m.mujoco(tyre, machine=machine)
@@ -108,7 +108,7 @@ def parked(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
-    """Yield checks of the steering rate at a low relief pressure, parked and rolling."""
+    """Yield checks of the steering rate with a low relief pressure, parked and rolling."""
     machine = SIZED._replace(cylinder=CYLINDER.model_copy(update={"relief_pressure_bar": WEAK_BAR}))
     plant, _ = m.mujoco(tyre, machine=machine)
     rates = []
@@ -123,7 +123,7 @@ def stalled(m: Trial, tyre: Any) -> Iterator[Check]:
 
 
 def lifted(m: Trial) -> Check:
-    """Return the check of the torque that lifts the tractor at 20 degrees of steering, on tyres without scrubbing."""
+    """Return a check of the steering torque that lifts the tractor at 20 degrees, on tyres without scrubbing."""
     tyre, angle = MagicFormula(patch_half_length_m=0.0, trail_m=0.0), 20.0
     machine = changed(caster_deg=0.0, kingpin_offset_m=0.06, friction_n_m=0.0)
     plant, _ = m.mujoco(tyre, machine=machine)
@@ -135,7 +135,7 @@ def lifted(m: Trial) -> Check:
 
 
 def trailing(m: Trial, tyre: Any) -> Check:
-    """Return the check of the torque added by caster in a steady bend, at 10 degrees of steering and 3 m/s."""
+    """Return a check of the steering torque due to caster in a steady bend, at 10 degrees of steering and 3 m/s."""
     torques = []
     for caster in (0.0, CASTER_DEG):
         machine = changed(kingpin_offset_m=0.0, kingpin_inclination_deg=0.0, friction_n_m=0.0, caster_deg=caster)

@@ -1,9 +1,9 @@
 """Axle loads on slopes
 
-Parked on 15 degrees, the wheel loads must equal the static loads. Facing uphill and downhill, these follow from moments
-about an axle, with the pitch due to tyre deflection. Across the slope, they follow from moments about the line through
-the pivot of the front axle, which transfers the complete roll moment of the body to the rear wheels, with the roll due
-to rear tyre deflection and the side deflection of the carcasses.
+Parked on 15 degrees, the wheel loads must equal the static loads. Facing uphill and downhill, the static loads follow
+from moments about an axle, with the pitch due to tyre deflection. Across the slope, they follow from moments about the
+line through the pivot of the front axle, with the roll due to rear tyre deflection and the side deflection of the
+carcasses. The pivot transfers the complete roll moment of the body to the rear wheels.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ BAND = 0.01  # Maximum difference between measured and theoretical load, divided
 
 
 def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, float]:
-    """Return the static loads of front and rear axle [N] on a slope [rad], positive for a tractor that faces uphill."""
+    """Return the static loads of front and rear axle on a slope [N]. `grade` [rad] is positive facing uphill."""
     L, weight = tractor.wheelbase_m, tractor.mass_kg * GRAVITY
     front = tractor.front_axle_load
     for _ in range(5):
@@ -38,7 +38,7 @@ def facing_uphill(tractor: TractorParameters, grade: float) -> tuple[float, floa
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the wheel loads with every tyre, also in quick mode."""
+    """Yield checks of the wheel loads on a slope with every tyre, also in quick mode."""
     for tyre in tyres():
         theory_tyre = tyre if tyre.judged else LINEAR
         for facing, direction in FACING.items():

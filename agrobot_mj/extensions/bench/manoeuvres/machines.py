@@ -1,10 +1,10 @@
 """Shipped machines along a side slope
 
 Every machine of `agrobot-mj list --machines` drives `side_slope_10` without its implement, with the law of that
-scenario, the gains of the section on the whole loop, and GNSS without noise. The machine must be at rest at the start.
-While it moves, its rear wheels must have the slip angle that supports their fraction of m g sin(theta), by the theory
-of the section on the side slope with the dimensions and tyres of the machine. The offset from the line is compared with
-the closed form of the section on the whole loop, for the measured roll, crab and steering angles.
+scenario, the gains of the section on closed-loop guidance, and GNSS without noise. The machine must be at rest at the
+start. While it moves, its rear wheels must have the slip angle that supports their fraction of m g sin(theta), by the
+theory of the section on the side slope with the dimensions and tyres of the machine. The offset from the line is
+compared with the closed form of the section on closed-loop guidance, for the measured roll, crab and steering angles.
 """
 
 from collections.abc import Iterator
@@ -38,12 +38,12 @@ BARE: dict[str, Any] = {
 
 
 def scenario_of(machine: str) -> Scenario:
-    """Return the side-slope scenario with a machine, but without its implement and without GNSS noise."""
+    """Return the side-slope scenario of a machine, without its implement and without GNSS noise."""
     return load_scenario("side_slope_10", {"machine": machine, **BARE})
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of every machine. Quick mode tests only the machines in `QUICK`."""
+    """Yield checks of every shipped machine. Quick mode tests only the machines in `QUICK`."""
     for machine in QUICK if m.quick else machine_files():
         yield from _on_slope(m, machine)
 

@@ -16,7 +16,7 @@ from agrobot_mj.terrain import Slope
 
 GRADE_DEG = 15.0
 FACING = {"uphill": 0.0, "downhill": 180.0, "across": 90.0}
-"""Direction of steepest ascent [deg] for a tractor that faces east, by orientation on the slope."""
+"""Direction of steepest ascent from east [deg] by orientation on the slope, for a tractor that faces east."""
 SETTLED_S, PARKED_S, BRIEFLY_S = 10.0, 600.0, 30.0
 DRIFT_MM = 1.0  # Maximum displacement in ten minutes [mm]
 
@@ -32,7 +32,7 @@ def drift(plant: MujocoPlant, seconds: float) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the displacement with every tyre. Quick mode simulates only half a minute."""
+    """Yield checks of the displacement on a slope with every tyre. Quick mode simulates only half a minute."""
     seconds = BRIEFLY_S if m.quick else PARKED_S
     for tyre in tyres():
         for facing, direction in FACING.items():

@@ -1,12 +1,12 @@
-"""Outside references
+"""Published reference values
 
-Results are compared with numbers from outside the project. Loaded radii of tyres by size code and pressure: four prints
-of a dealer in row-crop wheels [BWT2026], for which the usual loads at 1.6 bar are assumed, and one data sheet with load
-and pressure [Mitas2026]. Best efficiency of a tractor of the utility class with rear-wheel drive, and the slip at which
-it is reached: a table for farmers [Arizona2026]. The efficiency is drawbar power divided by power at the power
-take-off, with load transfer and gear losses, on tyres by size. The tip-over angle of every machine is next to the 38
-degrees that narrow tractors must reach in a stability test [OECD2012]. It is reported without limits, because the
-methods differ.
+Results are compared with numbers from outside the project. Loaded radii of tyres by size code and pressure: four
+publications of a dealer in row-crop wheels [BWT2026], for which the usual loads at 1.6 bar are assumed, and one data
+sheet with load and pressure [Mitas2026]. Maximum efficiency of a tractor of the utility class with rear-wheel drive,
+and the slip at this efficiency: a table for farmers [Arizona2026]. The efficiency is drawbar power divided by power at
+the power take-off, with load transfer and gear losses, on tyres by size. The tip-over angle of every machine is
+reported next to the 38 degrees that narrow tractors must reach in a stability test [OECD2012]. It has no limits,
+because the methods differ.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from agrobot_mj.tyres.laws import tyre_set
 
 
 class LoadedRadius(NamedTuple):
-    """Published loaded radius of a tyre."""
+    """Published loaded radius of a tyre at a load and inflation pressure."""
 
     code: str
     load_kg: float  # Load [kg]
@@ -41,7 +41,7 @@ RADII = (
     LoadedRadius("650/65R42", 4250, 1.6, 0.858),
     LoadedRadius("12-16.5", 2800, 5.52, 0.3835),
 )
-"""Published radii: from [BWT2026] with assumed loads, and in the last line from [Mitas2026]."""
+"""Published loaded radii: from [BWT2026] with assumed loads, and in the last line from [Mitas2026]."""
 SOILS = {
     "firm": (1200.0, 0.72, (8.0, 10.0)),
     "tilled": (900.0, 0.67, (11.0, 13.0)),
@@ -49,7 +49,7 @@ SOILS = {
 }
 """Cone index [kPa] (assumed value), published efficiency [-] and slip range [%], by soil [Arizona2026]."""
 RADIUS_BAND, EFFICIENCY_ROOM, SLIP_ROOM = 0.015, 0.1, 4.0
-"""Acceptance limits: radius [relative], efficiency [-], and deviation from the published slip range [%]."""
+"""Acceptance limits of loaded radius [relative], efficiency [-], and deviation from the published slip range [%]."""
 GEARS = 0.96  # Power at the axle divided by power at the power take-off [-]. Assumed value (0.94-0.97).
 STABILITY_DEG = 38.0  # Minimum angle of the lateral stability test of narrow tractors [deg] [OECD2012]
 TYRES = {"front_tyre": "380/70R24", "rear_tyre": "480/70R34"}  # Tyre sizes of the utility class
@@ -89,7 +89,7 @@ def best_pull(tractor: TractorParameters, cone_index_kpa: float) -> Pull:
 
 
 def pull_at(tractor: TractorParameters, cone_index_kpa: float, slip: float) -> Pull:
-    """Return the operating point at a slip of the rear wheels [-], with the load transfer caused by the pull."""
+    """Return the operating point at a slip of the rear wheels [-], including the load transfer due to the pull."""
     tyres, footing = tyre_set(Soil(cone_index_kpa=cone_index_kpa), tractor), Footing(1.0, 1e3 * cone_index_kpa)
     laws, pull, gross = (tyres.front, tyres.rear), 0.0, 0.0
     for _ in range(20):

@@ -33,17 +33,17 @@ SOILS = {
     "dry sand": Ruts(k_c_kn=0.99, k_phi_kn=1528.0, exponent=1.1, cohesion_kpa=1.04, friction_deg=28.0),
     "clayey soil": Ruts(k_c_kn=13.19, k_phi_kn=692.0, exponent=0.5, cohesion_kpa=4.14, friction_deg=13.0),
 }
-"""Soil parameters of [Wong2008]; parameters without a source are assumed values."""
+"""Soil parameters of [Wong2008]. Parameters without a published value are assumed values."""
 WAY_M, STEP_M, DT_S = 3.0, 0.0024, 0.002
-"""Length of a pass [m]; distance travelled in a time step [m] and duration of this step [s], for 1.2 m/s."""
+"""Length of a pass [m], distance per time step [m] and duration of a time step [s], for 1.2 m/s."""
 HEADING = 0.3  # Heading of the wheel, oblique to the cell grid of the soil memory [rad]
 BAND, CLOSED = 0.02, 0.005
-"""Maximum relative errors [-] of the resistance of a wheel, and of the closed forms for a plate."""
+"""Acceptance limits of the wheel resistance and of the closed forms for a plate [relative]."""
 PASSES = 10
 
 
 class Pass(NamedTuple):
-    """One pass of a wheel over the soil, evaluated in the middle third of its length."""
+    """Results of one pass of a wheel over the soil, evaluated in the middle third of its length."""
 
     resistance: float  # Mean motion resistance [N]
     depth: float  # Depth at the centre of the rut [m]
@@ -67,7 +67,7 @@ def tow(soil: Bearing, tread: Tread, memory: SoilMemory, load: float, frame: Arr
 
 
 def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
-    """Return the results of `count` passes of the rear wheel along the same track."""
+    """Return the results of `count` passes of a rear wheel along the same track."""
     soil = tyre.structure().bearing
     tread = tread or treads(soil, TRACTOR)[1]
     ground: Ground = with_soil_memory(plane(0.0, 0.0, 2 * WAY_M), soil)
@@ -84,7 +84,7 @@ def passes(tyre: Ruts, count: int, tread: Tread | None = None) -> list[Pass]:
 
 
 def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
-    """Return the depth at the centre of a rut [m], and the work of compaction divided by the length [N]."""
+    """Return the depth at the centre of the rut [m], and the work of compaction per unit length [N]."""
     along = ruts.x * np.cos(HEADING) + ruts.y * np.sin(HEADING)
     aside = np.abs(ruts.y * np.cos(HEADING) - ruts.x * np.sin(HEADING))
     here = (along > WAY_M / 3) & (along < 2 * WAY_M / 3)
@@ -96,7 +96,7 @@ def _rut(ruts: RutMap, soil: Bearing, width: float) -> tuple[float, float]:
 
 
 def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
-    """Yield checks of a plate: pressure versus plastic sinkage, rebound stiffness, and repeated loading."""
+    """Yield checks of a plate on soil: pressure versus plastic sinkage, rebound stiffness, and repeated loading."""
     soil, b = tyre.structure().bearing, 0.2
     k = soil.k_c / b + soil.k_phi
     cell = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -116,7 +116,7 @@ def plate(m: Trial, tyre: Ruts) -> Iterator[Check]:
 
 
 def repeated(soil: Bearing, k: float, count: int) -> float:
-    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa, divided by that after the first [-]."""
+    """Return the plastic sinkage of a plate after `count` loadings to 100 kPa relative to one loading [-]."""
     cell, depth, sunk = SoilCell(0.0, 0.0, 0.0, 0.0, 0.0), 0.0, []
     for _ in range(count):
         while cell.pressure < 1e5:
@@ -129,7 +129,7 @@ def repeated(soil: Bearing, k: float, count: int) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of plate, towed wheel and repeated passes. Quick mode tests only one soil."""
+    """Yield checks of plate, towed wheel and repeated passes on several soils. Quick mode tests only one soil."""
     yield from plate(m, Ruts())
     for name, tyre in list(SOILS.items())[: 1 if m.quick else None]:
         soil, width = tyre.structure().bearing, TRACTOR.rear_wheel_width_m

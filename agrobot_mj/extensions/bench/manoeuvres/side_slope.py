@@ -1,15 +1,15 @@
-"""Straight across a side slope
+"""Crab angle across a side slope
 
 Steered along the contour on a straight course, the tractor crabs: its heading points uphill of its course. Two angles
 are measured, each with a separate theory.
 
 The *crab of the heading* is the slip angle of the rear wheels. The rear axle carries the fraction of m g sin(theta)
-given by the yaw balance, about l_f / L; rolling resistance, larger on the lower wheels, and the pneumatic trails shift
-some of it to the front axle.
+given by the yaw balance, about l_f / L. Rolling resistance, larger on the lower wheels, and the pneumatic trails shift
+some of the side force to the front axle.
 
 The *mean crab* is the mean of the angles of front and rear wheels to the course, weighted by cornering stiffness. Both
-forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) / (C_f + C_r). It has
-acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The crab of the heading is
+side forces always sum to m g sin(theta), so that in the linear range the mean crab is m g sin(theta) / (C_f + C_r). It
+has acceptance limits while the tyre force at that slip is within 3 % of its tangent at zero. The crab of the heading is
 smaller than the mean and that of the front wheels larger, because the tractor understeers.
 """
 
@@ -27,18 +27,18 @@ GRADES_DEG = (2.0, 5.0, 10.0, 15.0)
 SPEED_M_S = 1.2
 BAND = 0.05
 LINEAR_SHARE = 0.97
-"""Minimum ratio of tyre force to its tangent at zero slip [-], above which the tyre is in the linear range."""
+"""Minimum ratio of the tyre force to its tangent at zero slip in the linear range [-]."""
 
 
 def traverse(driver: Driver, grade_deg: float, seconds: float) -> tuple[float, float]:
-    """Return the angles [deg] of rear and front wheels to the course, in the ground plane and positive uphill."""
+    """Return the angles of rear and front wheels to the course [deg], in the ground plane and positive uphill."""
     trace = driver.go(seconds, track_course())
     heading = atan(tan(trace.mean("yaw", 3.0)) / cos(radians(grade_deg)))
     return degrees(heading), degrees(heading + trace.mean("steer", 3.0))
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the crab angles with every tyre. Quick mode tests all slopes except 10 degrees."""
+    """Yield checks of the crab angles on side slopes with every tyre. Quick mode omits the slope of 10 degrees."""
     for tyre in tyres():
         for grade in GRADES_DEG:
             if m.quick and grade == 10.0:
@@ -64,7 +64,7 @@ def _against(m: Trial, tyre: Any, grade: float, rear: float, front: float) -> li
 
 
 def linear_slip(paper: Tractor, grade_deg: float) -> float:
-    """Return the slip angle [rad] at which both axles, with linear tyres, support the tractor on a side slope."""
+    """Return the mean slip angle at which linear tyres support the tractor on a side slope [rad]."""
     return paper.p.mass_kg * GRAVITY * sin(radians(grade_deg)) / sum(paper.axle_stiffness)
 
 

@@ -4,9 +4,9 @@ Tractors of 0.7 to 9 t are scaled in proportion: lengths with the cube root of t
 squared. Tyre and steering properties follow from load and size. All tractors must have the same crab angle across a
 slope: with stiffnesses k per load at the static loads, sin(grade) = (w_f k_f + w_r k_r) alpha for any mass, where w is
 the fraction of the weight on an axle and alpha the mean slip angle of the axles weighted by stiffness. At its static
-load, the peak force of a wheel is mu times the load. The torque that turns the wheels at standstill follows the rule of
-steering manufacturers [Eaton2006], proportional to load times width, and the wheels reach their stops. A trailer of
-half the tractor's mass, on tyres with the law of the rear tyres, has the crab angle of the tractor and stays in line.
+load, the peak force of a wheel is mu times the load. The steering torque at standstill follows the rule of steering
+manufacturers [Eaton2006], proportional to load times width, and the wheels reach their stops. A trailer of half the
+tractor's mass, on tyres with the law of the rear tyres, has the crab angle of the tractor and stays in line.
 """
 
 from collections.abc import Iterator
@@ -28,13 +28,13 @@ from agrobot_mj.tyres import MagicFormula
 MASSES_KG = (700.0, 2000.0, 5000.0, 9000.0)
 GRADE_DEG, SPEED_M_S = 5.0, 1.2
 BAND, PARKED_BAND, HITCH_DEG = 0.03, 0.15, 0.1
-"""Acceptance limits: crab angle and peak force [relative], parking torque [relative], hitch angle of trailer [deg]."""
+"""Acceptance limits of crab angle and peak force [relative], parking torque [relative], and hitch angle [deg]."""
 TYRE = MagicFormula()
 PEAKS_DEG = np.arange(5.0, 41.0, 1.0)  # Slip angles at which the force is computed to find its peak [deg]
 
 
 def grown(mass_kg: float) -> Machine:
-    """Return the default machine scaled to a mass [kg]. Tyres, steering and drive follow from its size."""
+    """Return the default machine scaled to a mass [kg]. Tyres, steering and drive are sized for the scaled tractor."""
     return Machine(tractor=tractor_of(mass_kg))
 
 
@@ -48,7 +48,7 @@ def trailer(mass_kg: float) -> Drawn:
 
 
 def crab(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the stiffness-weighted mean slip angle of both axles, and the hitch angle (0 without implement) [deg]."""
+    """Return the stiffness-weighted mean slip angle of both axles and the hitch angle (0 without implement) [deg]."""
     plant, truth = m.mujoco(TYRE, Slope(grade_deg=GRADE_DEG, direction_deg=90.0), machine)
     # equal speed in wheelbases per second, because the driver's gains are those of a compact tractor
     speed = SPEED_M_S * machine.tractor.wheelbase_m / TractorParameters().wheelbase_m
@@ -70,7 +70,7 @@ def peak(tractor: TractorParameters, wheel: int) -> float:
 
 
 def parked(m: Trial, machine: Machine) -> tuple[float, float]:
-    """Return the torque for turning the wheels of a parked tractor [N m], and the final steering angle [deg]."""
+    """Return the steering torque of a parked tractor [N m], and the final steering angle [deg]."""
     driver = Driver(*m.mujoco(TYRE, machine=machine))
     torques = machine.cylinder.displacement * driver.pressures(1.0, NEUTRAL_V + 2.0)
     driver.go_by_voltage(4.0, 2 * NEUTRAL_V)
@@ -78,7 +78,7 @@ def parked(m: Trial, machine: Machine) -> tuple[float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of tractors of every mass. Quick mode tests every second mass."""
+    """Yield checks of the default tractor scaled to several masses. Quick mode tests every second mass."""
     for mass in MASSES_KG[1::2] if m.quick else MASSES_KG:
         machine, size = grown(mass), f"{mass / 1e3:g} t"
         tractor = machine.tractor

@@ -2,12 +2,12 @@
 
 A rear wheel on the rig carries its static load. It is either locked and pulled at an angle to its heading, or spins
 with a lateral motion. Friction acts against the sliding velocity (v_x - rim, v_y). Above 80 % slip, the force may
-therefore deviate from that line by at most 5 degrees, partly because the motion resistance of soil acts along the
+therefore deviate from that direction by at most 5 degrees, partly because the motion resistance of soil acts along the
 heading. On soil, the net traction is that of the standard [ASAE2003] up to 95 % slip,
 
     F_x / W = 0.88 (1 - exp(-0.1 B_n)) (1 - exp(-7.5 s)) - 1 / B_n - 0.5 s / sqrt(B_n).
 
-Every tyre must dissipate power. `linear` has unlimited grip, so its direction is reported without limits.
+Every tyre must dissipate power. `linear` has unlimited grip, so its force direction is reported without limits.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ LOAD_N = TRACTOR.rear_axle_load / 2
 
 
 def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
-    """Return the angle between the force and the direction opposite to sliding [deg], given velocities [m/s]."""
+    """Return the angle between tyre force and direction opposite to sliding [deg], for velocities [m/s]."""
     setting = Setting(forward, atan2(left, forward), rim / forward - 1.0, LOAD_N)
     reading = Rig(tyre, TRACTOR, REAR).steady(setting)
     power = reading.fx * (rim - forward) - reading.fy * left
@@ -39,7 +39,7 @@ def lean(tyre: Any, forward: float, left: float, rim: float) -> float:
 
 
 def traction(soil: Soil, s: float) -> float:
-    """Return the net traction of the rear wheel at slip `s`, divided by its load, by the formula of [ASAE2003] [-]."""
+    """Return the net traction of the rear wheel at slip `s` divided by its load [-], by the formula of [ASAE2003]."""
     W, b, d = LOAD_N, TRACTOR.rear_wheel_width_m, 2 * TRACTOR.rear_wheel_radius_m
     h, delta = soil.section_height_share * b, W / TRACTOR.rear_wheel.stiffness
     B_n = 1e3 * soil.cone_index_kpa * b * d / W * (1 + 5 * delta / h) / (1 + 3 * b / d)
@@ -47,7 +47,7 @@ def traction(soil: Soil, s: float) -> float:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of force directions with every tyre, and of traction on soil. Quick mode tests only one speed."""
+    """Yield checks of force directions with every tyre, and of traction on soil. Quick mode tests one speed."""
     speeds = SPEEDS_M_S[1:2] if m.quick else SPEEDS_M_S
     pulled = [(v * cos(radians(a)), v * sin(radians(a)), 0.0) for v in speeds for a in LOCKED_DEG]
     spun = [(v, v * SIDE, v / (1 - s)) for v in speeds for s in SPINNING]

@@ -1,4 +1,4 @@
-"""Ten minutes of random driving
+"""Random driving for ten minutes
 
 Steering and pedal voltages change at random, on level ground and on a field of ISO 8608 class E, on every tyre. All
 numbers must stay finite, without MuJoCo warnings. A tractor that rolls over (frequent on `linear`, which has unlimited
@@ -20,7 +20,7 @@ HOLD_S = 0.5  # Time for which a random voltage remains constant [s]
 
 
 def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
-    """Return the number of ticks with values that are not finite, and the number of restarts."""
+    """Return the number of ticks with NaN or infinite values, and the number of restarts."""
     rng = np.random.default_rng(1)
     broken = restarts = 0
     drive = Drive(0.0, 0.0)
@@ -38,7 +38,7 @@ def soak(m: Trial, plant: MujocoPlant, seconds: float) -> tuple[int, int]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of every tyre on both types of ground. Quick mode simulates only 20 s."""
+    """Yield checks of random driving with every tyre, on level and rough ground. Quick mode simulates only 20 s."""
     seconds = BRIEFLY_S if m.quick else DURATION_S
     for tyre in tyres():
         for name, terrain in (("level ground", Flat()), ("a rough field", Rough(iso_class="E", half_size_m=25.0))):

@@ -1,4 +1,4 @@
-"""Starting, standing and stopping
+"""Start, parking and braking of machines
 
 Every machine of `agrobot-mj list --machines` is placed across slopes without its implement, on ground with sufficient
 grip. The steepest slope on which the machine rests on four wheels must equal the tip-over angle in its data sheet,
@@ -30,17 +30,18 @@ from agrobot_mj.tyres.patch import LOAD
 
 BRAKED = Drive(NEUTRAL_V, NEUTRAL_V, 1.0)
 BAND_DEG, SOUGHT_DEG, HALVINGS = 0.3, 1.0, 5
-"""Acceptance limit and half of the search range of the tipping slope [deg], and number of bisection steps."""
+"""Acceptance limit of the tipping slope [deg], half of its search range [deg], and number of bisection steps."""
 PARKED_S, BRIEFLY_S, DRIFT_MM = 600.0, 30.0, 1.0
 GRADES_DEG, DIAGONALLY_DEG = (0.0, 10.0), 60.0
-"""Grades for parking [deg], and direction of steepest ascent for a machine that faces east [deg]."""
+"""Grades for the parking test [deg], and direction of steepest ascent for a machine that faces east [deg]."""
 FASTEST_M_S, FROM, TO = 4.0, 0.85, 0.2
-"""Initial speed [m/s], at most 0.9 of top speed; its fractions between which the deceleration is measured [-]."""
+"""Initial speed of the braking test [m/s], at most 0.9 of top speed, and fractions of this speed between which the
+deceleration is measured [-]."""
 QUICK = ("compact", "orchard")
 
 
 def bare(machine: str) -> Scenario:
-    """Return the scenario of a machine on a straight line, without its implement."""
+    """Return the straight-line scenario of a machine without its implement."""
     return load_scenario("straight_line", {"machine": machine, "implement": {"kind": "none"}})
 
 
@@ -52,19 +53,19 @@ def plant_of(m: Trial, s: Scenario, ground: Ground) -> MujocoPlant:
 
 
 def tipping_slope(m: Trial, s: Scenario) -> float:
-    """Return the slope at which the upper rear wheel lifts off while gravity is tilted [deg], as in the data sheet."""
+    """Return the slope at which the upper rear wheel lifts off while gravity is tilted [deg]."""
     return tilt(plant_of(m, s, Flat().ground()._replace(surface=GRIPPING)), True, STEEPEST_DEG).lifted_deg
 
 
 def stands(m: Trial, s: Scenario, grade_deg: float) -> bool:
-    """Return whether the machine rests on four wheels when it starts across a slope."""
+    """Return whether the machine rests on four wheels after its placement across a slope."""
     ground = Slope(grade_deg=grade_deg, direction_deg=90.0).ground()._replace(surface=GRIPPING)
     plant = plant_of(m, s, ground)
     return plant.trouble() is None and float(plant.wheels().reshape(-1, 4)[LOAD].min()) > 0.0
 
 
 def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
-    """Return the maximum slope [deg] near `about_deg` on which the machine rests when it starts across the slope."""
+    """Return the maximum slope near `about_deg` across which the machine rests after placement [deg]."""
     low, high = about_deg - SOUGHT_DEG, about_deg + SOUGHT_DEG
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -73,7 +74,7 @@ def steepest_start(m: Trial, s: Scenario, about_deg: float) -> float:
 
 
 def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
-    """Return the displacement [mm] of a parked machine with a given tyre and its brake applied."""
+    """Return the displacement of a parked machine with a given tyre and its brake applied [mm]."""
     ground = Slope(grade_deg=grade_deg, direction_deg=DIAGONALLY_DEG) if grade_deg else Flat()
     plant, start = m.mujoco(tyre, ground, s.vehicle)
     *_, end = hold(plant, BRIEFLY_S if m.quick else PARKED_S, BRAKED)
@@ -81,7 +82,7 @@ def drift(m: Trial, s: Scenario, tyre: Any, grade_deg: float) -> float:
 
 
 def deceleration(m: Trial, s: Scenario) -> float:
-    """Return the deceleration with the brake fully applied on level ground [m/s2]."""
+    """Return the deceleration on level ground with the brake fully applied [m/s2]."""
     plant = plant_of(m, s.changed({"driveline.connected": False}), Flat().ground())
     speed = min(FASTEST_M_S, 0.9 * s.driveline.full_speed_m_s)
     plant.data.qvel[0] = speed

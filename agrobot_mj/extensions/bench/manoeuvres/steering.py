@@ -1,12 +1,13 @@
 """Electro-hydraulic steering, measured at the wheels
 
-At 1.2 m/s, constant voltages give steady steering rates: two lines, whose zero crossings are the dead band and whose
-slopes are the gains, and a plateau, the rate limit. A voltage step gives delay and time constant by a least-squares fit
-of the valve law to the angle. In MuJoCo, the oil column adds its damping divided by its stiffness, 8 ms, to the delay.
+At 1.2 m/s, constant voltages give steady steering rates. They form two lines, whose zero crossings are the dead band
+and whose slopes are the gains, and a plateau, which is the rate limit. A voltage step gives delay and time constant by
+a least-squares fit of the valve law to the angle. In MuJoCo, the oil column adds its damping divided by its stiffness,
+8 ms, to the delay.
 
-The oil carries load. Turning the wheels of a parked tractor needs the pressure that twists two contact patches; rolling
-removes that twist. A torque on the wheels above the relief pressure pushes them aside at that pressure. After five
-seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
+The oil carries load. Steering the wheels of a parked tractor needs the pressure that twists two contact patches;
+rolling removes that twist. A torque on the wheels above the relief pressure pushes them aside at that pressure. After
+five seconds at a stop, the steering must leave the stop as quickly as with a rigid cylinder, without wind-up.
 """
 
 from collections.abc import Iterator
@@ -28,12 +29,12 @@ SPEED_M_S = 1.2
 RAMP_V = (0.5, 1.0, 2.0, 3.0)  # Voltages relative to neutral, above the dead band and below saturation [V]
 STEP_V = 3.0  # Voltage of the step [V], relative to neutral
 STATIC_BAND, TIME_BAND, DELAY_BAND_S = 0.02, 0.05, 0.005
-"""Acceptance limits: dead band, gains and rate limit [relative]; time constant [relative]; delay [s] (2.5 steps)."""
+"""Acceptance limits of dead band, gains and rate limit [relative], time constant [relative], delay [s] (2.5 steps)."""
 PHYSICS_S = 0.002
 
 
 class ValveResponse(NamedTuple):
-    """Valve parameters identified on one side."""
+    """Valve parameters identified for steering to one side."""
 
     dead_band_v: float
     gain_l_min_v: float
@@ -43,12 +44,12 @@ class ValveResponse(NamedTuple):
 
 
 def angles(trace: Trace) -> Array:
-    """Return the steering angles after all physics steps of a trace [rad], in order."""
+    """Return the steering angles at all physics steps of a trace [rad]."""
     return np.concatenate([truth.steer_samples for truth in trace.truths])
 
 
 def rolling(plant: Any, speed: float) -> Driver:
-    """Return a driver whose tractor rolls straight ahead with the steering valve in neutral."""
+    """Return a driver with a tractor that rolls straight ahead, with the steering valve in neutral."""
     driver = Driver(plant, plant.reset(ORIGIN), speed)
     driver.go(3.0)
     driver.go_by_voltage(1.0, NEUTRAL_V)
@@ -56,14 +57,14 @@ def rolling(plant: Any, speed: float) -> Driver:
 
 
 def steady_rate(plant: Any, volts: float) -> float:
-    """Return the steady steering rate at a voltage relative to neutral [rad/s]."""
+    """Return the steady steering rate [rad/s] at a valve voltage relative to neutral [V]."""
     seen = angles(rolling(plant, SPEED_M_S).go_by_voltage(1.2, NEUTRAL_V + volts))
     late = seen[round(0.8 / PHYSICS_S) :]
     return float(np.polyfit(PHYSICS_S * np.arange(late.size), late, 1)[0])
 
 
 def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: float) -> Array:
-    """Return the angle [rad] after a step `STEP_V`: gain times integral of the spool voltage outside the dead band."""
+    """Return the angle after a step `STEP_V` [rad]: gain times integral of the spool voltage outside the dead band."""
     begins = -tau * log(1 - dead_band / STEP_V)
     s = np.maximum(t - delay, begins)
     swept: Array = (STEP_V - dead_band) * (s - begins) - STEP_V * tau * (exp(-begins / tau) - np.exp(-s / tau))
@@ -71,7 +72,7 @@ def step_response(t: Array, delay: float, tau: float, gain: float, dead_band: fl
 
 
 def measure(plant: Any, side: int, displacement: float) -> ValveResponse:
-    """Return the valve parameters on one side (1 left, -1 right), identified from steering angles."""
+    """Return the valve parameters for one side (1 left, -1 right), identified from steering angles."""
     flows = [side * steady_rate(plant, side * v) * displacement / LITRE_PER_MINUTE for v in RAMP_V]
     gain, offset = np.polyfit(RAMP_V, flows, 1)
     limit = side * steady_rate(plant, side * FULL_RANGE_V / 2)
@@ -109,14 +110,14 @@ def identification(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def turning_pressure(plant: MujocoPlant, speed: float) -> float:
-    """Return the mean pressure [bar] while the wheels turn left at a steady rate and their contact patches slide."""
+    """Return the mean cylinder pressure [bar] while steering left at a steady rate with sliding contact patches."""
     driver = rolling(plant, speed)
     driver.go_by_voltage(1.0, NEUTRAL_V + 2.0)
     return float(np.mean(driver.pressures(0.5, NEUTRAL_V + 2.0))) / 1e5
 
 
 def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
-    """Yield checks of the steering pressure, parked and rolling."""
+    """Yield checks of the cylinder pressure during steering, parked and rolling."""
     tyres, front = plant.tyred.tyres, plant.tractor.front_axle_load
     patch, twisting = tyres.patch_half_length[0], DRY_GRIP * front * tyres.scrub_arm[0] / Cylinder().displacement / 1e5
     parked, rolled = turning_pressure(plant, 0.0), turning_pressure(plant, SPEED_M_S)
@@ -126,8 +127,11 @@ def load_dependence(m: Trial, tyre: Any, plant: MujocoPlant) -> Iterator[Check]:
 
 
 def relief(m: Trial, tyre: Any) -> Check:
-    """Return the check of the mean pressure while 1.6 times the relief torque pushes the wheels from 5 to 30 degrees.
-    Tyres that scrub carry a third of the relief torque in addition to the oil."""
+    """Return a check of the mean cylinder pressure while an external torque pushes the wheels from 5 to 30 degrees.
+
+    The torque is 1.6 times the relief torque, because scrubbing tyres carry a third of the relief torque in addition to
+    the oil.
+    """
     plant, _ = m.mujoco(tyre, tick_s=PHYSICS_S)
     torque = STOCK.cylinder.column(STOCK.tractor).relief_torque
     plant.data.qfrc_applied[plant.model.joint("steer").dofadr[0]] = 1.6 * torque
@@ -140,12 +144,12 @@ def relief(m: Trial, tyre: Any) -> Check:
 
 
 def leaving(seen: Array, stop: float) -> float:
-    """Return the time [s] at which the steering angle is first 2 degrees away from its stop."""
+    """Return the time at which the steering angle is first 2 degrees away from its stop [s]."""
     return PHYSICS_S * (1 + int(np.argmax(np.abs(seen) < stop - radians(2.0))))
 
 
 def rigid_leaving(side: int) -> float:
-    """Return the theoretical time [s] at which a steering with a rigid cylinder is 2 degrees away from its stop."""
+    """Return the theoretical time for leaving a stop by 2 degrees with a rigid cylinder [s]."""
     valve, displacement = Valve(), Cylinder().displacement
     law, _ = valve_law(valve, PHYSICS_S)
     swept, s = 0.0, 0.0
@@ -157,7 +161,7 @@ def rigid_leaving(side: int) -> float:
 
 
 def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
-    """Yield checks of the steering angle at each stop under full flow, and of the time for leaving the stop."""
+    """Yield checks of the steering angle at each stop under full flow, and of the time to leave the stop."""
     for name, side in (("left", 1), ("right", -1)):
         driver = Driver(plant, plant.reset(ORIGIN))
         held = float(angles(driver.go_by_voltage(5.0, NEUTRAL_V + side * NEUTRAL_V))[-1])
@@ -169,7 +173,8 @@ def stops(m: Trial, subject: str, plant: Any) -> Iterator[Check]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of valve (every plant) and cylinder (every tyre). Quick mode tests only the bicycle and `linear`."""
+    """Yield checks of the valve with every plant, and of the cylinder with every tyre. Quick mode tests the valve only
+    with the bicycle and `linear`."""
     plants = m.level_plants(only_linear=m.quick)
     for subject, plant, _ in plants:
         yield from identification(m, subject, plant)

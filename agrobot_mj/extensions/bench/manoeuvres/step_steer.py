@@ -1,12 +1,12 @@
 """Step steer, after ISO 7401
 
-At 4 m/s, a voltage pulse turns the wheels to 3 degrees, nearly as fast as the hydraulics allow. The steady yaw rate
-divided by the steering angle is the kinematic u / L, reduced by slip; the theory solves the balance of the bend for the
-curvature.
+At 4 m/s, a voltage pulse steers the wheels to 3 degrees, nearly as fast as the hydraulics allow. The steady yaw rate
+divided by the steering angle is the kinematic u / L, reduced by slip; the theory solves the force and moment balance of
+the bend for the curvature.
 
 The response time is from half the steering angle to 90 % of the yaw rate. The tyres of the bicycle respond at once; the
-others over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw rate and then causes
-overshoot. For `linear`, the theory is the bicycle with relaxation and roll for the measured steering angle:
+other tyres respond over their relaxation length sigma, 0.42 m in front and 0.63 m behind, which delays the yaw rate and
+then causes overshoot. For `linear`, the theory is the bicycle with relaxation and roll for the measured steering angle:
 
     sigma ds/dt = w - u s,   F = -C s,   w_f = v + l_f gamma - u delta,   w_r = v - l_r gamma
 
@@ -36,11 +36,11 @@ SPEED_M_S, STEER = 4.0, radians(3.0)
 PULSE_S, PHYSICS_S = 3 * TICK_S, 0.002
 BAND = 0.02  # Acceptance limit of the steady gain [relative], as in the tests of the plants
 TRANSIENT_BAND = 0.10
-"""Acceptance limit of the overshoot [relative], which is wide because the overshoot is a difference of two values."""
+"""Acceptance limit of the overshoot [relative]. It is wide, because the overshoot is a difference of two values."""
 
 
 class Step(NamedTuple):
-    """Response to a steering step, from the tick of the step."""
+    """Response of a plant to a steering step, from the tick of the step."""
 
     t: Array  # Time since the step [s]
     steer: Array  # Steering angle [rad]
@@ -49,12 +49,12 @@ class Step(NamedTuple):
 
     @property
     def response_s(self) -> float:
-        """Time [s] from reaching half of the steering angle to reaching 90 % of the yaw rate."""
+        """Time from half of the final steering angle to 90 % of the final yaw rate [s]."""
         return rise(self.t, self.yaw_rate, 0.9) - rise(self.t, self.steer, 0.5)
 
     @property
     def overshoot(self) -> float:
-        """Maximum yaw rate above its steady value, divided by the steady value [-]."""
+        """Overshoot of the yaw rate divided by the steady yaw rate [-]."""
         steady = self.yaw_rate[-40:].mean()
         return float(self.yaw_rate.max() / steady - 1)
 
@@ -67,7 +67,7 @@ def rise(t: Array, values: Array, share: float) -> float:
 
 
 def swept(voltage: float) -> float:
-    """Return the steering angle caused by a voltage pulse with a rigid cylinder [rad]."""
+    """Return the steering angle after a voltage pulse, for a rigid cylinder [rad]."""
     law, memory = valve_law(Valve(), PHYSICS_S)
     volume = 0.0
     for k in range(round((PULSE_S + 1.0) / PHYSICS_S)):
@@ -76,12 +76,12 @@ def swept(voltage: float) -> float:
 
 
 def pulse_voltage() -> float:
-    """Return the voltage of the pulse that turns the wheels by `STEER` [V]."""
+    """Return the voltage of the pulse that steers the wheels to the angle `STEER` [V]."""
     return float(brentq(lambda voltage: swept(voltage) - STEER, NEUTRAL_V, FULL_RANGE_V, xtol=1e-3))
 
 
 def step(plant: Any, truth: Truth, seconds: float) -> Step:
-    """Drive straight until the speed is steady, apply the steering step, and return the response."""
+    """Drive straight until the speed is steady, apply a steering step, and return the response."""
     driver = Driver(plant, truth, SPEED_M_S)
     driver.go(10.0)
     driver.go_by_voltage(0.5, NEUTRAL_V)
@@ -96,7 +96,7 @@ def step(plant: Any, truth: Truth, seconds: float) -> Step:
 
 
 def theory(kind: str) -> float | None:
-    """Return the theoretical steady gain [1/s], or None for the contact model of MuJoCo."""
+    """Return the theoretical steady yaw rate per steering angle [1/s], or None for MuJoCo's contact model."""
     L = TractorParameters().wheelbase_m
     if kind == BICYCLE:
         return SPEED_M_S / (L + paper_gradient(kind) * SPEED_M_S**2)
@@ -112,8 +112,7 @@ def theory(kind: str) -> float | None:
 
 
 def relaxed_bicycle(steer: Array) -> Array:
-    """Return the yaw rate [rad/s] at each tick of a bicycle with relaxing `linear` tyres and roll, for `steer`
-    [rad]."""
+    """Return yaw rates of a bicycle with relaxing `linear` tyres and roll [rad/s], for the angles `steer` [rad]."""
     p, tyre, u, b = TractorParameters(), Linear(), SPEED_M_S, parts(STOCK)
     m, I_z, l_f, l_r = p.mass_kg, p.yaw_inertia_kg_m2, p.cg_to_front_axle, p.cg_to_rear_axle
     C_f, C_r = 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad
@@ -145,7 +144,8 @@ def relaxed_bicycle(steer: Array) -> Array:
 
 
 def transient(seen: Step) -> tuple[float, float, float]:
-    """Return measured and theoretical overshoot and RMS difference of yaw rates, divided by the steady yaw rate [%]."""
+    """Return the measured overshoot, the theoretical overshoot and the RMS difference of yaw rates, divided by the
+    steady yaw rate [%]."""
     wanted = relaxed_bicycle(seen.steer)
     steady = wanted[-40:].mean()
     return (
@@ -156,7 +156,7 @@ def transient(seen: Step) -> tuple[float, float, float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of steady gain and response for the bicycle and every tyre. Quick mode has shorter runs."""
+    """Yield checks of steady gain and step response for the bicycle and every tyre. Runs are shorter in quick mode."""
     for subject, plant, truth in m.level_plants():
         m.curves[subject] = seen = step(plant, truth, 6.0 if m.quick else 12.0)
         about, wanted = m.about("steady yaw rate over steering angle", subject, "1/s"), theory(subject)

@@ -37,7 +37,7 @@ NEGLIGIBLE = 1e-3  # Magnitude below which a value is shown as smaller than this
 
 
 def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
-    """Return the page of the validation. `texts` are the module docstrings by manoeuvre."""
+    """Return the validation page as Markdown. `texts` contains the module docstring of each manoeuvre."""
     judged = [check for check in checks if check.band != "reported"]
     failed = [check for check in judged if not check.passed]
     outcome = f"{len(judged) - len(failed)} of {len(judged)} numbers are inside their bands."
@@ -47,7 +47,7 @@ def page(checks: Sequence[Check], texts: Mapping[str, str]) -> str:
 
 
 def section(name: str, text: str, checks: Sequence[Check]) -> str:
-    """Return the section of one manoeuvre: title, first paragraph, figure and table."""
+    """Return the section of one manoeuvre on the page: title, first paragraph, figure and table."""
     title, _, body = text.strip().partition("\n")
     parts = [f"## {title}", opening(body)]
     if name in FIGURES:
@@ -68,7 +68,7 @@ def opening(text: str) -> str:
 
 
 def table(checks: Sequence[Check]) -> str:
-    """Return a Markdown table with one row per quantity and one column per subject."""
+    """Return a Markdown table of checks, with one row per quantity and one column per subject."""
     subjects = sorted(dict.fromkeys(check.subject for check in checks), key=lambda subject: subject != BICYCLE)
     quantities: dict[tuple[str, str], dict[str, Check]] = {}
     for check in checks:
@@ -109,9 +109,9 @@ MODULES = (
     *("antenna_lean", "machines", "cornering", "step_steer", "steering", "kingpins", "sliding", "ruts", "vibration"),
     *("implements", "closed_motions", "energy", "convergence", "filters", "references", "soak"),
 )
-"""Modules of the manoeuvres, in the order on the page."""
+"""Modules of the manoeuvres, in the order of their sections on the page."""
 NAMES = {"braking": "brake", "size": "machine size", "cornering": "constant radius", "references": "outside references"}
-"""Names of manoeuvres that differ from the names of their modules."""
+"""Names of manoeuvres that differ from their module names, by module."""
 MANOEUVRES: dict[str, Run] = {
     NAMES.get(module, module.replace("_", " ")): import_module(f"{__package__}.{module}").run for module in MODULES
 }
@@ -145,7 +145,7 @@ def validate(
 
 
 def as_row(check: Check) -> dict[str, str | float | bool | None]:
-    """Return a check as JSON values: its fields, with None for values that are not finite, and whether it passed."""
+    """Return a check as JSON values: its fields and whether it passed. NaN and infinite values are None."""
     fields = check._asdict().items()
     row = {name: None if isinstance(value, float) and not isfinite(value) else value for name, value in fields}
     return {**row, "passed": check.passed}

@@ -16,11 +16,12 @@ chassis and rear wheels) and the front assembly (index f), each with mass, CG an
 
 The lateral force F_i moves a patch by s_i = F_i / c against its wheel, on the lateral stiffness c of the carcass.
 Rolling and soil resistance rho_i N_i shift load from the front to the rear axle by sum(rho_i N_i r_i) / L. The
-resistance is larger on the more loaded side and turns the tractor towards it: M = (T / 2) sum(+-rho_i N_i). Pneumatic
-trails t_i add -t_i F_i. F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 then give the forces of both axles, and the tyre
-law their slip angles. Without resistance and trail: F_f / F_r = l_r / l_f. The drag of steered front wheels has a
-lateral component D. In a bend, the patches scrub against turning, and the gyroscopic moment of the wheels adds to the
-roll. Resistances act at the height of the wheel centres; on a rolled body they turn the tractor out of the bend.
+resistance is larger on the more loaded side and turns the tractor towards that side: M = (T / 2) sum(+-rho_i N_i).
+Pneumatic trails t_i add -t_i F_i. F_f + F_r = m a and l_f F_f - l_r F_r + M = 0 then give the forces of both axles, and
+the tyre law gives their slip angles. Without resistance and trail: F_f / F_r = l_r / l_f. The drag of steered front
+wheels has a lateral component D. In a bend, the patches scrub against turning, and the gyroscopic moment of the wheels
+adds to the roll. Resistances act at the height of the wheel centres; on a rolled body they turn the tractor out of the
+bend.
 """
 
 from math import cos, degrees, radians, sin, tan
@@ -40,7 +41,7 @@ from agrobot_mj.tyres.base import Footing, Slip, TyreLaw
 from agrobot_mj.tyres.laws import TRAIL_SLIP, tyre_set
 
 ROLLING_M_S = 1.0
-"""Speed at which tyre laws are evaluated [m/s], sufficient for the full effect of terms that vanish at standstill."""
+"""Speed for evaluating tyre laws [m/s]. It is high enough for terms that vanish at standstill."""
 
 
 STOCK, LINEAR = TractorParameters(), Linear()
@@ -59,7 +60,7 @@ class Parts(NamedTuple):
 
 
 def parts(tractor: TractorParameters) -> Parts:
-    """Return masses and positions of the two bodies of the compiled model at static load."""
+    """Return masses and positions of both bodies from the compiled MuJoCo model at static load."""
     model = tractor_spec(Machine(tractor)).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -88,7 +89,7 @@ class Balance(NamedTuple):
 
 
 class Tractor:
-    """Theory of the steady states of a tractor with one kind of tyre."""
+    """Theory of steady states of a tractor with a given kind of tyre."""
 
     def __init__(self, tractor: TractorParameters = STOCK, tyre: Any = LINEAR) -> None:
         self.p, self.parts, self.tyres = tractor, parts(tractor), tyre_set(tyre, tractor)
@@ -108,9 +109,9 @@ class Tractor:
         aside: Pair = (0.0, 0.0),
         dragged: float = 0.0,
     ) -> Loads:
-        """Return the wheel loads for the front force F_f and a `shift` of load from the front to the rear axle [N].
+        """Return the wheel loads [N] for the front side force F_f and a load `shift` from front to rear axle [N].
 
-        `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m], and `dragged`
+        `aside` is the sum of load times lateral displacement of the contact patches, for each axle [N m]. `dragged` is
         the lateral component D of the drag of steered front wheels [N].
         """
         p, b = self.p, self.parts
@@ -130,30 +131,30 @@ class Tractor:
         return Loads(np.array([front / 2 - over, front / 2 + over, rear / 2 - half, rear / 2 + half]), lean)
 
     def aside(self, loads: Array, forces: Array) -> Pair:
-        """Return load times lateral displacement [N m] of the patches under lateral forces, summed for each axle."""
+        """Return the sum of load times lateral patch displacement for each axle [N m], for lateral forces [N]."""
         if not self.tyres.load_follows:
             return 0.0, 0.0
         moments = loads * forces / self.tyres.springs[:, 1]
         return float(moments[:2].sum()), float(moments[2:].sum())
 
     def gyroscopes(self) -> tuple[float, float]:
-        """Return the spin inertia divided by the rolling radius [kg m], for both front and for both rear wheels."""
+        """Return the spin inertia divided by the rolling radius [kg m], summed over the wheels of each axle."""
         p = self.p
         front, rear = p.front_wheel_mass_kg * p.front_wheel_radius_m, p.rear_wheel_mass_kg * p.rear_wheel_radius_m
         return 2 * SPIN_GYRATION_2 * front, 2 * SPIN_GYRATION_2 * rear
 
     def slip(self, i: int, x: float, y: float, load: float) -> tuple[TyreLaw, Slip]:
-        """Return the tyre law of wheel `i`, and its state when rolling with the slips `x`, `y` and a load [N]."""
+        """Return the tyre law and the slip state of wheel `i` for the slips `x`, `y` [-] and a load [N]."""
         t = self.tyres
         return (t.front if i < 2 else t.rear), Slip(x, y, load, load / t.stiffness[i], ROLLING_M_S, self.footing)
 
     def lateral(self, i: int, slip: float, load: float) -> float:
-        """Return the lateral force of wheel `i` that opposes a slip angle [rad] at a load [N]."""
+        """Return the lateral force of wheel `i` against a slip angle [rad], at a load [N]."""
         law, state = self.slip(i, 0.0, -tan(slip), load)
         return float(law.force(state).y)
 
     def resistance(self, i: int, load: float) -> float:
-        """Return the rolling resistance rho_i N_i of wheel `i` and, on soil, the drag of a towed wheel [N]."""
+        """Return the rolling resistance rho_i N_i of wheel `i` plus, on soil, the drag of the towed wheel [N]."""
         own = self.tyres.rolling_resistance * load
 
         def missing(slip: float) -> float:
@@ -171,8 +172,8 @@ class Tractor:
         return radii, sum(self.resistance(i, loads[i]) for i in range(4))
 
     def axle_slip(self, wheels: tuple[int, int], loads: Array, wanted: float) -> float:
-        """Return the slip angle at which two wheels have a lateral force [N]. Raises ValueError for too large a
-        force."""
+        """Return the slip angle at which the two wheels of an axle have the lateral force `wanted` [N]. Raises
+        ValueError if the force is too large."""
 
         def missing(slip: float) -> float:
             return sum(self.lateral(i, slip, loads[i]) for i in wheels) - wanted
@@ -180,8 +181,10 @@ class Tractor:
         return float(brentq(missing, -0.5, 0.5, xtol=1e-12))
 
     def balance(self, a: float, g_n: float = GRAVITY, curvature: float = 0.0, rolling: bool = True) -> Balance:
-        """Return the steady state at lateral acceleration `a` and gravity `g_n` normal to the ground [m/s2], on a path
-        with a `curvature` [1/m]. If not `rolling`, the tractor is parked."""
+        """Return the steady state at lateral acceleration `a` and gravity `g_n` normal to the ground [m/s2].
+
+        The path has a `curvature` [1/m]. If not `rolling`, the tractor is parked.
+        """
         p = self.p
         l_f, l_r, L, T = p.cg_to_front_axle, p.cg_to_rear_axle, p.wheelbase_m, p.track_m
         front_force, shift, dragged, aside = p.mass_kg * a * l_r / L, 0.0, 0.0, (0.0, 0.0)
@@ -212,16 +215,17 @@ class Tractor:
         return Balance(loads, front_slip, rear_slip)
 
     def leaning(self, against: Array) -> float:
-        """Return the moment out of the bend divided by the roll angle [N m/rad], for the resistances of the wheels [N].
+        """Return the yaw moment out of the bend per roll angle [N m/rad], for the resistances of the wheels [N].
 
-        Rear wheels push at their patches, beside their centres and the pivot. The open differential gives both wheels
-        the same torque: the more compressed wheel, with its smaller rolling radius, pushes harder.
+        The rear wheels push at their contact patches, with a lateral distance to their centres and to the pivot. The
+        open differential gives both wheels the same torque. The more compressed wheel, with its smaller rolling radius,
+        pushes harder.
         """
         front, rear, radius = float(against[:2].sum()), float(against[2:].sum()), self.p.rear_wheel_radius_m
         return front * self.parts.pivot_z + rear * radius - (front + rear) * self.p.track_m**2 / (12 * radius)
 
     def scrub(self, loads: Array, curvature: float) -> float:
-        """Return the moment [N m] with which the patches resist turning on a path with a `curvature` [1/m]."""
+        """Return the yaw moment of the scrubbing patches against turning on a path `curvature` [1/m], in [N m]."""
         t = self.tyres
         rolls = t.twist_relaxation * t.twist_stiffness * abs(curvature)
         return float(np.minimum(rolls, DRY_GRIP * loads * t.scrub_arm).sum())
@@ -231,19 +235,19 @@ class Tractor:
         return self.tyres.trail * float(np.exp(-abs(tan(slip)) / TRAIL_SLIP))
 
     def side_slope(self, grade_deg: float, rolling: bool = True) -> Balance:
-        """Return the steady state across a slope whose left side is uphill. If not `rolling`, the tractor is parked."""
+        """Return the steady state across a slope, left side uphill. If not `rolling`, the tractor is parked."""
         grade = radians(grade_deg)
         return self.balance(GRAVITY * sin(grade), GRAVITY * cos(grade), rolling=rolling)
 
     @property
     def axle_stiffness(self) -> tuple[float, float]:
-        """Cornering stiffnesses [N/rad] of front and rear axle at static loads on level ground."""
+        """Cornering stiffnesses of front and rear axle at static loads on level ground [N/rad]."""
         small = 1e-5
         front, rear = (2 * self.lateral(i, small, self.static(i)) / small for i in (0, 2))
         return front, rear
 
     def understeer_gradient(self, speeds: Array, radius: float) -> float:
-        """Return K in delta = delta_0 + K a_y [rad s2/m], for bends of a `radius` [m] at `speeds` [m/s]."""
+        """Return K in delta = delta_0 + K a_y [rad s2/m], for bends of a `radius` [m] at the `speeds` [m/s]."""
         a = speeds**2 / radius
         states = [self.balance(value, curvature=1 / radius) for value in a]
         return float(np.polyfit(a, [state.front_slip - state.rear_slip for state in states], 1)[0])
@@ -253,9 +257,9 @@ class Tractor:
         """Side slope at which the upper rear wheel leaves the ground [deg].
 
         The tipping axis is the line from the lower rear patch, which carries the complete side force, to the pivot:
-        with rigid tyres tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). The stops of the front axle have no effect:
-        they are not reached at this slope. Resting on them, the tractor would balance at the roll angle atan(T / 2 /
-        h), which is smaller than this slope plus the travel of the pivot.
+        with rigid tyres tan(grade) = (T / 2) (L - x_b) / (L z_b - h_P x_b). The stops of the front axle have no effect,
+        because they are not reached at this slope. Resting on the stops, the tractor would balance at the roll angle
+        atan(T / 2 / h), which is smaller than this slope plus the travel of the pivot.
         """
 
         share, weight = self.p.cg_to_rear_axle / self.p.wheelbase_m, (1 - self.p.front_load_fraction) * self.p.mass_kg
@@ -276,8 +280,11 @@ def understeer_gradient(tractor: TractorParameters, C_f: float, C_r: float) -> f
 
 
 def crab_of_any_mass(tractor: TractorParameters, tyre: MagicFormula, grade_deg: float) -> float:
-    """Return the mean slip angle [deg] across a slope of a tractor whose tyres are sized to their static loads. This
-    angle is sin(grade) divided by the ratio of stiffness to load, averaged with the load fractions of the axles."""
+    """Return the mean slip angle across a slope of a tractor whose tyres are sized to their static loads [deg].
+
+    The angle is sin(grade) divided by the ratio of stiffness to load, averaged over the axles with their load
+    fractions.
+    """
     share = tractor.front_load_fraction
     front, rear = share * tyre.front.lateral.stiffness_per_load, (1 - share) * tyre.rear.lateral.stiffness_per_load
     return degrees(sin(radians(grade_deg)) / (front + rear))

@@ -1,12 +1,12 @@
-"""Tipping over sideways
+"""Sideways tip-over
 
 Gravity is tilted slowly, as if the field of a parked tractor were raised at one side, until the tractor rolls over. The
 slope at which the upper rear wheel finally leaves the ground is compared with theory. The front axle rotates about its
-pivot and carries no roll moment, so the tractor tips about the line from the lower rear contact patch to that pivot, at
-about 35 degrees. A line through both lower patches would give 42 degrees, but the pivot reaches its stops too late for
-it. The theory includes the roll of the body on its tyres and the side deflection of the carcass, which reduce the angle
-by several degrees. Parked patches resist the yaw between axles that deflect unequally, which adds up to 1.2 degrees. On
-tyres with insufficient grip, the tractor slides first.
+pivot and carries no roll moment. Therefore the tractor tips about the line from the lower rear contact patch to that
+pivot, at about 35 degrees. A line through both lower patches would give 42 degrees, but the pivot reaches its stops too
+late for it. The theory includes the roll of the body on its tyres and the side deflection of the carcass, which reduce
+the angle by several degrees. Parked patches resist the yaw between axles that deflect unequally, which adds up to 1.2
+degrees. On tyres with insufficient grip, the tractor slides first.
 """
 
 from collections.abc import Iterator
@@ -25,11 +25,11 @@ from agrobot_mj.terrain.grid import Surface
 
 FROM_DEG, TO_DEG, STEEPEST_DEG = 18.0, 45.0, 60.0
 QUICKLY_DEG_S, SLOWLY_DEG_S = 2.0, 0.25
-"""Rates at which gravity tilts [deg/s]: below the slope `FROM_DEG`, and above this slope (quasi-static)."""
+"""Rates at which gravity is tilted, below the slope `FROM_DEG` and above this slope (quasi-static) [deg/s]."""
 SLID_M = 1.0  # Displacement above which the tractor has slid [m], larger than the deflection of the carcasses
 BAND_DEG = 2.0
 GRIPPING = Surface(-50.0, -50.0, 100.0, np.array([[4.0]]), np.array([[0.0]]))
-"""Ground with four times the normal friction, on which machines tip over before they slide."""
+"""Ground surface with four times the normal friction, on which machines tip over before they slide."""
 
 
 class TiltTest(NamedTuple):
@@ -41,8 +41,10 @@ class TiltTest(NamedTuple):
 
 
 def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> TiltTest:
-    """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the result. Gravity remains
-    tilted across the tractor, although the tractor yaws by some degrees on its tyres."""
+    """Tilt gravity up to `last_deg`, or until the tractor rolls over or slides. Return the result.
+
+    Gravity remains tilted across the tractor, although the tractor yaws by some degrees on its tyres.
+    """
     side, upper = (1.0, WHEELS.index("rl")) if left_side_up else (-1.0, WHEELS.index("rr"))
     start = truth = plant.truth()
     grade = lifted = 0.0
@@ -62,7 +64,7 @@ def tilt(plant: MujocoPlant, left_side_up: bool, last_deg: float = TO_DEG) -> Ti
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of the tipping slope with every tyre. Quick mode tests tipping to one side only."""
+    """Yield checks of the tip-over slope with every tyre. Quick mode tests one side only."""
     for tyre in tyres():
         wanted = Tractor(tyre=tyre).tipping_deg
         for left_side_up in (True,) if m.quick else (True, False):

@@ -1,10 +1,10 @@
-"""Standing wheel with a vibrating load
+"""Wheel at rest with an oscillating load
 
-A rear wheel stands on untouched soil with its static load. Then the load oscillates by a few per cent, 8 times per
+A rear wheel rests on untouched soil with its static load. Then the load oscillates by a few per cent, 8 times per
 second for a minute. Soil is elastic below its maximum earlier load. The rut must therefore be that of a single
 application of the maximum load, and less than 1 mm deeper than without oscillation. Lifting and lowering the wheel is a
 different case: full loadings sink a plate by N^(1/a), and a wheel, whose load spreads as its rut grows, to a depth
-between that of one loading and that of the plate.
+between the depth of one loading and the depth of the plate.
 """
 
 from collections.abc import Iterator
@@ -25,18 +25,18 @@ TRACTOR = TractorParameters()
 LOAD_N = TRACTOR.rear_axle_load / 2
 DT_S = 0.002
 LOADED_S, DURATION_S, BRIEFLY_S = 1.0, 60.0, 20.0
-"""Time over which the load is applied, and durations of the oscillation in the full and in the quick suite [s]."""
+"""Time for applying the load, and durations of the oscillation in the full and in the quick suite [s]."""
 FREQUENCY_HZ = 8.0
 SWINGS = (0.01, 0.05)  # Amplitudes of the load oscillation divided by the mean load [-]
 DEEPER_MM, SAME_MM = 1.0, 0.1
-"""Maximum additional rut depth [mm] relative to no oscillation, and relative to the maximum load applied once."""
+"""Maximum increase of the rut by oscillation, and maximum difference from one loading with the maximum load [mm]."""
 COUNT = 5  # Number of full load cycles
 FRAME = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 STIFFNESS = 2e6  # Stiffness by which the iteration converts a change of load to a change of depth [N/m]
 
 
 class Loading(NamedTuple):
-    """Load of a wheel at rest as a function of time."""
+    """Load of a wheel at rest over time: a mean value and an oscillation."""
 
     mean: float  # Mean load [N]
     swing: float  # Amplitude of the oscillation divided by the mean [-]
@@ -62,7 +62,7 @@ def stand(soil: Bearing, tread: Tread, memory: SoilMemory, loading: Loading, dep
 
 
 def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
-    """Return the rut depth after each loading at the same place [mm]. The wheel is lifted between loadings."""
+    """Return the rut depth after each loading at the same location [mm]. The wheel is lifted between loadings."""
     soil = tyre.structure().bearing
     tread = treads(soil, TRACTOR)[1]
     memory, found = with_soil_memory(plane(0.0, 0.0, 2.0), soil).memory, []
@@ -74,7 +74,7 @@ def rut(tyre: Ruts, loadings: list[Loading]) -> list[float]:
 
 
 def run(m: Trial) -> Iterator[Check]:
-    """Yield checks of oscillating loads and of full load cycles. Quick mode takes a third of the duration."""
+    """Yield checks of ruts under oscillating loads and full load cycles. Quick mode takes a third of the duration."""
     tyre, seconds = Ruts(), BRIEFLY_S if m.quick else DURATION_S
     once = Loading(LOAD_N, 0.0, FREQUENCY_HZ, 0.0)
     (still,) = rut(tyre, [once])

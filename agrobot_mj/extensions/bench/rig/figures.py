@@ -24,7 +24,7 @@ COLUMNS_OF_LEGEND = 7
 
 
 def write_figures(table: pa.Table, folder: Path) -> list[Path]:
-    """Draw the figures of a table of `sweep.sweep` into `folder`. Return the files."""
+    """Draw the figures of a table from `sweep.sweep` into `folder`. Return the files."""
     with mpl.rc_context(STYLE):
         drawn = {draw.__name__: draw(table) for draw in FIGURES}
         return [save(figure, folder / f"{name}.png") for name, figure in drawn.items() if figure is not None]
@@ -36,19 +36,19 @@ def lateral(table: pa.Table) -> Figure:
 
 
 def longitudinal(table: pa.Table) -> Figure:
-    """Plot longitudinal force against slip ratio, with one curve per load."""
+    """Plot longitudinal force versus slip ratio, with one curve per load."""
     return _by_load(table, "longitudinal", "fx_n", "longitudinal force [kN]", 1e-3)
 
 
 def aligning(table: pa.Table) -> Figure | None:
-    """Plot aligning moment versus slip angle, one curve per load. Return None for tyres without an aligning moment."""
+    """Plot aligning moment versus slip angle, one curve per load. Return None for tyres without aligning moment."""
     if not np.any(_column(_rows(table, test="lateral"), "mz_n_m")):
         return None
     return _by_load(table, "lateral", "mz_n_m", "aligning moment [N m]", 1.0)
 
 
 def combined(table: pa.Table) -> Figure:
-    """Plot lateral versus longitudinal force for several slip angles, and the ellipse through the pure-slip peaks."""
+    """Plot lateral versus longitudinal force at several slip angles, and the ellipse through the pure-slip maxima."""
     figure, grid = _panels(table, height=2.9)
     for axes, axle in grid:
         rows = _rows(table, test="combined", axle=axle)
@@ -64,7 +64,7 @@ def combined(table: pa.Table) -> Figure:
 
 
 def step(table: pa.Table) -> Figure | None:
-    """Plot the lateral force divided by its steady value versus the distance from a slip-angle step, by speed."""
+    """Plot lateral force divided by its steady value versus distance from a slip-angle step, one curve per speed."""
     if not _rows(table, test="step").num_rows:
         return None
     figure, grid = _panels(table)
@@ -137,7 +137,7 @@ def _draw_ellipse(axes: Axes, rows: pa.Table) -> None:
 
 
 def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> float:
-    """Return the steady lateral force at the slip angle of a step response [N], from the sweep of slip angles."""
+    """Return the steady lateral force at the slip angle of the step test [N], from the sweep of slip angles."""
     load, angle = (_column(step, name)[0] for name in ("load_n", "slip_angle_rad"))
     rows = _rows(table, test="lateral", axle=axle, speed_m_s=speed, load_n=load)
     nearest = np.abs(_column(rows, "slip_angle_rad") - angle).argmin()
@@ -145,7 +145,7 @@ def _steady_force(table: pa.Table, axle: str, speed: float, step: pa.Table) -> f
 
 
 def _draw_creep(axes: Axes, rows: pa.Table, speed: float, colour: str, width: float) -> str:
-    """Plot the lateral force divided by the load at one speed. Return the slope at zero slip as text [1/rad]."""
+    """Plot the lateral force divided by the load at one speed. Return its slope at zero slip as text [1/rad]."""
     curve = _rows(rows, speed_m_s=speed)
     angle, force = _column(curve, "slip_angle_rad"), _column(curve, "fy_n") / _column(curve, "load_n")
     axes.plot(np.degrees(angle), force, color=colour, linewidth=width, label=f"{speed:g} m/s")

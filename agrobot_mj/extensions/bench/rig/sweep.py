@@ -35,7 +35,7 @@ from agrobot_mj.tyres.base import NativeContact
 
 
 class Specimen(NamedTuple):
-    """Tyre to be tested, with its tractor."""
+    """Tyre to be tested, with the tractor that sets its size and load."""
 
     tyre: Tyre
     tractor: TractorParameters
@@ -54,7 +54,7 @@ def load_specimen(source: str) -> Specimen:
 
 
 def _found(data: dict[str, Any]) -> tuple[dict[str, Any], str]:
-    """Return the tables `tyre` and `tractor` of a file's content, and the prefix of the tyre's keys in the file."""
+    """Return the tables `tyre` and `tractor` of a TOML file, and the prefix of the tyre keys in this file."""
     rest = {key: value for key, value in data.items() if key != "tractor"}
     tractor = {"tractor": data["tractor"]} if "tractor" in data else {}
     plant = data.get("plant")
@@ -82,15 +82,15 @@ SPEEDS_M_S = (0.5, 1.0, 2.0, 4.0)  # Speeds for measuring the effect of speed [m
 SPEED_M_S = 1.0  # Speed of all measurements except the speed sweep [m/s]
 LOADS = (0.5, 1.0, 1.5, 2.0)  # Loads for measuring the effect of load, as fractions of the static load [-]
 ANGLES_DEG = (0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 10, 12, 14, 16, 18, 20)
-"""Magnitudes of the slip angles, finer near zero [deg]."""
+"""Magnitudes of the slip angles of the test `lateral`, finer near zero [deg]."""
 RATIOS = (0, 0.001, 0.002, 0.005, 0.01, 0.015, *np.arange(0.02, 0.1, 0.01), *np.arange(0.1, 0.525, 0.025))
-"""Magnitudes of the slip ratios [-]."""
+"""Magnitudes of the slip ratios of the test `longitudinal`, finer near zero [-]."""
 COMBINED_DEG = (0, 1, 2, 4, 8, 16)  # Slip angles at which the slip ratio is swept in the test `combined` [deg]
 FAR_DEG, FAR_RATIO = 60.0, 0.9  # Maximum slip angle [deg] and maximum slip ratio [-] of the test `combined`
 CREEP_DEG = tuple(np.arange(0, 1.55, 0.05))  # Magnitudes of the slip angles of the test `contact` [deg]
 STEP_DEG = 1.0  # Size of the slip-angle step [deg], in the linear range of tyres
 STEP_LENGTHS, STEP_ROWS = 4.0, 200
-"""Distance recorded after a slip-angle step [relaxation lengths], and number of rows of the response."""
+"""Distance recorded after a slip-angle step [relaxation lengths], and number of table rows of the response."""
 COLUMNS = ["test", "tyre", "axle", "speed_m_s", "load_n", "slip_angle_rad", "slip_ratio", "distance_m"]
 COLUMNS += ["fx_n", "fy_n", "mz_n_m", "grounded"]
 """Columns of the results table."""
@@ -99,12 +99,12 @@ Row = tuple[str | float | None, ...]
 
 
 def bench(tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT) -> TestBench:
-    """Return a rig for a tyre: with the kernel of the tyre, or with the contact model of MuJoCo."""
+    """Return the rig for a tyre, with its tyre kernel or with the contact model of MuJoCo."""
     return Towed(tyre.native, tractor, wheel) if tyre.native else Rig(tyre, tractor, wheel)
 
 
 def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
-    """Run all tests of the front and the rear tyre of a tractor. Return the results table."""
+    """Run all tests of the front and the rear tyre of a tractor. Return the results as a table."""
     rows: list[Row] = []
     for axle, wheel in AXLES.items():
         tests = _tests(bench(tyre, tractor, wheel), static_load(tractor, wheel))
@@ -119,31 +119,31 @@ def sweep(tyre: Tyre, tractor: TractorParameters) -> pa.Table:
 def lateral(
     speeds: Iterable[float], loads: Iterable[float], angles_deg: Iterable[float] = ANGLES_DEG
 ) -> Iterator[Setting]:
-    """Return settings with positive and negative slip angles at the given speeds and loads."""
+    """Return rig settings with positive and negative slip angles, for all speeds and loads."""
     angles = both_ways(np.radians(list(angles_deg)))
     return (Setting(v, float(a), 0.0, load) for v in speeds for load in loads for a in angles)
 
 
 def longitudinal(speeds: Iterable[float], loads: Iterable[float]) -> Iterator[Setting]:
-    """Return settings with positive and negative slip ratios at the given speeds and loads."""
+    """Return rig settings with positive and negative slip ratios, for all speeds and loads."""
     ratios = both_ways(np.array(RATIOS))
     return (Setting(v, 0.0, float(k), load) for v in speeds for load in loads for k in ratios)
 
 
 def combined(load: float) -> Iterator[Setting]:
-    """Yield settings with slip ratios at several slip angles, then with slip angles far beyond the peak."""
+    """Yield rig settings with slip ratios at several slip angles, followed by slip angles far beyond the peak force."""
     ratios = FAR_RATIO * np.sin(np.linspace(-1, 1, 61) * np.pi / 2) ** 3
     yield from (Setting(SPEED_M_S, float(a), float(k), load) for a in np.radians(COMBINED_DEG) for k in ratios)
     yield from (Setting(SPEED_M_S, float(a), 0.0, load) for a in np.radians(np.linspace(0, FAR_DEG, 61)))
 
 
 def both_ways(values: Array) -> Array:
-    """Return `values` (n,), of which the first is zero, and their negatives in ascending order, shape (2 n - 1,)."""
+    """Return the negatives of `values` (n,) and `values` in ascending order. The first value must be zero."""
     return np.concatenate([-values[:0:-1], values])
 
 
 def _tests(rig: TestBench, static: float) -> Iterator[Row]:
-    """Yield the result rows of one wheel: test, speed, load, slip angle, slip ratio, distance, measured values."""
+    """Yield the result rows of one wheel: test, speed, load, slip angle, slip ratio, distance, forces, contact."""
     loads = [share * static for share in LOADS]
     others = [speed for speed in SPEEDS_M_S if speed != SPEED_M_S]
     for test, settings in (("lateral", lateral), ("longitudinal", longitudinal)):

@@ -1,4 +1,4 @@
-"""Rig for MuJoCo's contact model, which has no kernel: a sled tows the wheel of the tractor in MuJoCo.
+"""Rig for MuJoCo's contact model, which has no tyre kernel: a sled tows the wheel of the tractor in MuJoCo.
 
 The wheel is that of `models/tractor.xml`. The sled keeps its heading along x and its velocity, carries the load as
 mass, and moves freely upwards. Before sliding, the force is viscous,
@@ -23,16 +23,16 @@ from agrobot_mj.tyres.base import NativeContact
 RIGID = 1e9  # Gain of the actuators that impose velocities [N s/m, N m s/rad]: 1,000 times the gain of the contact
 PREFIX = "towed_"  # Prefix of the names of all elements taken from the tractor model
 FOUND_AND_NET_FORCE = [0b11, 3, 1]
-"""Outputs of the contact sensor: number of contacts, and their net force in the world frame."""
+"""Settings of the contact sensor for two outputs: number of contacts, and net force in the world frame."""
 SETTLE_S, STEADY_S = 1.0, 2.0
-"""Time at rest before the wheel moves, and duration of a steady measurement, whose second half is used [s]."""
+"""Time at rest before the motion, and duration of a steady measurement, whose second half is averaged [s]."""
 
 
 class Towed:
-    """Rig for the contact model of MuJoCo, with the methods of `Rig`."""
+    """Tyre rig with the contact model of MuJoCo and the interface `TestBench`."""
 
     relaxation = 0.0
-    """Relaxation length [m], set to 0 because the build-up of force depends on how the sled is constrained."""
+    """Relaxation length [m]. It is zero, because the build-up of force depends on the constraints of the sled."""
 
     def __init__(
         self, contact: NativeContact, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S
@@ -41,7 +41,7 @@ class Towed:
         self.load = 0.0
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measured values at each step since the start of the motion, shape (steps, 5)."""
+        """Return forces, moment and contact at each step since the start of the motion, shape (steps, 5)."""
         self._carry(setting.load)
         model, data = self.model, self.data
         data.qpos[:], data.time = self.settled, 0.0
@@ -54,7 +54,7 @@ class Towed:
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the mean measured values in steady state."""
+        """Return forces, moment and contact in steady state, averaged over time."""
         readings = self.history(setting, STEADY_S * setting.speed)
         return Reading(*readings[len(readings) // 2 :].mean(axis=0).tolist())
 
@@ -71,19 +71,19 @@ class Towed:
         self.radius = float(self.model.geom(f"{PREFIX}tyre_{WHEELS[self.wheel]}").size[0]) - depth / 2
 
     def _velocity(self, setting: Setting) -> tuple[float, float, float]:
-        """Return sled velocities along x and y [m/s], and the wheel spin at the mean contact radius [rad/s]."""
+        """Return the sled velocities along x and y [m/s], and the wheel spin for the mean contact radius [rad/s]."""
         v = setting.speed
         return v, v * float(np.tan(setting.slip_angle)), (1.0 + setting.slip_ratio) * v / self.radius
 
     def _read(self) -> tuple[float, float, float, float, float]:
-        """Return the measured values. The sign of the force on the wheel follows from the normal force."""
+        """Return forces, moment and contact in this step, with signs such that the normal force is positive."""
         touches, fx, fy, fz = self.data.sensor("contact").data.tolist()
         sign = 1.0 if fz > 0.0 else -1.0
         return sign * fx, sign * fy, 0.0, sign * fz, float(touches > 0.0)
 
 
 def _model(contact: NativeContact, tractor: TractorParameters, wheel: str, load: float, dt: float) -> mujoco.MjModel:
-    """Return a model of sled, wheel and level ground. Velocities of the joints x and y and of the spin are imposed."""
+    """Return a MuJoCo model of sled, wheel and level ground, with imposed velocities along x and y and imposed spin."""
     whole = tractor_spec(Machine(tractor))
     spec = mujoco.MjSpec()
     for name in ("integrator", "cone"):

@@ -1,4 +1,4 @@
-"""One wheel on level ground, computed by the tyre kernel of the tractor.
+"""Tyre rig with one wheel on level ground, computed by the tyre kernel of the tractor.
 
 The wheel centre moves at a constant velocity and height. The wheel's heading is along x, and its spin is imposed.
 Forces are those reported by the kernel. The moment is the vertical component of the kernel's wrench.
@@ -21,13 +21,13 @@ from agrobot_mj.tyres.patch import FORCE_X, FORCE_Y, LOAD, TyreSet, WheelMotion
 DT_S = 0.002  # Time step of the rig [s], equal to the default physics step
 SETTLE_LENGTHS = 25.0  # Distance before a measurement [relaxation lengths]; a transient decays by exp(-25) = 1e-11
 MOST_RADII = 10.0
-"""Maximum relaxation length divided by free radius [-], as in a scenario. Larger values take too long to settle."""
+"""Maximum relaxation length divided by free radius [-], as in a scenario. Longer ones take too long to settle."""
 FRONT, REAR = 0, 2  # Indices of the front and rear wheel whose tyres are tested
 AXLES = {"front": FRONT, "rear": REAR}
 
 
 class Setting(NamedTuple):
-    """Motion and load that the rig imposes on the wheel."""
+    """Motion and load that the rig imposes on a wheel."""
 
     speed: float  # Speed of the wheel centre along its heading [m/s]
     slip_angle: float  # Angle from heading to velocity [rad], positive if the wheel slides to the left
@@ -51,21 +51,21 @@ def static_load(tractor: TractorParameters, wheel: int) -> float:
 
 
 class TestBench(Protocol):
-    """Interface of rigs with one wheel, independent of how the forces are computed."""
+    """Interface of tyre rigs with one wheel, for any computation of the forces."""
 
     relaxation: float
-    """Relaxation length of the tyre [m], or 0 if there is no relaxation."""
+    """Relaxation length of the tyre [m], or 0 for a tyre without relaxation."""
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measured values at each step since the start of the motion, shape (steps, 5)."""
+        """Return forces, moment and contact at each step since the start of the motion, shape (steps, 5)."""
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the measured values in steady state."""
+        """Return forces, moment and contact in steady state."""
 
 
 @jit
 def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: float, out: Array) -> None:
-    """Simulate one step per row of `out` (steps, 5), from undeflected bristles. Rows have the fields of `Reading`."""
+    """Simulate a step per row of `out` (steps, 5), from undeflected bristles. Columns are the fields of `Reading`."""
     deflection = setting.load / tyres.stiffness[i]
     r_e = tyres.radius[i] - deflection / 3.0
     centre = (0.0, 0.0, tyres.radius[i] - deflection)
@@ -81,7 +81,7 @@ def drive_wheel(tyres: TyreSet, i: int, ground: Ground, setting: Setting, dt: fl
 
 
 class Rig:
-    """Rig with one tyre of a tractor, computed by the tyre kernel."""
+    """Tyre rig for one wheel of a tractor, computed by the tyre kernel."""
 
     def __init__(self, tyre: TyreBase, tractor: TractorParameters, wheel: int = FRONT, dt: float = DT_S) -> None:
         self.tyres, self.wheel, self.dt = tyre_set(tyre, tractor), wheel, dt
@@ -92,17 +92,17 @@ class Rig:
             raise ValueError(f"the relaxation length must be at most {MOST_RADII:g} radii, got {radii:g}")
 
     def history(self, setting: Setting, distance_m: float) -> Array:
-        """Return the measured values at each step, from undeflected bristles, shape (steps, 5)."""
+        """Return forces, moment and contact at each step, shape (steps, 5), starting with undeflected bristles."""
         out = np.zeros((max(2, round(distance_m / (setting.speed * self.dt))), 5))
         drive_wheel(self.tyres, self.wheel, self.ground, setting, self.dt, out)
         return out
 
     def steady(self, setting: Setting) -> Reading:
-        """Return the measured values in steady state."""
+        """Return forces, moment and contact in steady state."""
         return Reading(*self.history(setting, SETTLE_LENGTHS * self.relaxation_at(setting.load))[-1].tolist())
 
     def relaxation_at(self, load: float) -> float:
-        """Return the larger relaxation length, longitudinal or lateral [m], at a load [N]."""
+        """Return the maximum of longitudinal and lateral relaxation length at a load [N], in [m]."""
         t, i = self.tyres, self.wheel
         law = t.front if i < 2 else t.rear
         K = slip_stiffness(law, load, load / t.stiffness[i], Footing(1.0, t.cone_index), 0.0, 0.0)

@@ -2,16 +2,15 @@
 
 The board steers while messages of the host arrive with the "engaged" bit of its dialect. After the watchdog time
 without messages, the board releases the steering. At power-up and after the latch time without messages, the board is
-latched: it does not steer until a message without the engaged bit has arrived. The reason is that a host that
-reconnects is often still engaged and would command full lock. The setpoint in a message is valid even if the bit is not
-set.
+latched: it does not steer until a message without the engaged bit has arrived. A host that reconnects is often still
+engaged and would otherwise command full lock. The setpoint in a message is valid even if the bit is not set.
 
-A datagram identical to the previous one and received within 1 ms is a duplicate from another network interface.
+A datagram identical to the previous datagram and received within 1 ms is a duplicate from another network interface.
 
 Angles are in rad, left positive. Inside the board, angles are in degrees, right positive, as in the messages. The PWM
 of the motor (-255 to 255, here left positive) is converted to the voltage of the simulated valve. AgOpenGPS boards add
-the offset of message 252 to the sensor counts; the zero button of that program sends the stored offset minus the counts
-of the displayed angle. AgOpenWeb modules subtract the offset; its zero button adds the counts.
+the offset of message 252 to the sensor counts. The zero button of AgOpenGPS sends the stored offset minus the counts of
+the displayed angle. AgOpenWeb modules subtract the offset. The zero button of AgOpenWeb adds the counts.
 """
 
 from math import degrees, inf, nan, radians
@@ -41,12 +40,12 @@ SOFT_ZONE_DEG = 3.0
 """Steering error below which the PWM limit is proportional to the error [deg], as in AgOpenGPS boards."""
 LOW_OVER_MIN = 1.2  # PWM limit at zero steering error divided by the minimum PWM [-], as in AgOpenGPS boards
 OFFSET_SIGN = {"agopengps": 1, "agopenweb": -1}
-"""Sign with which a board applies the offset to the sensor counts, by dialect."""
+"""Sign of the offset that a board adds to the sensor counts, by dialect."""
 INVERT_SENSOR, INVERT_MOTOR = 0x01, 0x04  # Bits of `SteerConfig.set0`: inverted sensor, inverted motor
 
 
 def counts_of(steer: float, per_degree: int, config: SteerConfig) -> float:
-    """Return the sensor counts at a steering angle [rad]; `per_degree` is the true scale of the sensor [counts/deg]."""
+    """Return the sensor counts at a steering angle [rad]. `per_degree` is the true scale of the sensor [counts/deg]."""
     counts = -degrees(steer) * per_degree
     return -counts if config.set0 & INVERT_SENSOR else counts
 
@@ -60,7 +59,7 @@ def angle_of(counts: float, settings: SteerSettings, host: str) -> float:
 
 
 def true_angle(believed: float, per_degree: int, settings: SteerSettings, config: SteerConfig, host: str) -> float:
-    """Return the true steering angle for which the board computes the angle `believed` [rad]; inverse of `angle_of`."""
+    """Return the true steering angle at which the board computes `believed` [rad], as the inverse of `angle_of`."""
     angle = -degrees(believed)
     if angle < 0:
         angle *= 100 / max(settings.ackermann, 1)
@@ -70,7 +69,7 @@ def true_angle(believed: float, per_degree: int, settings: SteerSettings, config
 
 
 def pwm_of(error: float, settings: SteerSettings) -> int:
-    """Return the PWM for a steering error [rad], which is the setpoint minus the angle computed by the board."""
+    """Return the PWM for a steering error [rad]: setpoint minus the angle computed by the board."""
     size = abs(degrees(error))
     drive = int(settings.kp * size)
     if drive == 0:
@@ -89,14 +88,14 @@ def voltage_of(pwm: int, config: SteerConfig) -> float:
 
 
 ENGAGED_BIT = {"agopengps": 0x01, "agopenweb": 0x04}
-"""Bit of `SteerData.status` that is set while the host steers, by dialect."""
+"""Bit of `SteerData.status` that the host sets while it steers, by dialect."""
 REPEAT_S = 0.001  # Maximum time between identical datagrams that are treated as duplicates [s]
 FALLBACK_S = 0.1  # Interval of the reports of the board while the host sends no messages [s]
 LOOPBACK = (127, 0, 0, 1)
 
 
 class Tally(NamedTuple):
-    """Counters of the messages and events of a board."""
+    """Counters of messages and events of a board."""
 
     steer_data: int = 0
     hellos: int = 0  # Number of hello messages of the communication program
@@ -135,7 +134,7 @@ class Board(NamedTuple):
     address: tuple[int, int, int, int] = LOOPBACK  # IPv4 address that a host receives when it scans the network
 
     def init(self) -> BoardState:
-        """Return the state at power-up."""
+        """Return the board state at power-up."""
         b = self.spec.board
         offsets = b.counts_per_degree, b.offset, b.ackermann_percent
         return BoardState(SteerSettings(b.kp, b.high_pwm, b.min_pwm, b.min_pwm, *offsets))
@@ -143,8 +142,10 @@ class Board(NamedTuple):
     def receive(
         self, state: BoardState, datagram: bytes, t: float, wall: float, quiet: bool = False
     ) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]. Return the state and the replies. If
-        `quiet`, the steering state is not sent, because hosts would lose the position that follows shortly."""
+        """Process a datagram at board time `t` [s] and wall-clock time `wall` [s]. Return the state and the replies.
+
+        If `quiet`, the steering state is not sent, because hosts would lose the position that follows shortly.
+        """
         if datagram == state.last[0] and wall - state.last[1] < REPEAT_S:
             return state._replace(tally=state.tally._replace(repeats=state.tally.repeats + 1)), ()
         state = self._watch(state._replace(last=(datagram, wall)), t)
@@ -167,7 +168,7 @@ class Board(NamedTuple):
         return state, tuple(map(encode, self._answers(state, message, t)))
 
     def tick(self, state: BoardState, t: float, steer: float) -> tuple[BoardState, Actuation]:
-        """Compute the steering output at board time `t` [s] from the measured steering angle `steer` [rad]."""
+        """Return the state and the steering output at board time `t` [s] for a measured angle `steer` [rad]."""
         state, spec = self._watch(state._replace(steer=steer), t), self.spec
         asked = state.asked
         engaged = asked is not None and not state.latched and not state.silent and self._wants(asked)
@@ -188,7 +189,7 @@ class Board(NamedTuple):
         return state.latched and not state.silent and state.asked is not None and self._wants(state.asked)
 
     def report(self, state: BoardState, t: float) -> tuple[BoardState, tuple[bytes, ...]]:
-        """Return the new state, and an encoded message with the steering state, at board time `t` [s]."""
+        """Return the new state and an encoded message with the steering state. `t` is the board time [s]."""
         answer = SteerState(self._believed(state), switches=self._switches(t), pwm=abs(state.pwm))
         return state._replace(reported_at=t), (encode(answer),)
 
@@ -198,7 +199,7 @@ class Board(NamedTuple):
         return self.report(state, t) if due else (state, ())
 
     def _watch(self, state: BoardState, t: float) -> BoardState:
-        """Release the steering after the watchdog time, and latch the board after the latch time."""
+        """Return the state: released after the watchdog time, and latched after the latch time."""
         silence = t - state.heard_at
         if not state.silent and silence > self.spec.watchdog_s:
             lost = state.tally._replace(lost=state.tally.lost + 1)

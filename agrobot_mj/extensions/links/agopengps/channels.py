@@ -1,8 +1,8 @@
-"""Datagram channels: sockets in real time, sockets whose pace is given by replies of the host, or a recorded session.
+"""Datagram channels: sockets in real time, sockets paced by replies of the host, or a recorded session.
 
-A link performs one turn per tick: it processes the datagrams received since the last turn (`begin`), sends a position,
-and processes the replies (`rest`) before the board steers. A board runs its control loop at 40 Hz. Therefore `rest`
-lasts 25 ms of the 50 ms tick.
+A link performs one turn of the exchange per tick. It processes the datagrams received since the last turn (`begin`) and
+sends a position. It then processes the replies (`rest`) before the board steers. A board runs its control loop at 40
+Hz. Therefore `rest` lasts 25 ms of the 50 ms tick.
 """
 
 import time
@@ -21,19 +21,20 @@ ANSWER_S = 0.5  # Time limit for the reply of a host that determines the pace of
 
 
 class Channel(Protocol):
-    """Source and destination of the datagrams of a link."""
+    """Interface of channels that exchange datagrams with the host."""
 
     @property
     def pace(self) -> Pace | None:
-        """Timing statistics of the turns, or None for a channel without a clock."""
+        """Timing statistics of the exchange, or None for a channel without a clock."""
         ...
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received before this turn. The iteration ends when the turn is due."""
+        """Return datagrams received since the last turn of the exchange, until this turn is due."""
         ...
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return the datagrams received until the board steers. `answered()` states whether the host has replied."""
+        """Return the datagrams received between the position and the steering output of a turn. `answered()` returns
+        whether the host has replied."""
         ...
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:
@@ -56,38 +57,40 @@ class _Sockets:
 
 
 class RealTime(_Sockets):
-    """Sockets in real time: one simulated second takes `slower` seconds."""
+    """Sockets in real time. One simulated second takes `slower` wall-clock seconds."""
 
     def __init__(self, sockets: UdpSockets, slower: float = 1.0) -> None:
         super().__init__(sockets)
         self.pace, self.loop = Pace(slower * TICK_S), slower * BOARD_LOOP_S
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Receive datagrams until the turn is due, and begin the turn."""
+        """Return the datagrams received until the turn of the exchange is due, and begin the turn."""
         due = self.pace.next
         yield from self._received(due, due - QUIET_S)
         self.pace.begin()
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Receive datagrams for one period of the control loop of the board."""
+        """Return the datagrams received during one period of the board's control loop."""
         return self._received(time.perf_counter() + self.loop)
 
 
 class Answered(_Sockets):
-    """Sockets whose pace is given by the host: the run continues as soon as the host has replied to a position.
-    Suitable for hosts that accept positions at any rate. Without replies, the run is in real time."""
+    """Sockets paced by the host. The run continues as soon as the host has replied to a position.
+
+    Suitable for hosts that accept positions at any rate. Without replies, the run is in real time.
+    """
 
     def __init__(self, sockets: UdpSockets) -> None:
         super().__init__(sockets)
         self.pace, self.alive = None, False
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return the datagrams received so far. If the host does not reply, first wait for the duration of a turn."""
+        """Return the datagrams received so far. If the host did not reply, wait for the rest of a tick."""
         wait = 0.0 if self.alive else TICK_S - BOARD_LOOP_S
         return self._received(time.perf_counter() + wait)
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Receive datagrams until the host has replied, or until a time limit."""
+        """Return the datagrams received until the host has replied, or until a time limit."""
         if answered():
             return
         for incoming in self._received(time.perf_counter() + (ANSWER_S if self.alive else BOARD_LOOP_S)):
@@ -98,7 +101,7 @@ class Answered(_Sockets):
 
 
 class Replayed:
-    """Replay of a recorded session at the speed of the simulation."""
+    """Channel that replays a recorded session at the speed of the simulation."""
 
     pace = None
 
@@ -110,11 +113,11 @@ class Replayed:
                 self.turns.setdefault(datagram.turn, []).append(datagram)
 
     def begin(self, turn: int) -> Iterator[Incoming]:
-        """Return no datagrams; `rest` returns all datagrams of the turn."""
+        """Return no datagrams. All datagrams of a turn are returned by `rest`."""
         return iter(())
 
     def rest(self, turn: int, answered: Callable[[], bool]) -> Iterator[Incoming]:
-        """Return all datagrams of this turn."""
+        """Return all datagrams recorded in this turn of the exchange."""
         return (Incoming(d.wall, d.address, d.data) for d in self.turns.get(turn, ()))
 
     def send(self, data: bytes, target: tuple[str, int] | None = None) -> tuple[float, str]:

@@ -1,4 +1,5 @@
-"""Implementation of `agrobot-mj link`: open a channel, run, and write `link.parquet` and the files of a run."""
+"""Implementation of `agrobot-mj link`: opens a channel, runs the scenario, and writes `link.parquet` and the files of a
+run."""
 
 import tomllib
 from collections.abc import Callable
@@ -27,19 +28,19 @@ from agrobot_mj.simulation.stepping import Simulation
 from agrobot_mj.simulation.storage import write_log
 
 FREE = ("name", "title", "version", "expected_outcome", "expected_reason", "duration_s")
-"""Scenario keys whose values may differ between a replay and the recorded run."""
+"""Scenario keys that may differ between a replay and the recorded run."""
 LEAST_PACE = 0.05  # Minimum pace, which is simulated time divided by wall-clock time [-]
 
 
 class LinkRun(NamedTuple):
-    """Finished run with a guidance program."""
+    """Finished run over a link, with its log and session."""
 
     log: Log
     session: Session
 
 
 class LinkCheck(NamedTuple):
-    """Results of a check of the connection."""
+    """Results of a connection check."""
 
     block: dict[str, Any]  # Metrics of the link
     lines: list[str]  # Results as text
@@ -52,7 +53,7 @@ def link(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario in which a host steers; write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
+    """Run a scenario steered by a host and write the results to `folder`. Raises `ScenarioError` or `NoHostError`."""
     done = _connected(scenario, options, watchers, should_stop)
     table = done.session.traffic.table(done.session.started, scenario.portable()[0])
     traffic = {"link.parquet": lambda path: pq.write_table(table, path, compression="zstd")}
@@ -61,7 +62,7 @@ def link(
 
 
 def check(scenario: Scenario, options: LinkOptions, should_stop: Callable[[], bool] = lambda: False) -> LinkCheck:
-    """Run a scenario with a host for `CHECK_S` and return the results. Raises the errors of `link`."""
+    """Check the connection to a host in a run of `CHECK_S` seconds. Raises the errors of `link`."""
     log = _connected(scenario.changed({"duration_s": CHECK_S}), options, (), should_stop).log
     block = log.metrics["link"]
     return LinkCheck(block, list(check_lines(scenario, log, block)))
@@ -96,8 +97,8 @@ def run_link(
 ) -> LinkRun:
     """Run a scenario with the guidance `agopengps` over a channel, without writing files.
 
-    `address` is the address of the boards, which a host receives when it scans the network. Raises `ScenarioError` for
-    other guidance, and `NoHostError` if no host replies.
+    `address` is the IPv4 address of the boards, which a host receives when it scans the network. Raises `ScenarioError`
+    for other guidance, and `NoHostError` if no host replies.
     """
     unit = scenario.sensors.imu.enabled or scenario.sensors.gyro.enabled
     board = Board(_keys(scenario), scenario.tractor.steer_limit, unit, address)
@@ -129,7 +130,7 @@ def _check_recorded(path: Path, scenario: Scenario) -> None:
 
 
 def pace_of(text: str) -> Literal["answered"] | float:
-    """Convert a string to a pace: `real_time`, `answered`, or a number. Raises `ScenarioError` for other strings."""
+    """Convert text to a pace: `real_time`, `answered`, or a number [-]. Raises `ScenarioError` for other text."""
     if text == "answered":
         return "answered"
     try:
@@ -142,7 +143,7 @@ def pace_of(text: str) -> Literal["answered"] | float:
 
 
 def endpoint(text: str, option: str) -> tuple[str, int]:
-    """Convert a string such as `127.0.0.1:10110` to address and port. Raises `ScenarioError` for other strings."""
+    """Convert a string of the form `127.0.0.1:10110` to address and port. Raises `ScenarioError` for other strings."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")

@@ -1,4 +1,5 @@
-"""Check of a connection: message rates, latency, effective wheelbase, settings for the program, and missing signals."""
+"""Check of a connection: message rates, latency, effective wheelbase, settings for the guidance program, missing
+signals."""
 
 from collections.abc import Iterator
 from math import tan
@@ -20,7 +21,7 @@ TURNING = 0.02
 
 
 def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator[str]:
-    """Yield the results of a check as text, for the metrics `block` of the link."""
+    """Yield the results of a connection check as text. `block` contains the metrics of the link."""
     answered, rate = block["answered_fraction"], block["steer_messages_hz"]
     if answered is not None and rate is not None:
         yield f"rate: {rate:.1f} steering messages per second; {answered:.0%} of the positions answered"
@@ -33,7 +34,7 @@ def check_lines(scenario: Scenario, log: Log, block: dict[str, Any]) -> Iterator
 
 
 def _wheelbase(scenario: Scenario, log: Log) -> str:
-    """Return a text with the wheelbase that explains the yaw rate by steering angle and speed."""
+    """Return a text with the effective wheelbase, estimated from yaw rate, steering angle and speed."""
     given, rate = scenario.tractor.wheelbase_m, log.column("yaw_rate")
     if (rms(rate) or 0.0) < TURNING:
         return f"wheelbase: {given:g} m; the tractor did not turn, so the yaw rate does not confirm it"
@@ -42,7 +43,7 @@ def _wheelbase(scenario: Scenario, log: Log) -> str:
 
 
 def _antenna(log: Log) -> str:
-    """Return the antenna position ahead and left of the rear axle, by dead reckoning with speed and yaw rate."""
+    """Return a text with the antenna position, estimated from GNSS positions, speed and yaw rate."""
     fixed = np.isfinite(log.column("gnss_x"))
     t, u, rate = (log.column(name) for name in ("t", "speed", "yaw_rate"))
     yaw = log.column("yaw")[0] + cumulative_trapezoid(rate, t, initial=0)
@@ -64,7 +65,7 @@ def _antenna(log: Log) -> str:
 
 
 def _missing(scenario: Scenario, block: dict[str, Any]) -> Iterator[str]:
-    """Yield texts about missing signals, without which the program steers worse or not at all."""
+    """Yield texts about missing signals that the guidance program needs for good steering."""
     sensors, spec = scenario.sensors, scenario.guidance
     if not block["hellos"]:
         yield "hello messages; connect the program's network module"

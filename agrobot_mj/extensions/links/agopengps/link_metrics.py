@@ -1,4 +1,4 @@
-"""Metrics in the block `link`, computed from the datagrams of a link, the log, and the final state of the board."""
+"""Metrics block `link`, computed from the datagrams of a link, the log, and the final state of the board."""
 
 from typing import Any
 
@@ -18,9 +18,9 @@ POSITIONS = (b"$PANDA", b"$PAOGI")  # First bytes of the position messages to th
 SETTLED_M = 0.1  # Distance from the line of the host below which the tractor has settled [m]
 LATE_S = 20.0  # Time from the first engagement to the start of the late part of a run [s]
 SHIFT_M = 0.1
-"""Minimum reported mean difference of reported and true cross-track error [m]. Assumed value: twice the resolution."""
+"""Mean deviation of reported from true cross-track error for a warning [m]. Assumed value: twice the resolution."""
 LEAST_PACE, LEAST_ANSWERED = 0.95, 0.9
-"""Minimum real-time factor, and minimum fraction of answered positions, of a working link [-]."""
+"""Minimum real-time factor and minimum fraction of answered positions for a link without warnings [-]."""
 
 
 def latencies(record: list[Datagram]) -> list[float]:
@@ -37,7 +37,7 @@ def latencies(record: list[Datagram]) -> list[float]:
 
 
 def positions_since_heard(record: list[Datagram]) -> int:
-    """Return the number of positions sent since the first steering message of the host, plus the position before."""
+    """Return the number of positions since the first steering message of the host, including the position before."""
     heard = next((k for k, datagram in enumerate(record) if _steers(datagram)), None)
     return 0 if heard is None else any(map(_is_position, record[:heard])) + sum(map(_is_position, record[heard:]))
 
@@ -51,10 +51,11 @@ def _steers(datagram: Datagram) -> bool:
 
 
 def cross_track(log: Log) -> dict[str, float | None]:
-    """Return metrics of the cross-track error reported by the host while it steers: RMS, RMS of the late part [m],
-    settling time [s], and mean difference of true and reported error in the late part, left positive [m].
+    """Return metrics of the cross-track error that the host reports while it steers.
 
-    Times count from the first engagement. Values are None without samples, or if the error has not settled.
+    The metrics are the RMS [m], the RMS of the late part [m], the settling time [s], and the mean of true minus
+    reported error in the late part, left positive [m]. Times count from the first engagement. Values are None without
+    samples, or if the error has not settled.
     """
     engaged, off = log.column("link_engaged") > 0, log.column("link_cross_track")
     if not engaged.any():
@@ -74,7 +75,7 @@ def cross_track(log: Log) -> dict[str, float | None]:
 
 
 def health(block: dict[str, Any]) -> list[str]:
-    """Return one line of text for each problem that appears in the metrics of a link."""
+    """Return one warning for each problem in the metrics of a link."""
     found = []
     asked = block.get("pace", 1.0)
     if (pace := block.get("real_time_factor", asked)) < LEAST_PACE * asked:
@@ -96,7 +97,7 @@ def health(block: dict[str, Any]) -> list[str]:
 
 
 def link_metrics(session: Session, log: Log) -> dict[str, Any]:
-    """Return the metrics block `link`. For a replayed session, wall-clock times come from the recorded run."""
+    """Return the metrics block `link`. For a replayed session, wall-clock times are those of the recorded run."""
     channel = session.channel
     record = channel.record if isinstance(channel, Replayed) else session.traffic.kept
     tally, spec = session.state.tally, session.spec

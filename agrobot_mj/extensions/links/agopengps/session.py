@@ -9,7 +9,7 @@ The GNSS and IMU board converts measurements of the simulated sensors to positio
 receiver solution at the antenna, with noise, latency and losses. Like a real board, it sends no sentence without a
 solution. Roll and pitch come from the inertial unit if enabled. With one antenna, the heading is the integral of the
 gyro, if enabled, from the true initial heading. With two antennas (`paogi`), the heading comes from the receiver, and
-the last heading is repeated during a loss. Before the first heading, the single-antenna sentence is sent.
+the last heading is repeated during a loss. Before the first heading, the board sends the sentence of a single antenna.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ from agrobot_mj.extensions.links.running import NotBegunError, gyro_heading
 from agrobot_mj.simulation.stepping import Simulation
 
 QUALITIES = {Quality.NONE: NO_FIX, Quality.DGPS: DGPS_FIX, Quality.FLOAT: RTK_FLOAT, Quality.FIX: RTK_FIX}
-"""Quality number in the NMEA sentence GGA for each solution quality."""
+"""Quality number of the NMEA sentence GGA for each receiver solution."""
 
 
 class ReceiverState(NamedTuple):
@@ -49,7 +49,7 @@ class Receiver(NamedTuple):
     spec: AgOpenGps
 
     def measure(self, state: ReceiverState, m: Measurement, truth: Truth, dt: float) -> ReceiverState:
-        """Update the state with the measurements of a tick `dt` [s]. The gyro heading starts at the true heading."""
+        """Return the state after the measurements of a tick `dt` [s]. The gyro heading starts at the true heading."""
         yaw = gyro_heading(state.yaw, m.gyro, truth.yaw, dt)
         heading = m.fix.heading if m.fix is not None and not isnan(m.fix.heading) else state.heading
         attitude = BoardAttitude(heading if self.spec.position == "paogi" else yaw, m.roll, m.pitch, m.gyro)
@@ -64,7 +64,7 @@ class Receiver(NamedTuple):
         return write(state.solution._replace(t=t), state.attitude)
 
     def nmea(self, state: ReceiverState, t: float) -> tuple[bytes, ...]:
-        """Return the NMEA sentences GGA, RMC and VTG at time `t` [s], invalid without a new solution."""
+        """Return NMEA sentences GGA, RMC and VTG at time `t` [s], with an invalid fix unless the solution is new."""
         if state.solution is None:
             return ()
         s = state.solution._replace(t=t, quality=state.solution.quality if state.fresh else NO_FIX)
@@ -80,7 +80,7 @@ class Receiver(NamedTuple):
 
 
 PROGRAMS = {"agopengps": ("AgIO", "its guidance program"), "agopenweb": ("AgOpenWeb", "its guidance")}
-"""Names of the programs that send hello messages and steering messages, by dialect."""
+"""Names of the programs that send hello messages and of the programs that send steering messages, by dialect."""
 PATIENCE_S = 5.0  # Waiting time after which a message with the name of the missing program is printed [s]
 
 
@@ -96,19 +96,19 @@ class LinkOptions(NamedTuple):
     host_port: int = HOST_PORT
     replay: Path | None = None  # Recorded session to replay instead of a host, or None for a host
     start: Literal["heard", "engaged", "now"] = "heard"
-    """Event at which the clock of the run starts: first message or engagement of the host, or opening of the link."""
+    """Event that starts the clock of the run: first host message, engagement of the host, or opening of the link."""
     wait_s: float = 60.0  # Maximum time to wait for the start event [s]
     nmea: tuple[str, int] | None = None
-    """Address and port to which the additional NMEA sentences GGA, RMC and VTG are sent, or None to send none."""
+    """Address and port for additional NMEA sentences (GGA, RMC, VTG), or None to send no additional sentences."""
     pace: Literal["answered"] | float = 1.0
-    """Simulated time per wall-clock time [-], at most 1; or `answered` to continue after each reply of the host."""
+    """Simulated time divided by wall-clock time [-], at most 1, or `answered`: continue after each host reply."""
     live: bool = False  # Whether observers receive rows during the run, and not only at its end
     recorded: bool = True
     notify: Callable[[str], None] = lambda text: None
 
 
 class Session:
-    """Run with a guidance program over a channel. The method `run` may be called only once."""
+    """Run with a guidance program over a channel. The method `run` may only be called once."""
 
     def __init__(self, sim: Simulation, board: Board, channel: Channel, options: LinkOptions) -> None:
         self.sim, self.board, self.channel, self.options = sim, board, channel, options
@@ -118,7 +118,7 @@ class Session:
         self.received = ReceiverState()
         self.turn, self.started, self.engaged_ticks, self.latched_ticks = 0, -1, 0, 0
         self.ended: str | None = None
-        """Outcome set by the link, or None if the outcome is determined by the simulation."""
+        """Outcome of the run set by the link, or None if the simulation sets the outcome."""
 
     @property
     def now(self) -> float:
@@ -126,7 +126,7 @@ class Session:
         return self.turn * TICK_S
 
     def run(self, should_stop: Callable[[], bool] = lambda: False, tell: Callable[[], None] = lambda: None) -> None:
-        """Simulate to the end; call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
+        """Simulate to the end and call `tell` after each tick. Raises `NoHostError` if no host replies in time."""
         measured = self._measured(self.sim.reset())
         while not self.sim.done and not should_stop():
             before = self.state

@@ -1,8 +1,8 @@
 """UDP sockets of a link to a guidance program.
 
 On the loopback network, a host may send to 127.0.0.1 or to a broadcast address. On Linux, a socket that is bound to one
-address receives only datagrams to that address. Therefore the link opens three sockets. For any other address, given
-explicitly, the port is opened on all interfaces. Size and number of datagrams per turn are limited, so that excess
+address receives only datagrams to that address. Therefore the link opens three sockets. For any other explicit address,
+the port is opened on all interfaces. Size and number of datagrams per turn of the exchange are limited, so that excess
 traffic cannot block the simulation.
 """
 
@@ -33,7 +33,7 @@ class Incoming(NamedTuple):
 
 
 def address_of(text: str, option: str = "--address") -> IPv4Address:
-    """Return the IPv4 address given on the command line. Raises `ScenarioError` for an invalid address."""
+    """Return an IPv4 address from the command line. Raises `ScenarioError` for an invalid address."""
     try:
         return IPv4Address(text)
     except AddressValueError:
@@ -41,7 +41,7 @@ def address_of(text: str, option: str = "--address") -> IPv4Address:
 
 
 class UdpSockets:
-    """Sockets on the port of the boards, which send datagrams to one host."""
+    """UDP sockets on the port of the boards, connected to one host."""
 
     def __init__(self, address: str = "127.0.0.1", board_port: int = BOARD_PORT, host_port: int = HOST_PORT) -> None:
         ip = address_of(address)
@@ -59,7 +59,7 @@ class UdpSockets:
 
     @property
     def address(self) -> tuple[int, int, int, int]:
-        """IPv4 address of this computer as seen by the host. Without a route to the host, the loopback address."""
+        """IPv4 address of this computer in the network of the host. Without a route, the loopback address."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way, suppress(OSError):
             way.connect(self.target)  # a UDP connection sends nothing
             a, b, c, d = IPv4Address(way.getsockname()[0]).packed
@@ -85,7 +85,7 @@ class UdpSockets:
             self.lost += 1
 
     def receive(self, until: float, most: int = MOST_A_TURN) -> Iterator[Incoming]:
-        """Yield received datagrams, including those that arrive until the `time.perf_counter` value `until` [s]."""
+        """Yield received datagrams until the `time.perf_counter` value `until` [s]."""
         taken = 0
         while True:
             ready, _, _ = select.select(self.sockets, [], [], max(0.0, until - time.perf_counter()))

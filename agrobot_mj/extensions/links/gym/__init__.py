@@ -16,7 +16,7 @@ ENV_ID = "agrobot_mj/FollowPath-v1"  # Name of the environment, for `gymnasium.m
 
 
 def register_env() -> None:
-    """Register the environment with gymnasium, once when this module is imported."""
+    """Register the environment with gymnasium. Called once when this module is imported."""
     if ENV_ID not in gymnasium.registry:
         gymnasium.register(
             ENV_ID,

@@ -1,6 +1,7 @@
 """Images of the simulated tractor, rendered by MuJoCo with OpenGL.
 
-The rendered scene is a separate model with tractor, ground, sky and light. It takes the pose of any kind of plant.
+The rendered scene is a separate MuJoCo model with tractor, ground, sky and light. Its pose is set from any kind of
+plant.
 """
 
 from itertools import pairwise
@@ -20,17 +21,17 @@ from agrobot_mj.terrain import Ground
 NONE = NoImplement()
 Picture = np.ndarray[tuple[int, ...], np.dtype[np.uint8]]
 PATH_WIDTH_M, PATH_RGBA = 0.04, np.array([0.95, 0.55, 0.10, 1.0], dtype=np.float32)
-"""Half width [m] and colour of the path in images."""
+"""Half width [m] and colour of the path in rendered images."""
 DISTANCE_M, ELEVATION_DEG, AZIMUTH_DEG = 9.0, -25.0, 130.0
 """Camera position for the default tractor: distance [m], elevation [deg] and azimuth [deg]."""
 
 
 class NoDisplayError(RuntimeError):
-    """Exception for a computer on which MuJoCo cannot render."""
+    """Exception for a computer without OpenGL support for MuJoCo."""
 
 
 class Camera:
-    """Renderer of images of one tractor on its ground."""
+    """Renderer for images of one tractor on its terrain."""
 
     def __init__(
         self, tractor: TractorParameters, ground: Ground, size: tuple[int, int], implement: ImplementBase = NONE
@@ -56,7 +57,7 @@ class Camera:
             ) from None
 
     def picture(self, configuration: Array, path: Array) -> Picture:
-        """Return an image (height, width, 3) of tractor and path (n, 3) [m]. `configuration` is MuJoCo's qpos."""
+        """Return an image (height, width, 3) of tractor and path (n, 3) [m]. `configuration` is qpos of MuJoCo."""
         self.data.qpos[:] = configuration
         mujoco.mj_forward(self.model, self.data)
         self.renderer.update_scene(self.data, self.view)
@@ -65,7 +66,7 @@ class Camera:
         return np.asarray(self.renderer.render(), dtype=np.uint8)
 
     def _strip(self, start: Array, end: Array) -> None:
-        """Add the path segment between two points (3,) [m] to the scene, unless the scene is full."""
+        """Add a path segment between two points (3,) [m] to the scene, unless the scene is full."""
         scene = self.renderer.scene
         if scene.ngeom >= scene.maxgeom:
             return

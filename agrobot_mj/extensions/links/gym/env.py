@@ -12,8 +12,8 @@ The episode terminates if the run fails (`rolled_over`, `stuck`, `diverged`, `le
 than `max_offset_m` from the path (`off_path`), or if the reference is more than `max_lag_m` ahead along the path
 (`lagging`). The episode is truncated at the end of the scenario (`completed` or `unfinished`).
 
-`FollowPathVector` is the vector environment with several tractors in one process. The tractors are stepped in sequence:
-a tick is mostly Python code, so that threads give no speed-up. To use several cores, choose gymnasium's processes
+`FollowPathVector` is the vector environment with several tractors in one process. The tractors are stepped in sequence,
+because a tick is mostly Python code and threads give no speed-up. To use several cores, choose gymnasium's processes
 (`vectorization_mode="async"`) or, better, one process per episode.
 """
 
@@ -39,12 +39,13 @@ from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.simulation.stepping import Simulation
 
 Range = tuple[float, float] | list[Any]
-"""Pair (low, high) of a uniform distribution, for integers if both are integers; or list of equally probable values."""
+"""Range of a scenario value: bounds (low, high) of a uniform distribution, or list of equally probable values. With
+integer bounds, the distribution is over integers."""
 SEEDS = 2**31  # Number of possible seeds of an episode
 
 
 def check_ranges(ranges: Mapping[str, Range]) -> None:
-    """Raise `ScenarioError` unless every value is a valid range or list of values."""
+    """Raise `ScenarioError` for an invalid range or list of values."""
     for key, values in ranges.items():
         if key == "seed":
             raise ScenarioError("randomise: seed: the seed differs in every episode; omit this key")
@@ -80,7 +81,7 @@ DRAWN_M = np.arange(-5.0, 20.0, 0.25)  # Arc lengths of the drawn path points re
 
 
 class FollowPath(gymnasium.Env[Any, Any]):
-    """Environment in which one tractor follows the path of a scenario."""
+    """Gymnasium environment in which one tractor follows the path of a scenario."""
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 - as in gymnasium
 
@@ -140,7 +141,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
             return self._observe(), self._info() | {"drawn": drawn}
 
     def step(self, action: Array) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Advance one tick. Return observation, reward, terminated, truncated, and a dictionary of true values."""
+        """Advance one tick. Return observation, reward, terminated, truncated, and info with true values."""
         sim = self._running
         values = [float(value) for value in np.asarray(action, dtype=np.float64).ravel()]
         if len(values) != (wanted := 2 if self.speed else 1):
@@ -164,7 +165,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return deepcopy(self)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state of the episode without the renderer, for copies and pickles."""
+        """Return the state of the environment without the renderer, for copies and pickles."""
         return vars(self) | {"components": (), "_camera": None, "_drawn": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -211,7 +212,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
         return {"t": sim.truth.t, "cross_track": beside.offset, "lag": lag, "outcome": outcome}
 
     def render(self) -> Any:
-        """Return an image of the tractor on its path, uint8, (height, width, 3), or None without a render mode."""
+        """Return an image of the tractor on its path, uint8 (height, width, 3). Return None without a render mode."""
         if self.render_mode is None:
             return None
         sim = self._running
@@ -233,7 +234,7 @@ class FollowPath(gymnasium.Env[Any, Any]):
 
 
 class FollowPathVector(SyncVectorEnv):
-    """Vector environment with `num_envs` tractors. The other arguments are the arguments of `FollowPath`."""
+    """Vector environment with `num_envs` tractors. Other arguments are those of `FollowPath`."""
 
     def __init__(
         self, num_envs: int = 1, *, autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP, **keywords: Any
@@ -244,11 +245,11 @@ class FollowPathVector(SyncVectorEnv):
         return deepcopy(self)
 
     def reset(self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None) -> Any:
-        """Start new episodes. `seed` is the seed of the first tractor, or a list; `options` as for `FollowPath`."""
+        """Start new episodes. `seed` is the seed of the first tractor, or a list. `options`: see `FollowPath`."""
         with held_back():
             return super().reset(seed=seed, options=options)
 
     def step(self, actions: Any) -> Any:
-        """Advance all tractors by one tick."""
+        """Advance all tractors by one tick. Return observations, rewards, terminations, truncations and infos."""
         with held_back():
             return super().step(actions)

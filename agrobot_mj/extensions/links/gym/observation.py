@@ -1,6 +1,7 @@
-"""Observations of an agent: quantities available to a controller on the tractor and, optionally, true values.
+"""Observations of an agent: quantities that a controller on the tractor can measure or estimate and, optionally, true
+values.
 
-A table defines name, unit, bound, description and value of each component. Bounds are symmetric; values beyond a bound
+A table defines name, unit, bound, description and value of each component. Bounds are symmetric. Values beyond a bound
 are clipped.
 """
 
@@ -18,7 +19,7 @@ Vector = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 
 
 class Moment(NamedTuple):
-    """State of an episode at one tick, for computing the observation."""
+    """State of an episode at one tick, from which observations are computed."""
 
     sim: Simulation
     beside: PathPoint  # Path point nearest to the estimated position
@@ -27,7 +28,7 @@ class Moment(NamedTuple):
 
 
 class Observed(NamedTuple):
-    """Component of an observation."""
+    """Definition of one component of an observation."""
 
     name: str
     unit: str
@@ -37,7 +38,7 @@ class Observed(NamedTuple):
 
 
 def along_track(m: Moment) -> float:
-    """Return the distance of the reference ahead of the estimated position [m], along the reference heading."""
+    """Return the distance of the reference ahead of the estimated position, along the reference heading [m]."""
     r, e = m.sim.reference, m.sim.estimate
     return to_heading(r.yaw, r.x - e.x, r.y - e.y)[0]
 
@@ -66,10 +67,10 @@ SEEN = (
     Observed("steer", "rad", 1.0, "measured steering angle, left positive", lambda m: m.sim.situation.steer),
     Observed("steer_action", "rad", 1.0, "steering angle of the last action, left positive", lambda m: m.steer),
 )
-"""Components of every observation. The curvatures ahead follow them."""
+"""Components of every observation, before the path curvatures."""
 
 ROLL = Observed("roll", "rad", pi, "measured roll, left side up positive", lambda m: m.sim.situation.roll)
-"""Component added in scenarios with an inertial unit (`sensors.imu.enabled`)."""
+"""Component for scenarios with an inertial unit (`sensors.imu.enabled`): measured roll."""
 
 TRUTH = (
     Observed(
@@ -89,11 +90,11 @@ TRUTH = (
     Observed("true_roll", "rad", pi, "roll, left side up positive", lambda m: m.sim.truth.roll),
     Observed("true_pitch", "rad", pi, "pitch, nose down positive", lambda m: m.sim.truth.pitch),
 )
-"""True values added at the end of the observation with `privileged=True`."""
+"""True values, appended to the observation with `privileged=True`."""
 
 
 def curvature_ahead(distance: float) -> Observed:
-    """Return the component with the path curvature at a distance ahead of the nearest path point [m]."""
+    """Return a component with the path curvature at a preview distance ahead of the nearest path point [m]."""
     return Observed(
         f"curvature_{distance:g}m",
         "1/m",
@@ -104,13 +105,13 @@ def curvature_ahead(distance: float) -> Observed:
 
 
 def table(preview_m: tuple[float, ...], imu: bool, privileged: bool) -> tuple[Observed, ...]:
-    """Return the components of an observation in order, with path curvatures at the distances `preview_m` [m]."""
+    """Return the components of an observation in order. Path curvatures are at the distances `preview_m` ahead [m]."""
     ahead = tuple(curvature_ahead(distance) for distance in preview_m)
     return (*SEEN, *ahead, *((ROLL,) if imu else ()), *(TRUTH if privileged else ()))
 
 
 def bounds(components: tuple[Observed, ...]) -> Vector:
-    """Return the maximum absolute values of the components, shape (n,)."""
+    """Return the maximum absolute value of each component, shape (n,)."""
     return np.array([part.bound for part in components], dtype=np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Export of a finished run as an MCAP file of ROS 2 messages for `ros2 bag` and Foxglove. Does not need ROS.
+"""Export of a finished run as an MCAP file of ROS 2 messages for `ros2 bag` and Foxglove. ROS is not required.
 
 The file contains the messages of a live tractor with their time stamps, /tf and /tf_static for viewers, and the
 commands received on /cmd_vel.
@@ -43,7 +43,7 @@ LARGEST = 1e9  # Upper limit of the absolute value of any signal [SI units]
 
 
 def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
-    """Write the run in `folder` as MCAP, to that folder or to `out`. Return the file and the number of messages."""
+    """Write the run in `folder` to an MCAP file in `out`, by default `folder`. Return file and number of messages."""
     for name in ("scenario.toml", "signals.parquet"):
         if not (folder / name).is_file():
             raise ScenarioError(f"{folder}: the folder has no {name}; specify the folder of a run")
@@ -53,7 +53,7 @@ def export_run(folder: Path, out: Path | None = None) -> tuple[Path, int]:
 
 
 def _waited(file: Path) -> float:
-    """Return the time for which the node waited for a program at the start of a run [s], or 0 if there is no node."""
+    """Return the time that a ROS node waited for a program before the run [s], or 0 for a run without a node."""
     try:
         waited = json.loads(file.read_text(encoding="utf-8"))["ros2"]["waited_s"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -102,7 +102,7 @@ def write_mcap(scenario: Scenario, signals: pa.Table, file: Path, waited_s: floa
 
 
 def recorded(scenario: Scenario, signals: pa.Table, waited_s: float) -> Iterator[tuple[str, float, Content]]:
-    """Yield topic, time [s] and content of all messages of a run in chronological order."""
+    """Yield topic, time [s] and content of each message of a run in chronological order."""
     site, yaw, way = site_of(scenario), nan, path(scenario)
     for k, sample in enumerate(samples_of(signals)):
         t, yaw = sample.t + waited_s, gyro_heading(yaw, sample.gyro, sample.yaw, TICK_S)

@@ -1,11 +1,10 @@
-"""Messages of one tick as plain data: dictionaries with the fields that are defined in `definitions`.
+"""ROS 2 messages of one tick as plain data: dictionaries with the fields that are defined in `definitions`.
 
 Frames follow REP 103 and REP 105. `map` has axes east, north and up, and the origin of the scenario. `base_link` is R,
 the point on the ground below the rear axle, with x forward and y left. Time stamps count from a fixed UTC time, so that
 runs are repeatable. A covariance that starts with -1 marks a quantity that is not measured, as usual in ROS.
 
-Messages from a running simulation and from the table of a finished run are equal: a recording contains the messages
-that a live subscriber receives.
+A recording contains the same messages that a live subscriber receives.
 """
 
 from collections import namedtuple
@@ -32,11 +31,11 @@ TickSample = namedtuple(
     "imu_force_x imu_force_y imu_force_z cmd_speed cmd_yaw_rate cmd_age",
     defaults=(nan, nan, nan, nan, nan, nan),
 )
-"""Signals of one tick, with names and units as in the log. Signals that a run does not have are NaN."""
+"""Signals of one tick, with names and units as in the log. Missing signals are NaN."""
 
 
 def sample_of(sim: Simulation) -> TickSample:
-    """Return the signals of the current tick of a simulation. Sensors are read if necessary."""
+    """Return the signals of the current tick of a running simulation."""
     m, e, truth = sim.measurement, sim.estimate, sim.truth
     fix = (m.fix.x, m.fix.y) if m.fix else (nan, nan)
     p = e.covariance
@@ -51,7 +50,7 @@ def sample_of(sim: Simulation) -> TickSample:
 
 
 def samples_of(signals: pa.Table) -> Iterator[TickSample]:
-    """Yield the signals of each tick in `signals.parquet`."""
+    """Yield the signals of each tick from the table `signals.parquet`."""
     known = set(signals.column_names)
     columns = [
         signals[name].to_numpy() if name in known else np.full(len(signals), np.nan) for name in TickSample._fields
@@ -65,7 +64,7 @@ Content = dict[str, Any]
 EPOCH_NS = round(START.timestamp() * 1e9)  # Time at the start of every run, in nanoseconds since 1970 (UTC)
 NO_FIX, PLAIN_FIX, GROUND_FIX = -1, 0, 2
 STATUS = {Quality.DGPS: PLAIN_FIX, Quality.FLOAT: PLAIN_FIX, Quality.FIX: GROUND_FIX}
-"""NavSatStatus for each quality of the solution: RTK float is a plain fix, RTK fix a ground-based augmentation."""
+"""NavSatStatus for each solution quality: RTK float as plain fix, RTK fixed as ground-based augmentation."""
 SERVICES = 1 + 2 + 4 + 8  # Bit mask of satellite systems: GPS, GLONASS, BeiDou, Galileo
 UP_SIGMA = 2.0
 """Standard deviation of the height divided by the horizontal standard deviation [-]. Assumed value (1.5-3)."""
@@ -76,7 +75,7 @@ NOT_MEASURED = [-1.0, *[0.0] * 8]  # Covariance that marks an unmeasured quantit
 
 
 class Site(NamedTuple):
-    """Values of the scenario that are needed for messages."""
+    """Scenario values that are needed for messages: origin, geometry and sensor noise."""
 
     origin: Origin
     antenna: tuple[float, float, float]  # Position of the antenna in `base_link`: ahead, to the left and up [m]
@@ -84,7 +83,7 @@ class Site(NamedTuple):
     cg_to_rear_axle: float  # Distance of the CG from the rear axle [m]
     wheel_radius: float  # Radius of the rear wheels [m]
     position_variance: tuple[float, float]
-    """Variance of the position [m2] along each horizontal axis for the solutions RTK float and RTK fix."""
+    """Variances of a horizontal position coordinate for the solutions RTK float and RTK fixed [m2]."""
     tilt_variance: float  # Variance of roll and pitch of the inertial unit [rad2]
     gyro_variance: float  # Variance of the gyro noise [rad2/s2]
     gyro_walk: float  # Random walk of the gyro bias [rad2/s3]
@@ -109,7 +108,7 @@ def site_of(scenario: Scenario) -> Site:
 
 
 def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -> list[tuple[str, Content]]:
-    """Return all messages of a tick with their topics, /clock last. `yaw` is the yaw of the inertial unit [rad]."""
+    """Return all messages of a tick with their topics, /clock last. `yaw` is the heading of the inertial unit [rad]."""
     at = stamp(s.t if time is None else time)
     found = [("/fix", fix(s, site, at)), ("/joint_states", joint_states(s, site, at))]
     if isfinite(s.gyro) or isfinite(s.imu_roll):
@@ -119,13 +118,13 @@ def messages(s: TickSample, site: Site, yaw: float, time: float | None = None) -
 
 
 def stamp(t: float) -> Content:
-    """Return `builtin_interfaces/Time` at the time `t` since the start [s]."""
+    """Return `builtin_interfaces/Time` for the time `t` since the start [s]."""
     sec, nanosec = divmod(nanoseconds(t), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 
 def nanoseconds(t: float) -> int:
-    """Return the UTC time `t` [s] after the start, in nanoseconds since 1970, rounded to microseconds."""
+    """Return the UTC time at `t` seconds after the start [ns since 1970], rounded to microseconds."""
     return EPOCH_NS + round(t * 1e6) * 1000
 
 
@@ -135,7 +134,7 @@ def header(at: Content, frame: str) -> Content:
 
 
 def fix(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/NavSatFix` of the antenna. On level ground, the altitude is the true altitude."""
+    """Return `sensor_msgs/NavSatFix` of the antenna. The altitude has no noise, and is correct on level ground."""
     status = STATUS.get(round(s.gnss_quality), NO_FIX)
     if isnan(s.gnss_x):
         status, (latitude, longitude), variance = NO_FIX, (nan, nan), 0.0
@@ -154,7 +153,7 @@ def fix(s: TickSample, site: Site, at: Content) -> Content:
 
 
 def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
-    """Return `sensor_msgs/Imu`: attitude, yaw rate, and specific force without noise."""
+    """Return `sensor_msgs/Imu`: attitude, yaw rate, and noise-free specific force."""
     attitude = [0.0 if isnan(angle) else angle for angle in (s.imu_roll, s.imu_pitch, yaw)]
     tilt = UNKNOWN_VARIANCE if isnan(s.imu_roll) else site.tilt_variance
     drift = site.gyro_variance * TICK_S * s.t + site.gyro_walk * s.t**3 / 3
@@ -174,7 +173,7 @@ def imu(s: TickSample, site: Site, yaw: float, at: Content) -> Content:
 
 
 def joint_states(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `sensor_msgs/JointState` of the front wheel of the bicycle model and, if measured, of the rear wheels."""
+    """Return `sensor_msgs/JointState` of the bicycle model's front wheel and, if measured, of the rear wheels."""
     spin = [] if isnan(s.wheel_speed) else [s.wheel_speed / site.wheel_radius]
     return {
         "header": header(at, ""),
@@ -195,7 +194,7 @@ def estimated(s: TickSample, at: Content) -> Content:
 
 
 def true(s: TickSample, site: Site, at: Content) -> Content:
-    """Return `nav_msgs/Odometry` of the true motion of R in the map. Velocities are along the heading and left."""
+    """Return `nav_msgs/Odometry` of the true motion of R in the map. Velocities are in axes ahead and left."""
     up = s.z - site.cg_height
     pose = {"position": vector(s.rear_x, s.rear_y, up), "orientation": quaternion(s.roll, s.pitch, s.yaw)}
     left = s.lateral_speed - site.cg_to_rear_axle * s.yaw_rate
@@ -229,7 +228,7 @@ def path(scenario: Scenario, t: float = 0.0) -> Content:
 
 
 def vector(x: float, y: float, z: float) -> Content:
-    """Return `geometry_msgs/Vector3` or `geometry_msgs/Point`."""
+    """Return the fields of `geometry_msgs/Vector3` or `geometry_msgs/Point`."""
     return {"x": x, "y": y, "z": z}
 
 

@@ -1,6 +1,6 @@
 """ROS 2 message types of the tractor, as text of .msg files.
 
-A definition lists fields as `type name`. A nested type without a package is in the same package. `full_definition`
+A definition lists fields as `type name`. A nested type without a package name is in the same package. `full_definition`
 returns a type with all nested types, as MCAP schemas require.
 """
 
@@ -58,7 +58,7 @@ TOPICS = {
 }
 """Message types of a live tractor, by topic."""
 RECORDED = {**TOPICS, "/cmd_vel": "geometry_msgs/Twist", **dict.fromkeys(("/tf", "/tf_static"), "tf2_msgs/TFMessage")}
-"""Message types in an MCAP file, by topic. tf2_msgs is not on PyPI, and is not needed for writing a file."""
+"""Message types in an MCAP file, by topic. The package tf2_msgs is not required for writing a file."""
 
 
 def full_name(kind: str) -> str:

@@ -1,4 +1,4 @@
-"""ROS 2 node of the tractor, based on rclpy: publishers of its topics and a subscription to /cmd_vel."""
+"""ROS 2 node of the tractor, based on rclpy: publishers of the tractor topics and a subscription to /cmd_vel."""
 
 import re
 import time
@@ -17,7 +17,7 @@ LATCHED = "/path"  # Topic with durability TRANSIENT_LOCAL, which sends the last
 
 
 NAMESPACE = re.compile(r"([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*)?")
-"""Pattern of a ROS namespace without its leading slash; the namespace may be empty."""
+"""Regular expression for a ROS namespace without its leading slash. The namespace may be empty."""
 TWISTS = "geometry_msgs/Twist", "geometry_msgs/TwistStamped"  # Message types of /cmd_vel, without and with a time stamp
 
 
@@ -32,12 +32,12 @@ class VelocityMessage(NamedTuple):
 class RosNode:
     """ROS node `tractor`, used as a context manager.
 
-    `heard` is the number of valid commands, `refused` the number of commands with values that are not finite, and
-    `last` the newest command.
+    `heard` is the number of valid commands, `refused` the number of commands with NaN or infinite values, and `last`
+    the newest command.
     """
 
     def __init__(self, stamped: bool = False, domain: int | None = None, namespace: str = "") -> None:
-        """Create the node. If `stamped`, /cmd_vel is a TwistStamped. `namespace` applies to node and topics."""
+        """Create the node. If `stamped`, /cmd_vel has the type TwistStamped. `namespace` applies to node and topics."""
         self.rclpy = required("rclpy", "ros", "ros2")
         if domain is not None and not 0 <= domain <= MOST_DOMAIN:
             raise ScenarioError(f"--domain: must be between 0 and {MOST_DOMAIN}, got {domain}")
@@ -76,7 +76,7 @@ class RosNode:
         return self.node.create_publisher(message_class(kind), full_topic(self.namespace, topic), profile)
 
     def publish(self, topic: str, content: Content) -> None:
-        """Publish a message on a topic. Unchanged content is sent again without conversion."""
+        """Publish a message on a topic. Unchanged content is published again without conversion."""
         known, message = self.built.get(topic, (None, None))
         if known is not content:
             message = message_class(TOPICS[topic])() if message is None else message
@@ -94,7 +94,7 @@ class RosNode:
                 return
 
     def problem(self) -> str:
-        """Return the reason why no commands arrive, see `problem_of`."""
+        """Return the reason why no commands arrive, as `problem_of` does."""
         found = self.node.get_publishers_info_by_topic(full_topic(self.namespace, "cmd_vel"))
         return problem_of([each.topic_type for each in found], self.stamped, self.refused)
 
@@ -125,7 +125,7 @@ def problem_of(types: Sequence[str], stamped: bool, refused: int) -> str:
 
 
 def message_class(kind: str) -> Any:
-    """Return the class of a message type such as `nav_msgs/Odometry`. Raises `ScenarioError` for a missing package."""
+    """Return the class of a message type, for example `nav_msgs/Odometry`. Raises `ScenarioError` if it is missing."""
     package, _, name = kind.partition("/")
     required(package, "ros", "ros2")
     return getattr(import_module(f"{package}.msg"), name)

@@ -48,8 +48,11 @@ PROFILE = f"""<?xml version="1.0" encoding="UTF-8" ?>
 
 @contextmanager
 def loopback_only() -> Iterator[None]:
-    """Restrict nodes created in the block to the loopback interface. Raises `ScenarioError` for another middleware. The
-    block must begin before rclpy is initialised, because Fast DDS reads its profile once per process."""
+    """Restrict the nodes created in a `with` block to the loopback interface.
+
+    The block must begin before rclpy is initialised, because Fast DDS reads its profile once per process. Raises
+    `ScenarioError` for another middleware.
+    """
     other = os.environ.get("RMW_IMPLEMENTATION", MIDDLEWARE)
     if other != MIDDLEWARE:
         raise ScenarioError(

@@ -41,28 +41,28 @@ from agrobot_mj.simulation.storage import write_log
 
 ANSWER_S = 0.025  # Time from the start of a turn within which an arriving command is effective in this turn [s]
 SETTLE_S = 0.3
-"""Waiting time [s] without commands, in which replies to earlier clock messages arrive (lock-step). Assumed value."""
+"""Time without commands after which no replies to earlier clock messages remain in lock-step [s]. Assumed value."""
 ASK_TURNS = 60
-"""Number of turns without a command after which the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
+"""Number of exchange turns without a command before the publishers of /cmd_vel are checked. Discovery takes 1-2 s."""
 
 
 SENSORS = {"sensors.imu.enabled": True, "sensors.gyro.enabled": True}
-"""Sensors that are enabled in a run with ROS, unless the scenario sets their keys."""
+"""Sensor settings of a run with ROS, unless the scenario sets these keys."""
 
 
 class NoProgramError(NotBegunError):
-    """Exception for a program from which no command arrives on /cmd_vel in time."""
+    """Exception for a program that sends no command on /cmd_vel in time."""
 
 
 class Port(Protocol):
-    """Interface to a ROS node or test double: source of commands, destination of messages."""
+    """Interface of a ROS node or test double, which receives commands and sends messages."""
 
     heard: int
-    """Number of commands received."""
+    """Number of valid commands received."""
     refused: int
-    """Number of ignored commands with values that are not finite."""
+    """Number of ignored commands with NaN or infinite values."""
     last: VelocityMessage | None
-    """Newest command, or None before the first command."""
+    """Newest velocity command, or None before the first command."""
 
     def publish(self, topic: str, content: Content) -> None:
         """Publish a message on a topic."""
@@ -84,7 +84,7 @@ class RosOptions(NamedTuple):
     """Time base of the run: the wall clock (`real_time`), or the commands of the program (`lock_step`)."""
     every: int = 1  # Number of ticks per command in lock-step
     start: Literal["heard", "now"] = "heard"
-    """Event at which the clock of the run starts: the first command, or the opening of the link."""
+    """Event that starts the clock of the run: the first command, or the opening of the link."""
     wait_s: float = 60.0  # Maximum time to wait for the start event and, in lock-step, for each command [s]
     network: bool = False  # Whether other computers can reach the topics
     domain: int | None = None  # ROS domain ID. Default: the environment.
@@ -96,7 +96,7 @@ class RosOptions(NamedTuple):
 
 
 class RosSession:
-    """Run over a port. The method `run` may be called only once."""
+    """Run controlled by velocity commands over a port. The method `run` may only be called once."""
 
     def __init__(self, sim: Simulation, port: Port, options: RosOptions) -> None:
         spec: GuidanceLaw = sim.scenario.guidance
@@ -106,20 +106,20 @@ class RosSession:
         self.place = full_topic(options.namespace, "/cmd_vel")
         self.site, self.path = site_of(sim.scenario), path(sim.scenario)
         self.yaw, self.request = nan, VelocityRequest()
-        """Heading of the simulated inertial unit [rad], and the current command."""
+        """Heading of the simulated inertial unit [rad], and velocity command in effect."""
         self.pace = Pace(TICK_S)
         self.turn, self.started = 0, -1
         self.refused = 0
-        """Number of ignored commands that have been reported."""
+        """Number of ignored commands up to the last turn of the exchange."""
         self.answered = 0
-        """Last turn with a command. In lock-step, the next command is expected `every` turns later."""
+        """Last turn of the exchange with a command. In lock-step, the next command is due `every` turns later."""
         self.latencies: list[float] = []
-        """Wall-clock times [s] between publishing the sensors and the first command of each turn."""
+        """Wall-clock times from publishing the sensors to the first command, one per turn of the exchange [s]."""
         self.ended: str | None = None
-        """Outcome set by the link, or None if the outcome is determined by the simulation."""
+        """Outcome of the run set by the link, or None if the simulation sets the outcome."""
 
     def run(self, should_stop: Callable[[], bool], tell: Callable[[], None]) -> None:
-        """Simulate to the end; call `tell` after each tick. Raises `NoProgramError` if no command arrives in time."""
+        """Simulate to the end and call `tell` after each tick. Raises `NoProgramError` if no command arrives."""
         self.sim.reset()
         sample = self._sensed()
         while not self.sim.done and not should_stop():
@@ -194,7 +194,7 @@ class RosSession:
             self.options.notify(f"no message on {self.place} yet: {problem}")
 
     def _settle(self) -> None:
-        """Wait until replies to earlier clock messages have arrived, so that later replies belong to a known tick."""
+        """Wait for all replies to earlier clock messages, so that later replies belong to a known tick."""
         heard = -1
         while heard != self.port.heard:
             heard = self.port.heard
@@ -242,7 +242,7 @@ def run_over(
     watchers: tuple[Watcher, ...] = (),
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Log:
-    """Run a scenario over a port. The log gets the metrics block `ros2`. Raises the errors of `ros2`."""
+    """Run a scenario over a port and return its log with the metrics block `ros2`. Raises the errors of `ros2`."""
     session = RosSession(Simulation(scenario), port, options)
     told = options.live or options.pace == "lock_step"
     return run_session(session, lambda log: {"ros2": session.metrics()}, watchers, should_stop, told)

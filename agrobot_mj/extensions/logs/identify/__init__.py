@@ -1,1 +1,1 @@
-"""Identification: the steering valve from a run, and the lateral dynamics of a vehicle from recordings."""
+"""Identification of the steering valve from a run, and of the lateral vehicle dynamics from recordings."""

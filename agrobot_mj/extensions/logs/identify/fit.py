@@ -1,13 +1,14 @@
 """Fit of the lateral dynamics and of the sensors to recordings, with the uncertainty of the estimates.
 
-Residuals of gyro yaw rate, heading and position are computed in windows of some seconds. Each window is aligned with
-the recording, so that the drift of an open loop does not dominate (`predictions`). Errors of RTK positions and of
-recorded inputs are correlated over many samples. Therefore all residuals are whitened by an autoregression (generalised
-least squares, three rounds). Shifts and rotations of windows are then removed. The covariance comes from a bootstrap of
-complete windows and from noise added to the recorded steering angle and speed.
+Residuals of gyro yaw rate, heading and position are computed in windows of some seconds. Predictions are aligned with
+the recording in each window, because otherwise the drift of an open-loop simulation would dominate (`predictions`).
+Errors of RTK positions and of recorded inputs are correlated over many samples. Therefore all residuals are whitened by
+an autoregression (generalised least squares, three rounds). Residuals due to shifts and rotations of windows are then
+removed. The covariance comes from a bootstrap of complete windows and from noise added to the recorded steering angle
+and speed.
 
-Stiffnesses are fitted as compliances, 1/C: the understeer gradient is linear in them, and the interval of an
-unidentifiable stiff axle includes compliance zero. Quantities that a recording may not identify have a normal prior,
+Stiffnesses C are fitted as compliances 1/C, because the understeer gradient is linear in compliances. The interval of
+an unidentifiable stiff axle includes zero compliance. Quantities that a recording may not identify have a normal prior,
 which acts as an additional measurement in the fit and in the covariance.
 """
 
@@ -36,14 +37,14 @@ from agrobot_mj.extensions.logs.identify.windows import (
 from agrobot_mj.machine.tractor import GRAVITY, TractorParameters
 
 MEMORY_S = 0.4
-"""Duration of the autoregression of residuals [s]. Its order is limited to `LEAST_ORDER` to `MOST_ORDER` samples."""
+"""Time span of the autoregressive model of residuals [s]. Its order is limited to `LEAST_ORDER` to `MOST_ORDER`."""
 LEAST_ORDER, MOST_ORDER = 2, 8
 ROUNDS = 3  # Number of rounds of whitening and fitting. Two rounds suffice for convergence.
 SLOW_S = 60.0
-"""Maximum time difference at which errors of different windows are correlated [s], at most a third of the log."""
+"""Maximum time difference between windows with correlated errors [s], limited to a third of the log."""
 DRAWS = 12  # Number of noise realisations added to the recorded angle and speed
 NUISANCE = ("gyro_offset", "heading_offset", "speed_error")
-"""Parameters that are fitted if identifiable and are not reported."""
+"""Nuisance parameters, which are fitted if identifiable but not reported."""
 
 
 class Prior(NamedTuple):
@@ -80,7 +81,8 @@ class VehicleFit(NamedTuple):
 
 
 def whitened(series: Array, noise: Autoregression) -> Array:
-    """Return series (windows, n, ...) minus their autoregression, divided by sigma, without the first p samples."""
+    """Return the innovations of series (windows, n, ...) for an autoregressive model, divided by their standard
+    deviation. The first p samples are omitted, where p is the model order."""
     a, p = noise.coefficients, len(noise.coefficients)
     n = series.shape[1]
     white = series[:, p:].copy()
@@ -91,7 +93,7 @@ def whitened(series: Array, noise: Autoregression) -> Array:
 
 
 def noise_of(residuals: Array, spacing: float) -> Autoregression:
-    """Return an autoregression of length `MEMORY_S` for residuals (windows, n, ...) with a sample spacing [s]."""
+    """Return an autoregressive model with time span `MEMORY_S` for residuals (windows, n, ...) every `spacing` [s]."""
     if residuals.ndim == 3:
         residuals = np.concatenate([residuals[..., 0], residuals[..., 1]])
     order, n = int(np.clip(round(MEMORY_S / spacing), LEAST_ORDER, MOST_ORDER)), residuals.shape[1]
@@ -116,7 +118,7 @@ class Problem:
         return [motion(p, self.data, piece) for piece in self.data.pieces]
 
     def _freedoms(self) -> Iterator[tuple[str, list[Array]]]:
-        """Yield, for each channel, the changes of its values due to free initial values of a window."""
+        """Yield each channel with free initial values, and its derivatives with respect to these values."""
         if heading := self.data.channels.get("heading"):
             yield "heading", [np.ones_like(heading.value)]
         if position := self.data.channels.get("position"):
@@ -126,12 +128,12 @@ class Problem:
             yield "position", [np.stack(pair, axis=2) for pair in free]
 
     def _basis(self, name: str, columns: list[Array]) -> Array:
-        """Return an orthonormal basis of whitened columns, shape (windows, samples, columns)."""
+        """Return an orthonormal basis of the whitened `columns` of a channel, shape (windows, samples, columns)."""
         white = [whitened(column, self.noise[name]).reshape(len(column), -1) for column in columns]
         return np.linalg.qr(np.stack(white, axis=2))[0]
 
     def blocks(self, x: Array) -> Array:
-        """Return whitened residuals (windows, samples) without the effect of the initial values of each window."""
+        """Return whitened residuals (windows, samples) without components due to initial values of windows."""
         p = dict(zip(self.names, x.tolist(), strict=True))
         model, parts = predictions(p, self.data, self.motions(tuple(x[self.dynamic].tolist()))), []
         for name, channel in self.data.channels.items():
@@ -143,7 +145,7 @@ class Problem:
 
 
 class _Units(NamedTuple):
-    """Bounds, initial values, typical magnitudes and priors of the parameters, shape (n,) each."""
+    """Bounds, initial values, scales and priors of the fitted parameters, shape (n,) each."""
 
     low: Array
     high: Array
@@ -154,7 +156,7 @@ class _Units(NamedTuple):
     """Scale of each parameter divided by the standard deviation of its prior, or 0 if there is no prior."""
 
     def known(self, x: Array) -> Array:
-        """Return the differences from the prior means as residuals."""
+        """Return the weighted differences between parameters `x` and their prior means, as residuals."""
         off: Array = self.weight * (x - self.mean) / self.scale
         return off
 
@@ -172,7 +174,7 @@ def _units(names: Sequence[str], mass: float, priors: Mapping[str, Prior]) -> _U
 
 
 def fit(data: VehicleData, names: Sequence[str], priors: Mapping[str, Prior] | None = None) -> VehicleFit:
-    """Fit the `PARAMETERS` with the given names, in three rounds of whitening."""
+    """Fit the `PARAMETERS` selected by `names`, in three rounds of fit and whitening."""
     names = tuple(dict.fromkeys((*names, *(n for n in NUISANCE if _seen(n, data)))))
     units = _units(names, data.chassis.mass, priors or {})
     scale, x = units.scale, units.start
@@ -237,10 +239,10 @@ def _bootstrap(J: Array, r: Array, information: Array, known: Array) -> Array:
 
 
 def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) -> tuple[Array, Array]:
-    """Return bias and covariance of the parameters due to noise of the recorded inputs, in units of their scales.
+    """Return bias and covariance of the scaled parameters due to noise of the recorded inputs.
 
     Noise with the estimated standard deviation is added to the inputs, and one step of the fit follows. To first order,
-    its change equals the effect of the noise already present [Cook1994]. Noise acts like a lag; play removes noise.
+    the resulting parameter change equals the effect of the noise already present [Cook1994].
     """
     data, steps, clean = problem.data, [], _gradient(problem, x, units)
     for k in range(DRAWS):
@@ -252,7 +254,7 @@ def _noisy_input(problem: Problem, x: Array, units: _Units, information: Array) 
 
 
 def _gradient(problem: Problem, x: Array, units: _Units) -> Array:
-    """Return the gradient of half the sum of squared residuals by one-sided differences, in units of the scales."""
+    """Return the gradient of half the sum of squared residuals with respect to the scaled parameters."""
     r, found = problem.blocks(x), np.empty(len(x))
     for k, step in enumerate(0.05 * units.scale):
         moved = x.copy()
@@ -275,7 +277,7 @@ def _with_noise(
 
 
 def _seen(nuisance: str, data: VehicleData) -> bool:
-    """Return whether the available channels identify the parameter `nuisance`, which is not reported."""
+    """Return whether the available channels identify a parameter of `NUISANCE`."""
     needs = {"gyro_offset": {"yaw_rate"}, "speed_error": {"position"}, "heading_offset": {"heading", "position"}}
     return needs[nuisance] <= set(data.channels)
 
@@ -284,21 +286,20 @@ SLIP_AT_LOAD = Prior(0.1, 0.08)
 """Prior of the slip angle at which the lateral force of a linear tyre equals its load [rad]. The inverse, stiffness
 divided by load, is 5-25 1/rad on roads and 2-10 1/rad on soil."""
 RELAXATION = Prior(1.0, 1.0)
-"""Prior of the relaxation length divided by the wheel radius [-]: 0.25 on turf at low speed; published values reach 3.
-"""
+"""Prior of the relaxation length divided by the wheel radius [-]: 0.25 on turf at low speed, up to 3 in literature."""
 BACKLASH = Prior(0.0, radians(1.5))  # Prior of the steering play [rad]
 SPEED_ERROR = Prior(0.0, 0.02)  # Prior of the relative error of the speed [-]
 DELAY_S = 0.3  # Prior standard deviation of a latency [s]
 PLACE_M = 0.5  # Prior standard deviation of the antenna position relative to its position in the map [m]
 LEAN_S2 = Prior(0.02, 0.03)
-"""Prior of the outward shift of the antenna due to roll, divided by the lateral acceleration [s2]: 0 with tilt
-correction, 0.014 for the compact and 0.045 for a narrow tractor."""
+"""Prior of the outward antenna shift due to roll, divided by the lateral acceleration [s2]. The ratio is 0 with tilt
+correction, 0.014 for the compact tractor and 0.045 for a narrow tractor."""
 CENTRE, SCALE = Prior(0.0, radians(5.0)), Prior(1.0, 0.2)
-"""Priors of steering centre [rad] and scale [-] relative to the regression without slip."""
+"""Priors of steering centre [rad] and steering scale [-], relative to the regression without slip."""
 
 
 def priors(tractor: TractorParameters, age: float) -> dict[str, Prior]:
-    """Return priors of quantities that a log may not identify. `age` is the latency of `RoughSteering` [s]."""
+    """Return the priors by parameter name. `age` is the latency estimated by `RoughSteering` [s]."""
     weight, front = tractor.mass_kg * GRAVITY, tractor.front_load_fraction
     found = {
         f"{axle}_compliance": Prior(SLIP_AT_LOAD.mean / load, SLIP_AT_LOAD.sigma / load)

@@ -1,9 +1,9 @@
 """Fit of scenario keys to logs with MuJoCo's toolbox `mujoco.sysid` (extra `sysid`), by replays on the plant.
 
-Any key with a nonzero number can be fitted: tyre, mass, geometry, soil. Residuals are those of yaw rate and position in
-windows, after the best rigid motion of each window, so that they do not depend on the initial pose. The toolbox assumes
-independent errors of equal size, but errors of logs are correlated. Therefore the intervals of the result come from
-fits without one window. They do not include errors of the map and of the other keys.
+Any key with a nonzero number can be fitted: tyre, mass, geometry, soil. Residuals are errors of yaw rate and position
+in windows. A rigid motion aligns each window with the recording, so that residuals do not depend on the initial pose.
+The toolbox assumes independent errors of equal size, but errors of logs are correlated. Therefore the intervals come
+from a jackknife over windows. These intervals do not include errors of the map and of other keys.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,22 +31,22 @@ from agrobot_mj.scenario.schema import Scenario
 RANGE = 4.0  # Maximum ratio of a fitted value to the initial value, and of the initial value to a fitted one [-]
 STEP = 0.01  # Relative change of a value for finite differences [-]: large compared with contact noise
 Residuals = dict[tuple[str, int, int], Array]
-"""Residuals by channel, segment and window; the number of values does not depend on the fitted keys."""
+"""Residuals by channel, segment and window number. Their number does not depend on the fitted keys."""
 
 
 class FittedKeys(NamedTuple):
-    """Scenario keys fitted to logs."""
+    """Result of a fit of scenario keys to logs."""
 
     found: dict[str, Quantity]  # Fitted values by key, with intervals from fits without one window
     toolbox: dict[str, float]  # Half widths of the intervals that MuJoCo's toolbox computes, by key
     windows: int
     rms: dict[str, tuple[float, float]]
-    """RMS residual by channel with the initial and with the fitted values [rad/s or m]."""
+    """RMS residual of each channel with the initial values and with the fitted values [rad/s or m]."""
     notes: tuple[str, ...]
 
 
 class _Problem:
-    """Replays of segments as a least-squares problem, whose unknowns are key values divided by their initial values."""
+    """Least-squares problem with residuals from replays. Unknowns are key values divided by initial values."""
 
     def __init__(self, pieces: Sequence[FieldRecording], scenario: Scenario, start: Mapping[str, float]) -> None:
         self.scenario, self.start = on_wide_ground(scenario, max(map(reach, pieces))), start
@@ -54,7 +54,7 @@ class _Problem:
         self.weights: dict[str, float] = {}
 
     def residuals(self, x: Array) -> Residuals:
-        """Return the residuals without weights."""
+        """Return the unweighted residuals for the unknowns `x`."""
         values = (x * list(self.start.values())).tolist()
         scenario = self.scenario.changed(dict(zip(self.start, values, strict=True)))
         found = Residuals()
@@ -63,7 +63,7 @@ class _Problem:
         return found
 
     def weighted(self, x: Array, _: Any = None) -> tuple[list[Array], None, None]:
-        """Return the weighted residuals (samples, points) at points x (n, points), as the toolbox expects them."""
+        """Return the weighted residuals (samples, points) for unknowns x (n, points), in the format of the toolbox."""
         points = [self.residuals(each) for each in np.reshape(x, (len(self.start), -1)).T]
         rows = {key: np.stack([each[key] for each in points], axis=1) for key in points[0]}
         return [each / self.weights[name] for (name, *_), each in rows.items()], None, None
@@ -77,7 +77,7 @@ def fit_keys(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> FittedKeys:
-    """Fit scenario keys to logs, starting at the values of a scenario. Raises `FieldLogError`, `ScenarioError`."""
+    """Fit scenario keys to logs. Initial values are those of `scenario`. Raises `FieldLogError`, `ScenarioError`."""
     required("absl", "sysid", "a fit of scenario keys")
     toolbox = required("mujoco.sysid", "sysid", "a fit of scenario keys")
     start = {name: _number(scenario, name) for name in names}
@@ -109,7 +109,7 @@ def fit_keys(
 
 
 def _number(scenario: Scenario, key: str) -> float:
-    """Return the number of a key. Raises `ScenarioError` if the value is zero or not a number."""
+    """Return the numeric value of a scenario key. Raises `ScenarioError` if the value is zero or not a number."""
     known = {name: each for name, each in flat(scenario.model_dump()) if isinstance(each, int | float)}
     if not known.get(key):
         near = suggestion(key, list(known)) if key not in known else ""
@@ -118,7 +118,7 @@ def _number(scenario: Scenario, key: str) -> float:
 
 
 def _residuals(number: int, piece: FieldRecording, driven: Driven) -> Residuals:
-    """Return the residuals of one segment. Raises `FieldLogError` if the plant stopped early."""
+    """Return the residuals of one replayed segment. Raises `FieldLogError` if the plant stopped early."""
     if driven.outcome != "completed":
         raise FieldLogError(f"{piece.name}: the plant stops ({driven.outcome}); omit this part with --from and --to")
     found = Residuals()
@@ -138,7 +138,7 @@ def _rms(residuals: Residuals) -> dict[str, float]:
 
 
 def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
-    """Return the values, divided by their initial values, that minimise the weighted residuals, and the Jacobian."""
+    """Return the unknowns that minimise the weighted residuals, and the Jacobian of these residuals."""
     unknown = toolbox.ParameterDict()
     for name, start in zip(problem.start, x.tolist(), strict=True):
         unknown.add(toolbox.Parameter(name, start, 1 / RANGE, RANGE))
@@ -148,7 +148,7 @@ def _optimum(toolbox: Any, problem: _Problem, x: Array) -> tuple[Array, Array]:
 
 
 def _spread(residuals: Residuals, rows: Sequence[Array], jacobian: Array) -> Array:
-    """Return the covariance of the values divided by their initial values, by a jackknife [MacKinnonWhite1985]."""
+    """Return the covariance of the unknowns by a jackknife over windows [MacKinnonWhite1985]."""
     ends = np.cumsum([len(row) for row in rows])[:-1]
     parts: dict[tuple[int, int], tuple[Array, Array]] = {}
     for (_, piece, window), row, J in zip(residuals, rows, np.split(jacobian, ends), strict=True):

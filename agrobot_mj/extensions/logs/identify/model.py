@@ -28,7 +28,7 @@ SHORTEST_RELAXATION_M = 1e-4  # Minimum relaxation length [m]
 
 
 class Chassis2(NamedTuple):
-    """Known vehicle parameters."""
+    """Vehicle parameters that a fit takes as known."""
 
     mass: float  # Mass [kg]
     inertia: float  # Yaw inertia [kg m2]
@@ -38,7 +38,7 @@ class Chassis2(NamedTuple):
 
 
 class Lateral(NamedTuple):
-    """Tyre parameters of the lateral motion, which are fitted."""
+    """Tyre parameters that a fit estimates."""
 
     C_f: float  # Cornering stiffness of the front axle [N/rad]
     C_r: float  # Cornering stiffness of the rear axle [N/rad]
@@ -47,7 +47,7 @@ class Lateral(NamedTuple):
 
 
 class LateralMotion(NamedTuple):
-    """Motion of the model at every step, as arrays of shape (n,)."""
+    """Simulated motion at every time step, shape (n,) each."""
 
     yaw_rate: Array  # Yaw rate [rad/s]
     yaw: Array  # Heading relative to the first step [rad]
@@ -57,7 +57,8 @@ class LateralMotion(NamedTuple):
 
 
 def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
-    """Return the wheel angle [rad] for sensor angles at steps `dt` [s], after play (width `backlash`) and `lag` [s]."""
+    """Return the wheel angle [rad] for sensor angles at steps `dt` [s]. A play of width `backlash` [rad] and a
+    first-order lag `lag` [s] lie between both angles."""
     angle, keep = np.empty_like(steer), exp(-dt / lag) if lag > 1e-4 else 0.0
     play(steer, 0.5 * max(backlash, 0.0), inf, angle)
     lagged: Array = lfilter([1.0 - keep], [1.0, -keep], angle, zi=[keep * angle[0]])[0]
@@ -66,9 +67,10 @@ def wheel_angle(steer: Array, dt: float, backlash: float, lag: float) -> Array:
 
 @kernel
 def play(angle: Array, half: float, centred: float, out: Array) -> None:
-    """Write the angle after a play of half width `half` [rad] to `out` (n,). Within the play, the angle is constant.
+    """Apply a play of half width `half` [rad] to `angle` (n,). Write the result to `out` (n,), constant within the
+    play.
 
-    An angle with an absolute value above `centred` [rad] first returns towards zero, as far as the play allows.
+    A value of `out` above `centred` [rad] in magnitude first returns towards zero, as far as the play allows.
     """
     out[0] = angle[0]
     for k in range(1, angle.shape[0]):
@@ -77,7 +79,7 @@ def play(angle: Array, half: float, centred: float, out: Array) -> None:
 
 
 def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float) -> LateralMotion:
-    """Simulate the motion for speed `u` [m/s] and wheel angle `delta` [rad], both (n,), from steady rolling."""
+    """Simulate the motion for speed `u` [m/s] and wheel angle `delta` [rad], both (n,), starting without slip."""
     out = np.zeros((5, len(u)))
     advance(chassis, tyres, u, delta, dt, out)
     return LateralMotion(*out)
@@ -85,7 +87,7 @@ def simulate(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: floa
 
 @kernel
 def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float, out: Array) -> None:
-    """Compute all steps: write yaw rate, yaw, x, y and lateral velocity of R to the rows of `out` (5, n)."""
+    """Integrate the model. Write yaw rate, yaw, x, y and lateral velocity of R to the rows of `out` (5, n)."""
     m, I_z, l_f, l_r = chassis.mass, chassis.inertia, chassis.l_f, chassis.l_r
     C_f, C_r = tyres.C_f, tyres.C_r
     s_f, s_r = max(tyres.sigma_f, SHORTEST_RELAXATION_M), max(tyres.sigma_r, SHORTEST_RELAXATION_M)
@@ -137,6 +139,6 @@ def advance(chassis: Chassis2, tyres: Lateral, u: Array, delta: Array, dt: float
 
 
 def understeer_gradient(chassis: Chassis2, compliance_f: float, compliance_r: float) -> float:
-    """Return the understeer gradient for the compliances 1/C_f and 1/C_r of the axles [rad s2/m]."""
+    """Return the understeer gradient [rad s2/m] for the axle compliances 1/C_f and 1/C_r."""
     m, L = chassis.mass, chassis.l_f + chassis.l_r
     return m / L * (chassis.l_r * compliance_f - chassis.l_f * compliance_r)

@@ -2,15 +2,15 @@
 
 The model is that of the simulator: `hydraulics.valve_step` at 2 ms with the logged voltage, constant in each tick, a
 rigid cylinder, and play between the cylinder and the wheels. The angle, averaged over a tick as by the potentiometer,
-is compared with `steer_measured` in windows of 5 s. Each window has its own offset, so that earlier events have no
-effect. Least squares fits all parameters at once, with an initial delay from a grid; the delay may be a fraction of a
-step.
+is compared with `steer_measured` in windows of 5 s. Each window has a separate offset, which removes the effect of
+earlier motion. Least squares fits all parameters at once, with an initial delay from a grid. The delay may be a
+fraction of a step.
 
-A run only identifies excited parameters: the rate limit is None unless the valve reached it; the backlash is None
-unless the run shows it. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push the
-wheels towards straight ahead, against one side of the play. The delay includes the lag due to the compliance of the oil
-(damping divided by stiffness of the cylinder, 8 ms). Windows at the steering stops are omitted. Standard errors assume
-white residuals.
+A run only identifies excited parameters. The rate limit is None unless the valve reached it. The backlash is None
+unless the run excites it. Friction holds the wheels within the play. In a bend, above a fitted angle, the tyres push
+the wheels towards straight ahead, against one side of the play. The delay includes the lag due to the compliance of the
+oil (damping divided by stiffness of the cylinder, 8 ms). Windows at the steering stops are omitted. Standard errors
+assume white residuals.
 """
 
 from collections.abc import Sequence
@@ -46,9 +46,9 @@ LEAST_MOTION_DEG = 0.5  # RMS motion below which a window contains only noise [d
 NEAR_STOP_DEG = 1.0  # Distance from the steering stops below which a window is omitted [deg]
 UNLIMITED_L_MIN = 1e4  # Pump flow that does not limit the steering rate [l/min]
 SURE, PRECISE = 50.0, 0.1
-"""Minimum reduction of chi squared and maximum relative error [-], for a rate limit or backlash to be identified."""
+"""Criteria for an identified rate limit or backlash: minimum reduction of chi squared, maximum relative error [-]."""
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the variance of the measured angle that a fit explains [-]. Assumed value: runs give 0.99."""
+"""Minimum fraction of the angle variance that a valid fit explains [-]. Assumed value: typical runs give 0.99."""
 COLUMNS = ("t", "valve_voltage", "steer_measured")  # Columns of `signals.parquet` that the fit uses
 NAMES = (
     *("dead_band_v", "gain_left_l_min_v", "gain_right_l_min_v", "time_constant_s", "delay_s"),
@@ -56,18 +56,18 @@ NAMES = (
 )
 """Names of the reported parameters in the order of the fit."""
 VALVE, RATE_LIMIT, BACKLASH, CENTRED = tuple(range(5)), 5, 6, 7
-"""Indices of the parameters of every fit, and of three optional parameters. `CENTRED` is the angle above which the
-tyres press the linkage to one side of its play [deg]."""
+"""Parameter indices: valve parameters of every fit, and three optional parameters. `CENTRED` is the angle above which
+the tyres press the linkage to one side of its play [deg]."""
 LOW = np.array((0.0, 0.001, 0.001, 0.002, 0.0, 0.1, 0.0, 0.0))
 HIGH = np.array((5.0, 50.0, 50.0, 2.0, 1.0, 500.0, 20.0, 90.0))
 SCALE = np.array((0.1, 1.0, 1.0, 0.05, 0.05, 10.0, 0.5, 2.0))
-"""Typical magnitudes of the parameters. Gains refer to the default cylinder."""
+"""Typical magnitudes of the parameters, used to scale the fit. Gains refer to the default cylinder."""
 PLAYS_DEG, HOLDS_DEG = (0.2, 0.5, 1.0, 2.0, 4.0), (1.0, 2.0, 4.0, 8.0)
-"""Initial values of the backlash and of the angle `CENTRED` [deg]. A fit starts from the pair with the best fit."""
+"""Candidate initial values of the backlash and of the angle `CENTRED` [deg]. The pair with the best fit is used."""
 
 
 class Identified(NamedTuple):
-    """Steering valve and backlash identified from a run."""
+    """Steering valve parameters and backlash identified from a run."""
 
     dead_band_v: float  # Half width of the dead band about neutral [V]
     gain_left_l_min_v: float  # Flow per volt outside the dead band, steering left [l/(min V)]
@@ -84,7 +84,7 @@ class Identified(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """Result of one fit."""
+    """Result of one least-squares fit of the valve."""
 
     p: Array  # All parameters, shape (8,). A rate limit that is not identified is infinite, such a backlash is 0.
     free: tuple[int, ...]  # Indices of the fitted parameters
@@ -92,7 +92,7 @@ class Fitted(NamedTuple):
 
 
 class Data(NamedTuple):
-    """Measurements used by the fit."""
+    """Measurements used to fit the valve."""
 
     voltage: Array  # Valve voltage, constant in each tick, shape (n,) [V]
     measured: Array  # Measured angle, averaged over the preceding tick, shape (windows, ticks) [rad]
@@ -102,7 +102,7 @@ class Data(NamedTuple):
 
 
 def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_limit_deg: float = 45.0) -> Identified:
-    """Identify the valve from the signals of a run: a table or a Parquet file with the columns `COLUMNS`.
+    """Identify the valve from the signals of a run, given as a table or a Parquet file with the columns `COLUMNS`.
 
     `cylinder` (default: standard cylinder) converts steering rate to oil flow. Raises `ScenarioError` if the signals
     lack excitation.
@@ -127,7 +127,7 @@ def identify(signals: pa.Table | Path, cylinder: Cylinder | None = None, steer_l
 
 
 def _with_play(data: Data, fit: Fitted) -> Fitted:
-    """Return a fit with a backlash and the angle `CENTRED` if the run identifies them, otherwise `fit`."""
+    """Return a fit with backlash and the angle `CENTRED` if the run identifies them, otherwise `fit`."""
     held = _better(data, fit, (BACKLASH,), [(play,) for play in PLAYS_DEG])
     if held is not fit:
         return _better(data, held, (CENTRED,), [(hold,) for hold in HOLDS_DEG])
@@ -135,8 +135,8 @@ def _with_play(data: Data, fit: Fitted) -> Fitted:
 
 
 def _better(data: Data, fit: Fitted, extra: tuple[int, ...], starts: Sequence[tuple[float, ...]]) -> Fitted:
-    """Return a fit that includes the parameters `extra`, from the best of `starts`. Return `fit` if the run does not
-    identify the first of `extra`."""
+    """Return a fit with the additional parameters `extra`, started from the best of `starts`. Return `fit` if the run
+    does not identify the first additional parameter."""
 
     def begun(start: tuple[float, ...]) -> Array:
         p = fit.p.copy()
@@ -183,14 +183,14 @@ def _tick(name: str, t: Array) -> float:
 
 @kernel
 def respond(law: ValveLaw, memory: ValveMemory, voltage: Array, dt: float, oil: Array) -> None:
-    """Write the oil volume at each step to `oil` (n * steps + 1,) [m3], for the `voltage` in each tick (n,) [V]."""
+    """Simulate the valve for a `voltage` per tick (n,) [V]. Write the oil volumes to `oil` (n * steps + 1,) [m3]."""
     oil[0], steps = 0.0, (oil.shape[0] - 1) // voltage.shape[0]
     for k in range(oil.shape[0] - 1):
         oil[k + 1] = oil[k] + valve_step(law, memory, voltage[k // steps]) * dt
 
 
 def _angles(p: Array, data: Data) -> Array:
-    """Return the angle of the model at every step [rad], without the delay, shape (n * steps + 1,)."""
+    """Return the simulated steering angle at every step [rad], without the delay, shape (n * steps + 1,)."""
     dt = data.tick / STEPS_PER_TICK
     flow = min(np.radians(p[RATE_LIMIT]) * data.displacement / LITRE_PER_MINUTE, UNLIMITED_L_MIN)
     valve = Valve(
@@ -210,7 +210,7 @@ def _angles(p: Array, data: Data) -> Array:
 
 
 def _readings(p: Array, data: Data) -> Array:
-    """Return the model's potentiometer measurements by window, with the shape of `data.measured` [rad]."""
+    """Return the simulated potentiometer measurements by window [rad], with the shape of `data.measured`."""
     angle, dt = _angles(p, data), data.tick / STEPS_PER_TICK
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * dt)])
     ends = data.tick * np.arange(data.kept.size * data.measured.shape[1]) - p[4]
@@ -230,7 +230,7 @@ def _residuals(p: Array, data: Data) -> Array:
 
 
 def _start(data: Data) -> Array:
-    """Return initial parameters: best delay of a grid, equal gains on both sides, no rate limit, and no play."""
+    """Return the initial parameters: best delay of a grid, equal gains on both sides, no rate limit, and no play."""
     measured, found = _centred(data.measured), []
     for delay in np.arange(0.0, 0.6, data.tick):
         model = _centred(_readings(np.array([0.3, 1.0, 1.0, 0.1, delay, inf, 0.0, 90.0]), data))
@@ -256,18 +256,18 @@ def _fit(data: Data, start: Array, free: tuple[int, ...]) -> Fitted:
 
 
 def _sizes(data: Data, chosen: list[int]) -> Array:
-    """Return the typical magnitudes of the parameters `chosen`. Gains scale with the displacement of the cylinder."""
+    """Return scale factors of the parameters `chosen`. Gains scale with the displacement of the cylinder."""
     share = data.displacement / Cylinder().displacement
     return np.array([share if k in (1, 2) else 1.0 for k in chosen])
 
 
 def _variance(fit: Fitted, data: Data) -> float:
-    """Return the variance of a measurement [rad2]. The offset of each window uses one degree of freedom."""
+    """Return the residual variance of the measurements [rad2]. The offset of each window uses one degree of freedom."""
     return float(2 * fit.result.cost / (fit.result.fun.size - len(fit.free) - len(data.measured)))
 
 
 def _errors(fit: Fitted, data: Data) -> Array:
-    """Return the standard errors of the parameters; very large for parameters that the run does not determine."""
+    """Return the standard errors of the fitted parameters. Undetermined parameters have very large standard errors."""
     information = fit.result.jac.T @ fit.result.jac / _variance(fit, data)
     errors: Array = np.sqrt(np.diag(np.linalg.inv(information + 1e-12 * np.eye(len(fit.free)))))
     return errors
@@ -278,5 +278,5 @@ def _fastest(p: Array, data: Data) -> float:
 
 
 def rate_of(flow_l_min: float, cylinder: Cylinder) -> float:
-    """Return the steering rate of an oil flow [deg/s]."""
+    """Return the steering rate [deg/s] for an oil flow `flow_l_min` [l/min]."""
     return degrees(flow_l_min * LITRE_PER_MINUTE / cylinder.displacement)

@@ -1,4 +1,5 @@
-"""Identification of a vehicle from recordings: fit to a first part of the logs, evaluation on the remaining part."""
+"""Identification of a vehicle from recordings. The first part of the logs is used for the fit, the rest for
+evaluation."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, inf
@@ -33,28 +34,28 @@ CHOICES = {
 }
 """Names of the fitted parameters for each value of the option `--fit`."""
 DEFAULT = ("front", "rear", "relaxation", "offset", "delay", "backlash")
-"""Default of `--fit`: with a delay but without a lag, because slow steering does not distinguish them."""
+"""Default of `--fit`. It contains a delay but no lag, because slow steering cannot distinguish them."""
 LEAST_WINDOWS = 6  # Minimum number of windows for a fit: half a minute of driving at speed
 LEAST_STEER_DEG = 0.5  # Minimum RMS steering angle for a fit [deg]
 LEAST_EXPLAINED = 0.5
-"""Minimum fraction of the yaw-rate variance that a fit explains on the remaining part of the log [-]. Assumed value."""
+"""Minimum fraction of the yaw-rate variance that a valid fit explains on the rest of the log [-]. Assumed value."""
 SEPARABLE = 0.5
 """Maximum half width of the interval of an identified stiffness, divided by the stiffness [-]. Assumed value."""
 PLAUSIBLE = 1.0, 60.0
 """Plausible range of cornering stiffness divided by axle load [1/rad]. Assumed values: 2-10 on soil, 5-25 on roads."""
 MORE_INERTIA, MORE_IN_FRONT = 0.1, 0.02
-"""Typical relative errors of yaw inertia and front load fraction estimated from the machine size [-]. Assumed."""
+"""Typical errors of yaw inertia and front load fraction estimated from the machine size [-]. Assumed values."""
 AGE = Prior(0.0, 0.1)  # Prior of latencies that are not given by the map: of speed, heading and position [s]
 AGES = ("speed_delay_s", "heading_delay_s", "position_delay_s")
 RATE_S = 1.0  # Interval in which a heading difference gives a mean yaw rate [s]
 
 
 class NothingExplainedError(ScenarioError):
-    """Exception for a fit that explains too little variance, or gives an impossible stiffness."""
+    """Exception for a fit that explains too little variance, or gives an implausible stiffness."""
 
 
 class IdentifiedVehicle(NamedTuple):
-    """Vehicle identified from recordings."""
+    """Result of a vehicle identification."""
 
     found: dict[str, Quantity]  # Identified quantities by key. Keys end with the unit.
     windows: int
@@ -62,8 +63,8 @@ class IdentifiedVehicle(NamedTuple):
     residual_deg_s: float  # RMS residual of the fit on the rest of the log [deg/s]
     kinematic_deg_s: float  # RMS residual of a model without slip at the recorded angle [deg/s], on the rest of the log
     moved: dict[str, tuple[float, float]]
-    """Factors on front and rear stiffness due to a typical error of a quantity that the scenario does not give, by
-    description of the error [-]."""
+    """Factors on front and rear stiffness caused by a typical error of a quantity missing in the scenario [-]. Keys are
+    descriptions of the error."""
     geometry: str  # Geometry of the steering model: `small angles` or `tangent`
     notes: tuple[str, ...]  # Notes about the parts of the logs that are used
     kept: tuple[FieldRecording, ...]  # Segments of the logs that are used
@@ -78,7 +79,8 @@ def identify_vehicle(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> IdentifiedVehicle:
-    """Fit the parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log; evaluate it on the rest.
+    """Fit parameters `names` (keys of `CHOICES`) to the first fraction `share` of a log, and evaluate the fit on the
+    rest.
 
     Mass, yaw inertia, wheelbase and load fraction are those of the scenario. A `bicycle` plant selects small angles.
     Raises `FieldLogError` for an unsuitable log, `NothingExplainedError` if the fit explains too little variance.
@@ -124,8 +126,8 @@ def chassis_of(scenario: Scenario) -> Chassis2:
 
 
 def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str, Chassis2]]:
-    """Yield vehicle parameters with a typical error in one quantity missing in the scenario, and text about the
-    error."""
+    """Yield the description of a typical error, and vehicle parameters with this error. One error is assumed for each
+    quantity missing in the scenario."""
     given, shift = scenario.tractor.model_fields_set, MORE_IN_FRONT * (chassis.l_f + chassis.l_r)
     if "yaw_inertia_kg_m2" not in given:
         inertia = (1 + MORE_INERTIA) * chassis.inertia
@@ -136,23 +138,23 @@ def _other_chassis(scenario: Scenario, chassis: Chassis2) -> Iterator[tuple[str,
 
 
 def _ratio(before: Mapping[str, float], after: Mapping[str, float], axle: str) -> float:
-    """Return the stiffness of an axle in the fit `after`, divided by its stiffness in `before` [-]."""
+    """Return the ratio of the axle stiffness in the fit `after` to the axle stiffness in `before` [-]."""
     return before[f"{axle}_compliance"] / max(after[f"{axle}_compliance"], 1e-9)
 
 
 def _ages(data: VehicleData) -> list[str]:
-    """Return the latencies to fit. They are relative to the first channel, as is the steering delay."""
+    """Return the names of the latencies to fit. Latencies are relative to the first channel."""
     later = [f"{name}_delay_s" for name in list(data.channels)[1:]]
     return [*later, "speed_delay_s"] if "position" in data.channels else later
 
 
 def is_plausible(stiffness_per_load: float) -> bool:
-    """Return whether a cornering stiffness divided by the load [1/rad] is possible for tyres."""
+    """Return whether a cornering stiffness divided by the load [1/rad] is plausible for tyres."""
     return PLAUSIBLE[0] <= stiffness_per_load <= PLAUSIBLE[1]
 
 
 def check_stiffness(name: str, found: dict[str, Quantity], chassis: Chassis2) -> None:
-    """Raise `NothingExplainedError` if the identified stiffness of an axle is impossible."""
+    """Raise `NothingExplainedError` if the identified stiffness of an axle is implausible."""
     weight = chassis.mass * GRAVITY / (chassis.l_f + chassis.l_r)
     for axle, load in (("front", weight * chassis.l_r), ("rear", weight * chassis.l_f)):
         C = found[f"{axle}_cornering_stiffness_n_rad"]
@@ -174,7 +176,7 @@ def _chosen(names: Sequence[str]) -> list[str]:
 
 
 def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the windows for the fit. Raises `TooLittleError` or `FieldLogError` if the data are insufficient."""
+    """Prepare segments for the fit. Raises `TooLittleError` or `FieldLogError` if the data are insufficient."""
     data = enough(recordings, chassis, LEAST_WINDOWS)
     if (moved := degrees(float(np.std(np.concatenate([piece.steer for piece in data.pieces]))))) < LEAST_STEER_DEG:
         raise FieldLogError(f"{recordings[0].name}: the steering hardly moves ({moved:.2g} deg rms); add bends")
@@ -182,12 +184,13 @@ def _checked(recordings: Sequence[FieldRecording], chassis: Chassis2) -> Vehicle
 
 
 def judged_channel(data: VehicleData) -> str:
-    """Return the channel on which a fit is evaluated: the yaw rate (of gyro or heading), or else the position."""
+    """Return the channel for the evaluation of a fit: yaw rate, or position if no other channel is measured."""
     return "position" if set(data.channels) == {"position"} else "yaw_rate"
 
 
 def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
-    """Return explained fraction of variance, RMS residual of the fit, and RMS residual without slip [deg/s or m]."""
+    """Return the explained fraction of variance [-], the RMS residual of the fit, and the RMS residual of a model
+    without slip [deg/s or m]."""
     slipless = {"front_compliance": 0.0, "rear_compliance": 0.0}
     measured = _rates({name: each.value for name, each in data.channels.items()}, data)
     off, bare = (_rates(predictions(p, data), data) - measured for p in (result.values, slipless))
@@ -201,7 +204,7 @@ def judged(result: VehicleFit, data: VehicleData) -> tuple[float, float, float]:
 
 
 def _rates(values: Channels, data: VehicleData) -> Array:
-    """Return yaw rates of the gyro, or of the heading over `RATE_S`. Without both, return the positions."""
+    """Return yaw rates of the gyro or else of the heading over `RATE_S`. Without both, return the positions."""
     if "heading" in values and "yaw_rate" not in values:
         steps = max(1, round(RATE_S / data.channels["heading"].spacing))
         t, angle = data.channels["heading"].t, values["heading"]

@@ -1,10 +1,10 @@
 """Windows of recordings for a fit: measured channels and predictions of a vehicle model in each window.
 
-Heading and gyro yaw rate are compared with those of the model for the recorded steering. Positions are predicted by
-dead reckoning along the recorded heading, if present, with the model's sideslip at the rear axle. Yaw disturbances then
-do not affect the antenna position. Without a recorded heading, positions follow the heading of the model. In each
-window, the unknown initial values are fitted: a shift of positions, a rotation of headings and, without a recorded
-heading, a rotation of positions.
+The model predicts heading and gyro yaw rate for the recorded steering. Positions are predicted by dead reckoning along
+the recorded heading, if present, with the model's sideslip at the rear axle. Yaw disturbances then do not affect the
+predicted positions. Without a recorded heading, positions follow the heading of the model. In each window, the unknown
+initial values are fitted: a shift of positions, a rotation of headings and, without a recorded heading, a rotation of
+positions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -28,19 +28,19 @@ WINDOW_S = 5.0  # Length of a window [s]: longer than the dynamics, and short en
 CUT_OFF_HZ = 3.0
 """Cut-off frequency of the low-pass filter of the inputs [Hz]. Noise above this frequency would act like a lag."""
 PLAY_CUT_OFF_HZ = (2.0, 8.0)
-"""Range of the cut-off frequency of the filter before the play [Hz]. High values keep sharp reversals of the sensor."""
+"""Range of the cut-off frequency of the filter before the play [Hz]. High values preserve sharp steering reversals."""
 PLAYING = radians(0.1)
-"""Noise of the wheel angle after this filter [rad]. Assumed value: larger noise would move the wheels through their
-play and resemble soft tyres."""
+"""Target noise of the wheel angle after the filter before the play [rad]. Assumed value: larger noise would move the
+wheels through their play and resemble soft tyres."""
 SETTLE_S = 2.0  # Time omitted at the start of a segment [s], until the effects of initial state and play have decayed
 FIT_S = SETTLE_S + WINDOW_S  # Minimum duration of a segment for a fit [s]
 LEAST_SAMPLES = 11  # Minimum number of samples of a channel in a window, which follows from a rate of 2.5 Hz and `FULL`
 LONGEST_PAUSE_S = 0.5
-"""Time between samples above which a window has a gap [s]. This limit is at least 2.5 times the mean spacing."""
+"""Maximum time between samples in a window without gaps [s], at least 2.5 times the mean spacing."""
 FULL = 0.95  # Minimum number of samples in a window, divided by the nominal number [-]
 EVEN, FULL_UNEVEN = 0.9, 0.85
-"""Minimum fraction of time steps near their median in a channel that counts as evenly sampled, and value of `FULL` for
-other channels [-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
+"""Minimum fraction of time steps near the median step for an evenly sampled channel, and value of `FULL` for unevenly
+sampled channels [-]. Assumed values: a sensor slower than the logger by a third repeats values in random rows."""
 
 
 class WindowedChannel(NamedTuple):
@@ -63,32 +63,32 @@ class FitPiece(NamedTuple):
     steer: Array  # Recorded wheel angle after a low-pass filter with `VehicleData.play_cut_off_hz` [rad]
     u: Array  # Recorded speed of rear axle or antenna after a low-pass filter with `CUT_OFF_HZ` [m/s]
     yaw_rate: Array | None
-    """Recorded yaw rate (gyro or heading) if the recorded speed is the antenna speed [rad/s]; otherwise None."""
+    """Recorded yaw rate of gyro or heading [rad/s] if the recorded speed is that of the antenna. Otherwise None."""
     heading: Callable[[Array], Array] | None
     """Function that interpolates the recorded heading [rad], or None if there is no heading."""
     windows: slice  # Index range of the windows, in each channel, that belong to this segment
 
 
 class VehicleData(NamedTuple):
-    """Recordings prepared for a fit."""
+    """Recordings prepared for a fit of the vehicle model."""
 
     pieces: tuple[FitPiece, ...]
     chassis: Chassis2
     channels: dict[str, WindowedChannel]
-    """Measured channels by name: `yaw_rate` of a gyro, `heading` and `position`, if available."""
+    """Measured channels by name: `yaw_rate` of a gyro, `heading` and `position`. Missing channels have no entry."""
     steer_noise: float  # Standard deviation of white noise in the recorded wheel angle [rad]
     speed_noise: float  # Standard deviation of white noise in the recorded speed [m/s]
     play_cut_off_hz: float  # Cut-off frequency of the low-pass filter of the recorded wheel angle before the play [Hz]
 
     @property
     def dynamics(self) -> set[str]:
-        """Names of the parameters on which the motion of the model depends."""
+        """Names of the parameters that affect the simulated motion."""
         of_antenna = any(piece.recording.antenna_speed for piece in self.pieces)
         return {*DYNAMICS, *(("ahead_m", "left_m", "heading_delay_s") if of_antenna else ())}
 
     @property
     def windows(self) -> int:
-        """Number of windows."""
+        """Number of windows in each channel."""
         return len(next(iter(self.channels.values())).t) if self.channels else 0
 
 
@@ -97,7 +97,7 @@ class TooLittleError(FieldLogError):
 
 
 def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int) -> VehicleData:
-    """Return recordings prepared for a fit. Raises `TooLittleError` if they have fewer than `windows` windows."""
+    """Prepare segments for a fit. Raises `TooLittleError` for fewer than `windows` windows."""
     data = prepare(recordings, chassis)
     if data.windows < windows:
         remedy = "use a longer log, several logs or --share 0.9, or remove columns with gaps from the map"
@@ -111,7 +111,7 @@ def enough(recordings: Sequence[FieldRecording], chassis: Chassis2, windows: int
 
 
 def prepare(recordings: Sequence[FieldRecording], chassis: Chassis2) -> VehicleData:
-    """Return the data for a fit. Each segment must have a wheel angle, and a gyro yaw rate, heading or position."""
+    """Prepare segments for a fit. Each segment must have a wheel angle, and a gyro yaw rate, a heading or positions."""
     measured = [channels_of(recording) for recording in recordings]
     names = [name for name in ("yaw_rate", "heading", "position") if any(name in each for each in measured)]
     rates = {name: _rate([each[name] for each in measured if name in each]) for name in names}
@@ -150,7 +150,7 @@ def smoothed(values: Array, cut_off: float) -> Array:
 
 @cache
 def _low_pass(cut_off: float) -> Array:
-    """Return the second-order sections of the low-pass filter for the time steps of the model."""
+    """Return a low-pass filter for the time steps of the model, as second-order sections."""
     sections: Array = butter(4, cut_off * 2 * STEP_S, output="sos")
     return sections
 
@@ -170,25 +170,25 @@ def _piece(recording: FieldRecording, windows: slice, cut_off: float) -> FitPiec
 
 
 def _white_noise(recordings: Sequence[FieldRecording], part: str) -> float:
-    """Return the noise of an input; segments of one recording share their series."""
+    """Return the standard deviation of white noise in an input. A series shared by several segments counts once."""
     return scatter(*{id(series): series.value for each in recordings if (series := getattr(each, part))}.values())
 
 
 def _play_cut_off(recordings: Sequence[FieldRecording], noise: float) -> float:
-    """Return the cut-off frequency of the filter after which the recorded angle has the noise `PLAYING` [Hz]."""
+    """Return the cut-off frequency at which the filtered wheel angle has the noise `PLAYING` [Hz]."""
     steered = [each.steer for each in recordings if each.steer is not None and len(each.steer.t) > 1]
     share = (PLAYING / max(noise, 1e-9)) ** 2  # fraction of the band below half the sample rate
     return float(np.clip(share / (2 * _spacing(steered)) if steered else inf, *PLAY_CUT_OFF_HZ))
 
 
 def _spacing(series: Sequence[TimeSeries]) -> float:
-    """Return the mean time between samples [s], ignoring gaps."""
+    """Return the mean time between samples outside gaps [s]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     return float(np.mean(steps[steps < 2.5 * np.median(steps)]))
 
 
 def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
-    """Return the mean time between samples, ignoring gaps [s], and the minimum fraction of samples in a window [-]."""
+    """Return the mean time between samples outside gaps [s], and the minimum fraction of samples in a window [-]."""
     steps = np.concatenate([np.diff(each.t) for each in series])
     usual = float(np.median(steps))
     steps = steps[steps < max(LONGEST_PAUSE_S, 2.5 * usual)]
@@ -198,7 +198,7 @@ def _rate(series: Sequence[TimeSeries]) -> tuple[float, float]:
 
 
 def _windows(recording: FieldRecording, series: TimeSeries, spacing: float, full: float) -> dict[int, TimeSeries]:
-    """Return, by number, the complete windows in which the tractor moves; all have the same number of samples."""
+    """Return the complete windows in motion, by window number. All windows have the same number of samples."""
     start, end = recording.start + SETTLE_S, recording.end
     n, longest = int(full * WINDOW_S / spacing), max(LONGEST_PAUSE_S, 2.5 * spacing)
     fast, found = moving(recording, series.between(start, end)), {}
@@ -231,8 +231,9 @@ SENSORS = {
     "left_m": Parameter(0.0, -10.0, 10.0, 0.05),
     "lean_s2": Parameter(0.01, -0.05, 0.3, 0.01),
 }
-"""Parameters of the sensors, which do not affect the motion. Exception: the antenna position (relative to the map), if
-the speed is that of the antenna. Body roll shifts the antenna outwards by `lean_s2` times the lateral acceleration."""
+"""Sensor parameters. They do not affect the simulated motion, except the antenna position (relative to the map) if the
+recorded speed is the antenna speed. Body roll shifts the antenna outwards by `lean_s2` times the lateral
+acceleration."""
 DYNAMICS = {
     "front_compliance": Parameter(5e-5, 0.0, 2e-3, 1e-5),
     "rear_compliance": Parameter(3e-5, 0.0, 2e-3, 1e-5),
@@ -247,13 +248,13 @@ DYNAMICS = {
     "speed_error": Parameter(0.0, -0.3, 0.3, 0.01),
     "speed_delay_s": Parameter(0.0, -1.5, 1.5, 0.02),
 }
-"""Parameters that affect the motion of the model."""
+"""Parameters that affect the simulated motion."""
 PARAMETERS = SENSORS | DYNAMICS
 """All identifiable parameters [SI, rad]. Compliances are for a tractor of `MASS_KG` and scale with the mass."""
 
 
 def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> LateralMotion:
-    """Simulate the model with the parameters `p` for the inputs of a segment."""
+    """Simulate the motion in a segment with the parameters `p`."""
     recorded = piece.steer
     if later := p.get("steer_delay_s"):
         recorded = Akima1DInterpolator(piece.t, recorded, extrapolate=True)(piece.t - later)
@@ -271,7 +272,7 @@ def motion(p: Mapping[str, float], data: VehicleData, piece: FitPiece) -> Latera
 
 
 def sensed(p: Mapping[str, float], recorded: Array) -> Array:
-    """Return the true angle at the sensor for recorded angles [rad], with the fitted scale and offset."""
+    """Return the true steering angles [rad] for recorded angles, with the fitted scale and offset."""
     angle = p.get("steer_scale", 1.0) * recorded - p.get("steer_offset", 0.0)
     return np.where(angle < 0, p.get("steer_right", 1.0) * angle, angle)
 
@@ -294,8 +295,8 @@ def _place(p: Mapping[str, float], piece: FitPiece) -> tuple[float, float]:
 
 
 def predictions(p: Mapping[str, float], data: VehicleData, m: Sequence[LateralMotion] | None = None) -> Channels:
-    """Return the predicted channels, with positions and headings aligned with the recording in each window. `m` is the
-    motion of each segment, if already computed."""
+    """Return the predicted values by channel. Positions and headings are aligned with the recording in each window. `m`
+    contains the simulated motion of each segment, or None."""
     m = [motion(p, data, piece) for piece in data.pieces] if m is None else m
     each = [_of_piece(p, data, piece, moved) for piece, moved in zip(data.pieces, m, strict=True)]
     return {name: np.concatenate([part[name] for part in each]) for name in data.channels}
@@ -321,7 +322,7 @@ def _of_piece(p: Mapping[str, float], data: VehicleData, piece: FitPiece, m: Lat
 
 
 def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) -> tuple[Array, Array]:
-    """Return the east and north position of the antenna by dead reckoning along the recorded heading, (n,) [m]."""
+    """Return east and north coordinates of the antenna by dead reckoning along the recorded heading, (n,) [m]."""
     assert piece.heading is not None
     yaw = piece.heading(piece.t + p.get("heading_delay_s", 0.0)) - p.get("heading_offset", 0.0)
     u, c, s = speed(p, piece), np.cos(yaw), np.sin(yaw)
@@ -330,8 +331,8 @@ def _dead_reckoned(p: Mapping[str, float], piece: FitPiece, m: LateralMotion) ->
 
 
 def _point(p: Mapping[str, float], piece: FitPiece, side: Array, x: Array, y: Array, yaw: Array) -> tuple[Array, Array]:
-    """Return east and north of the antenna [m] for rear-axle positions x, y [m] with headings `yaw` [rad] and lateral
-    accelerations `side` [m/s2]."""
+    """Return the east and north coordinates of the antenna [m] for rear-axle positions x, y [m], headings `yaw` [rad]
+    and lateral accelerations `side` [m/s2]."""
     (ahead, left), c, s = _place(p, piece), np.cos(yaw), np.sin(yaw)
     beside = left - p.get("lean_s2", 0.0) * side
     return x + ahead * c - beside * s, y + ahead * s + beside * c

@@ -1,7 +1,8 @@
 """Readers for logs of other programs and machines, one per format. `READERS` is the registry.
 
-`open_log` selects a reader by the content of the file, and returns its result. A user-defined reader is a class derived
-from `LogReader`, registered like any other kind. It takes precedence over the readers of the package.
+`open_log` selects a reader by the content of a file and returns the result of this reader. A user-defined reader is a
+class derived from `LogReader`, registered like any other kind. User-defined readers take precedence over the readers of
+the package.
 """
 
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
@@ -33,20 +34,20 @@ READERS += [FreeColumns()]
 
 
 class OpenedLog(NamedTuple):
-    """Log that has been read, with its properties."""
+    """Content of a log file, with its map and notes."""
 
     name: str
     reader: str  # Kind of the reader that read the log
     source: Source
-    """Texts of both ends of the interval, rounded to the same digit as the value."""
+    """Table in SI units, or the path of the file if a map must define its columns."""
     notes: tuple[str, ...]  # Notes about data that were selected or omitted
     log_map: LogMap | None  # Map of the columns, if known and sufficient for a replay; otherwise None
     missing: str  # Text that names quantities missing for a replay, identification or calibration, or ""
     tables: dict[str, dict[str, Any]]
-    """Map tables for the known columns, as a template for a user-defined map. Empty for free columns."""
+    """Map tables for the known columns, as a template for a user-defined map. Empty for arbitrary columns."""
 
     def checked_map(self) -> LogMap:
-        """Return `log_map`. Without a map, raises a `FieldLogError` that names the missing quantities."""
+        """Return `log_map`. Raises a `FieldLogError` that names the missing quantities if `log_map` is None."""
         if self.log_map is None:
             raise FieldLogError(f"{self.name}: {self.missing}; twin --describe lists its content")
         return self.log_map
@@ -64,7 +65,7 @@ def open_log(path: Path) -> OpenedLog:
 
 
 def _of_utf16(path: Path) -> OpenedLog:
-    """Read a text file in UTF-16 from a temporary copy in UTF-8."""
+    """Read a UTF-16 text file by converting a temporary copy to UTF-8."""
     check_size(path)
     with TemporaryDirectory() as folder:
         copy = Path(folder, path.name)
@@ -78,7 +79,7 @@ def _of_utf16(path: Path) -> OpenedLog:
 
 
 def _reason(head: Head) -> str:
-    """Return the reason why no reader recognises a file or folder, and the fix."""
+    """Return the reason why no reader recognises a file or folder, with a fix."""
     name = head.path.name
     if head.path.is_dir():
         return "the folder has neither signals.parquet nor TASKDATA.XML; specify a log or the folder of a run"
@@ -120,7 +121,7 @@ def _opened(path: Path, kind: str, found: ReadLog) -> OpenedLog:
 
 
 def _checked(reader: LogReader, found: ReadLog) -> ReadLog:
-    """Return the result of a reader. Raises `ScenarioError` if the result has a wrong type."""
+    """Return the result of a reader unchanged. Raises `ScenarioError` if the result has a wrong type."""
     whole = isinstance(found, ReadLog) and isinstance(found.source, pa.Table | Path)
     if not whole or (isinstance(found.source, pa.Table) and "t" not in found.source.column_names):
         wanted = "a ReadLog of a file, or of a table with a column t"

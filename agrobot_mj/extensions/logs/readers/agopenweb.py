@@ -1,4 +1,10 @@
-"""Return a value rounded to the second significant digit of a half width, or to six digits without an interval."""
+"""Reader for `gps_data_log.csv`, which AgOpenWeb writes in a debug dump (one minute at 10 Hz).
+
+The position is that of the rear axle, corrected for roll and drift by AgOpenWeb. The heading in degrees from north is
+fused from antennas, inertial unit and course. The speed is in m/s. The roll in degrees is positive with the right side
+down, as boards send it. Times of day are UTC, from the program and not from the fix. The steering angle, right
+positive, is the command of the guidance, because the recorder has no measured angle.
+"""
 
 from math import radians
 from pathlib import Path
@@ -12,16 +18,16 @@ NEEDED = {"timestamp", "easting", "northing", "heading", "speed", "fix", "steer_
 
 
 class AgOpenWebRecorder(LogReader):
-    """CSV file of AgOpenWeb's GPS data recorder: position, heading, speed, commanded wheel angle."""
+    """Reader for the CSV file of AgOpenWeb's GPS data recorder: position, heading, speed, commanded wheel angle."""
 
     kind: Literal["agopenweb"] = "agopenweb"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the first line contains the columns of the recorder."""
+        """Return whether the first line contains the column names `NEEDED`."""
         return bool(head.lines) and set(head.lines[0].split(",")) >= NEEDED
 
     def read(self, path: Path) -> ReadLog:
-        """Return the rows of the file. Rows without a fix have only a quality."""
+        """Return the values of all rows. Rows without a fix provide no position, heading or speed."""
         samples, lines, clock = Samples(path), text_lines(path), DayClock()
         names = next(lines).strip().split(",")
         for number, line in enumerate(lines, 2):

@@ -41,65 +41,65 @@ QUANTITIES = (
     Column("curvature", "1/m", "curvature that corresponds to the wheel angle, left positive"),
     Column("steering_wheel", "rad", "angle of the steering wheel, left positive"),
 )
-"""Quantities that a reader may return. Further numeric columns are kept."""
+"""Quantities that a reader may return. Other numeric columns are also accepted."""
 HEAD_BYTES = 65536  # Number of bytes at the start of a file from which its format is recognised [bytes]
 LONGEST_LINE = 65536  # Maximum length of a line of text [bytes]
 LARGEST = 1e300  # Upper limit of absolute values that are valid, in any unit
 MOST_VALUES = 20_000_000  # Maximum number of values from one file; a value needs 16 bytes
 MOST_DAMAGED = 0.2  # Fraction of unreadable lines above which a file is rejected as damaged [-]. Assumed value.
 LATE_S = 0.1
-"""Maximum time by which a value may be older than a preceding value of the file [s]. Assumed value, for two buses."""
+"""Maximum decrease of the time from one value to the next in a file [s]. Assumed value, for logs of two buses."""
 DAY_S = 86400.0
 
 
 class Head(NamedTuple):
-    """Start of a file, or a folder, from which a reader recognises the format."""
+    """First bytes of a file, or a folder path, from which a reader recognises the format."""
 
     path: Path
     data: bytes  # First `HEAD_BYTES` of the file, or empty bytes for a folder
 
     @property
     def lines(self) -> list[str]:
-        """Complete lines of text in the data, without line ends."""
+        """Complete lines of text in `data`, without line ends."""
         text = self.data.decode("utf-8-sig", errors="replace").splitlines()
         return text[:-1] if len(self.data) == HEAD_BYTES else text
 
     @property
     def text_type(self) -> str:
-        """Type of a text file with positions only, such as KML, or an empty string."""
+        """Name of a text format that contains positions only, for example KML, or an empty string."""
         return text_type(self.data.decode("utf-8-sig", errors="replace"))
 
 
 class ReadLog(NamedTuple):
-    """Result of a reader."""
+    """Content of a log as returned by a reader."""
 
     source: Source  # Table with columns of `QUANTITIES`, or the file itself if a map must define its columns
     notes: tuple[str, ...] = ()  # Notes about data that were selected or omitted, one line each
     meaning: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    """Values of map keys that differ from the defaults, by table and key."""
+    """Map keys whose values differ from the defaults: values by table and key."""
 
 
 class LogReader(Spec):
-    """Base class of log readers."""
+    """Base class of log readers, one for each format."""
 
     kind: str
     registry: ClassVar[list["LogReader"]] = []
-    """All readers in the order in which they are tried."""
+    """All readers, in the order in which they test a file."""
 
     def recognises(self, head: Head) -> bool:
-        """Return whether a file with the given start has the format of the reader."""
+        """Return whether a file or folder has the format of the reader."""
         raise NotImplementedError
 
     def read(self, path: Path) -> ReadLog:
-        """Return the content of a file. Raises `FieldLogError` for a damaged, too large or empty file."""
+        """Read a file. Raises `FieldLogError` if the file is damaged, too large or empty."""
         raise NotImplementedError
 
 
 class Samples:
-    """Collection of the values in a log, with their times."""
+    """Values of a log with their times, collected by a reader."""
 
     def __init__(self, path: Path, ordered: bool = True) -> None:
-        """Create an empty collection. If `ordered`, decreasing times are an error; otherwise they are sorted."""
+        """Create an empty collection. If `ordered`, a decreasing time is an error; otherwise values are sorted."""
         self.name, self._ordered = path.name, ordered
         self._kept: dict[str, dict[str, tuple[array[float], array[float]]]] = {}
         self._values, self._lines, self._damaged, self._first_damage = 0, 0, 0, ""
@@ -126,9 +126,9 @@ class Samples:
         self._damaged += 1
 
     def log(self, what: str, *notes: str, **meaning: dict[str, Any]) -> ReadLog:
-        """Return the table with notes about omitted data. Raises `FieldLogError` for too many damaged lines or no data.
+        """Return a table of the collected values, with notes about omitted data.
 
-        `what` is the name of the expected content in error messages.
+        `what` names the expected content in errors. Raises `FieldLogError` for too many damaged lines or no data.
         """
         if self._damaged > MOST_DAMAGED * (self._lines + self._damaged):
             raise FieldLogError(
@@ -196,7 +196,7 @@ def text_lines(path: Path) -> Iterator[str]:
 
 
 class DayClock:
-    """Clock for logs that contain times of day. The time continues after midnight."""
+    """Clock that converts times of day to a time that increases beyond midnight."""
 
     def __init__(self) -> None:
         self.days, self.last = 0, -1.0

@@ -1,7 +1,7 @@
 """Reader for text logs of a CAN bus: candump, CSV of python-can, and serial output of an Arduino with an MCP2515.
 
-`SIGNALS` lists the quantities by parameter group number (PGN), among them the steering-wheel angle, the curvature
-reported by the steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
+`SIGNALS` contains the supported signals by parameter group number (PGN): among others the steering-wheel angle, the
+curvature reported by the steering (PGN 44032), speeds, and NMEA 2000 positions in single frames.
 
 Signals are defined in ISO 11783-7, SAE J1939-71 and NMEA 2000. Curvatures and yaw rates of ISO 11783 and NMEA 2000 are
 right positive, steering-wheel angles and yaw rates of J1939 left positive, courses and headings clockwise.
@@ -22,7 +22,7 @@ REVERSE_BITS = 56  # Bit index in ISO 11783-7 speed messages of the first of two
 
 
 class BusSignal(NamedTuple):
-    """Quantity contained in a CAN message."""
+    """Definition of a signal in a CAN message."""
 
     quantity: str
     start: int  # Index of the first bit of the value, counted from the lowest bit of the first byte
@@ -34,12 +34,12 @@ class BusSignal(NamedTuple):
     directed: bool = False  # Whether the message also contains the direction of travel
 
     def of_counts(self, counts: float) -> float:
-        """Convert counts to a value without the offset, as ISO 11783-10 stores them."""
+        """Convert counts without an offset to a value. ISO 11783-10 logs contain counts without an offset."""
         value = self.scale * counts
         return wrap(pi / 2 - value) if self.compass else value
 
     def of_frame(self, data: bytes) -> float | None:
-        """Return the value in the data bytes of a message, or None if it is unavailable or the message is too short."""
+        """Return the value in the bytes of a message. Return None for an unavailable value or missing bytes."""
         if 8 * len(data) < self.start + self.bits:
             return None
         frame = int.from_bytes(data, "little")
@@ -76,13 +76,13 @@ SIGNALS: dict[int, tuple[BusSignal, ...]] = {
     129025: (BusSignal("latitude", 0, 32, True, 1e-7), BusSignal("longitude", 32, 32, True, 1e-7)),
     129026: (BusSignal("course", 16, 16, False, 1e-4, compass=True), BusSignal("speed", 32, 16, False, 1e-2)),
 }
-"""Signals by parameter group number."""
+"""Definitions of the supported signals by parameter group number."""
 OWN_SIGNALS: dict[int, tuple[BusSignal, ...]] = {0x301: (BusSignal("steering_wheel", 0, 16, True, -2 * pi / 4096),)}
-"""Signals by 11-bit identifier: steering wheel of a Massey Ferguson 7720 with 4096 counts per revolution (measured)."""
+"""Signals by 11-bit identifier: steering wheel of a Massey Ferguson 7720, 4096 counts per revolution (measured)."""
 
 
 def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
-    """Return the name of a message and its signals, by CAN identifier; unknown messages have no signals."""
+    """Return the name and the signals of a message with a CAN identifier. Unknown messages have no signals."""
     if identifier < 0x800:
         return f"frame {identifier:03X}", OWN_SIGNALS.get(identifier, ())
     group = (identifier >> 8) & 0x3FFFF
@@ -94,11 +94,11 @@ def signals_of(identifier: int) -> tuple[str, tuple[BusSignal, ...]]:
 ERROR_FRAME = 0x20000000  # Identifier bit in candump logs that marks an error frame, which the CAN controller generates
 IDENTIFIER = 0x1FFFFFFF
 BINARY = {b"LOGG": "BLF", b"date ": "ASC", b";$FILEVERSION": "TRC", b"MDF ": "MF4"}
-"""Names of log formats that python-can can convert, by the first bytes of the file."""
+"""Names of log formats that the user can convert with python-can, by the first bytes of the file."""
 
 
 class Dialect(NamedTuple):
-    """Format of a line of text that contains one CAN frame."""
+    """Text format with one CAN frame per line."""
 
     line: re.Pattern[str]  # Pattern of a line, with groups for time, hexadecimal identifier and data
     data: Callable[[str], bytes]
@@ -116,20 +116,20 @@ DIALECTS = (
     Dialect(re.compile(r"(\d+\.?\d*),0x([0-9A-Fa-f]+),[01],[01],[01],\d+,([\w+/=]*)"), b64decode, 1.0),
     Dialect(re.compile(r"(?:[\d:.]+ -> )?(\d+); ID;([0-9A-F]+) Data;((?:\d+;)*)"), _decimals, 1e3),
 )
-"""Formats of candump -L, candump -t on a screen, CSV of python-can, and `ms; ID;hex Data;bytes;` from a terminal."""
+"""Text formats: candump -L, candump -t on a screen, CSV of python-can, and `ms; ID;hex Data;bytes;` of a terminal."""
 
 
 class CanText(LogReader):
-    """CAN frames as text of candump, python-can or a serial sniffer: curvature, steering wheel, speeds, position."""
+    """Reader for CAN frames as text of candump, python-can or a sniffer: curvature, steering, speeds, position."""
 
     kind: Literal["can"] = "can"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the first lines contain CAN frames, or python-can can convert the file."""
+        """Return whether the first lines contain CAN frames, or the file has a format that python-can converts."""
         return head.data.startswith(tuple(BINARY)) or _dialect(head.lines) is not None
 
     def read(self, path: Path) -> ReadLog:
-        """Return the known signals in the frames."""
+        """Return the values of all known signals. Raises `FieldLogError` for a file that needs conversion first."""
         with path.open("rb") as stream:
             start = stream.read(65536)
         if kind := next((name for mark, name in BINARY.items() if start.startswith(mark)), ""):
@@ -161,7 +161,7 @@ class CanText(LogReader):
 
 
 def _dialect(lines: list[str]) -> Dialect | None:
-    """Return the format of most of the lines. Return None if no line has a known format."""
+    """Return the text format of most lines, or None if no line has a known format."""
     counts = {k: sum(d.line.fullmatch(line.strip()) is not None for line in lines) for k, d in enumerate(DIALECTS)}
     best = max(counts, key=lambda k: counts[k])
     return DIALECTS[best] if counts[best] else None

@@ -22,7 +22,7 @@ MOST_COLUMNS = 60  # Maximum number of columns that are described
 
 
 class Coverage(NamedTuple):
-    """Coverage of the recorded time by the values of a column."""
+    """Number, rate and longest gap of the values of a column."""
 
     values: int
     rate: float  # Rate of the values [Hz], from the median time step, so that gaps have no effect
@@ -39,7 +39,7 @@ def coverage(t: Array, values: Array) -> Coverage:
 
 
 def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
-    """Return the description of a log as plain text and valid Markdown. `log_map` is the user's map, if given."""
+    """Return a description of a log as plain text and valid Markdown. `log_map` is the user's map, or None."""
     source, m = loaded(log.source), log_map or log.log_map
     names = [name for name in column_names(source) if not m or name != m.time.column][:MOST_COLUMNS]
     time, unit = (m.time.column, m.time.unit) if m else ("t", "s")
@@ -67,7 +67,7 @@ def describe(log: OpenedLog, log_map: LogMap | None = None) -> str:
 
 
 def _use(source: Source, m: LogMap) -> str:
-    """Return a text that states possible uses of a log with the columns of a map, and reasons against other uses."""
+    """Return a text about possible uses of a log with a map, and about reasons against other uses."""
     enough = "The log has the columns for"
     try:
         kept = pieces([read_recording(source, m, 0.0)]).kept
@@ -83,7 +83,7 @@ def _use(source: Source, m: LogMap) -> str:
 
 
 def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
-    """Return one row of the table of columns. Cells are empty for a column without numbers."""
+    """Return a row of the column table. Number cells are empty for a column without numbers."""
     try:
         values = read_columns(source, [name])[name]
     except FieldLogError:
@@ -94,6 +94,6 @@ def _row(source: Source, name: str, t: Array) -> tuple[str, ...]:
 
 
 def _unit(source: Source, name: str) -> str:
-    """Return the unit in the metadata of a column, or an empty string if there is no metadata."""
+    """Return the unit from the metadata of a column, or an empty string."""
     schema = source.schema if isinstance(source, pa.Table) else pq.read_schema(source.absolute())
     return ((schema.field(name).metadata or {}).get(b"unit") or b"").decode(errors="replace")

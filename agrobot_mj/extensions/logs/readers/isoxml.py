@@ -2,9 +2,10 @@
 
 A time log is a pair of files. The XML file describes the records: an empty attribute is stored in every record of the
 .BIN file, an attribute with a value is constant. A record contains the time [ms of the day, days since 1980], the
-position [1e-7 deg], its status, numbered as the quality of GGA, and the process values that have changed. The data
-dictionary has a speed, but no wheel angle or heading of a tractor. Bus signals in the log are those of `can.SIGNALS`,
-among them the curvature reported by the steering. They are stored, as counts without offset, when they change.
+position [1e-7 deg], the position status (numbered as the quality of GGA), and the process values that have changed. The
+data dictionary defines a speed, but no wheel angle or heading of a tractor. A log may also contain the bus signals
+`can.SIGNALS`, among others the curvature reported by the steering. Bus signals are stored as counts without offset when
+they change.
 """
 
 import re
@@ -24,26 +25,26 @@ from agrobot_mj.extensions.logs.readers.can import SIGNALS, BusSignal
 TASKDATA = "TASKDATA.XML"
 TIME_LOG = re.compile(r"(TLG\d{5})\.XML")
 FIELDS = {"A": "i", "B": "i", "C": "i", "D": "B", "E": "H", "F": "H", "G": "B", "H": "I", "I": "H"}
-"""Position attributes and their binary formats: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
+"""Binary formats of the position attributes A to I: north, east, up, status, PDOP, HDOP, satellites, UTC time, date."""
 SPEED, ON_BUS = 397, 0xDFFE
-"""Data dictionary identifiers: actual speed [mm/s], and a bus signal that is specified by further attributes."""
+"""Data dictionary identifiers of the actual speed [mm/s], and of a bus signal defined by further attributes."""
 DEGREES = 1e-7  # Angle per count of latitude and longitude [deg]
 FAILED, NOT_AVAILABLE = 14, 15
-"""Values of the position status without an equivalent GGA quality. Other values are equal to the GGA quality."""
+"""Values of the position status without an equivalent GGA quality. Lower values are equal to the GGA quality."""
 MOST_ZIP_BYTES, MOST_XML_BYTES, MOST_BIN_BYTES = 100_000_000, 20_000_000, 100_000_000
-"""Maximum sizes: of a zip archive, of one XML file, and of all binary files together [bytes]."""
+"""Maximum sizes of a zip archive, of an XML file, and of all binary files together [bytes]."""
 MOST_FILES = 10_000  # Maximum number of files in a zip archive
 Open = Callable[[int], bytes]
-"""Function that returns the content of a file. Its argument is the maximum accepted size [bytes]."""
+"""Type of functions that return the content of a file. The argument is the maximum accepted size [bytes]."""
 
 
 class TaskData(LogReader):
-    """Reader for time logs in ISO 11783-10 task data: position, position status and speed."""
+    """Reader for time logs in ISO 11783-10 task data: position, position status, speed and bus signals."""
 
     kind: Literal["isoxml"] = "isoxml"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the path is task data: a folder or archive with TASKDATA.XML, this file, or a time log."""
+        """Return whether the path is task data: TASKDATA.XML, a folder or archive with this file, or a time log."""
         if head.path.is_dir():
             return any(each.name.upper() == TASKDATA for each in head.path.iterdir())
         if head.data.startswith(b"PK\3\4"):
@@ -51,7 +52,7 @@ class TaskData(LogReader):
         return b"<ISO11783_TaskData" in head.data or (b"<TIM" in head.data and b"<PTN" in head.data)
 
     def read(self, path: Path) -> ReadLog:
-        """Return the records of all time logs in chronological order. Damaged logs are read up to the damage."""
+        """Return the values of all time logs in chronological order. Damaged logs are read up to the damage."""
         files = _files(path)
         samples, notes, left = Samples(path, ordered=False), list[str](), MOST_BIN_BYTES
         for name in sorted(each[1] for key in files if (each := TIME_LOG.fullmatch(key))):
@@ -77,7 +78,7 @@ class TaskData(LogReader):
 
 
 class Record(NamedTuple):
-    """Decoded record of a time log."""
+    """Decoded record of a time log: time, position and bus signals."""
 
     t: float  # Local time since 1980 [s]
     position: dict[str, float]
@@ -86,17 +87,17 @@ class Record(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Layout of the records in a time log."""
+    """Layout of the binary records of a time log."""
 
     head: Struct
     keys: tuple[str, ...]  # Position attributes that each record contains
     fixed: dict[str, int]  # Values of the position attributes that are constant, by key
     known: dict[int, tuple[str, BusSignal]]
-    """Source and signal of the known process values by number. The signal converts the counts to a value."""
+    """Source and signal of each known process value, by number of the process value."""
     values: int  # Number of process values
 
     def records(self, data: bytes) -> Iterator[Record]:
-        """Yield the records up to the first incomplete or invalid one. A signal keeps its value until it changes."""
+        """Yield the records up to the first incomplete or invalid record. A signal keeps its value until it changes."""
         at, last, held = 0, 0.0, dict[str, dict[str, float]]()
         while at < len(data):
             try:
@@ -135,7 +136,7 @@ ENTRY = Struct("<Bi")  # Binary format of a process value in a record: number an
 
 
 def _layout(name: str, data: bytes) -> Layout:
-    """Return the record layout that the XML of a time log defines. Raises `FieldLogError` for invalid XML."""
+    """Return the record layout defined by the XML file of a time log. Raises `FieldLogError` for invalid XML."""
     where = f"{name}.XML"
     if b"<!" in data.replace(b"\0", b"").replace(b"<!--", b""):
         raise FieldLogError(f"{where}: the file declares a document type or entities; remove the declaration")
@@ -157,7 +158,7 @@ def _layout(name: str, data: bytes) -> Layout:
 
 
 def _signal(ddi: int, value: ElementTree.Element) -> tuple[str, BusSignal] | None:
-    """Return source and signal of a process value, or None if the value is unknown."""
+    """Return source and signal of a process value, or None for an unknown value."""
     if ddi == SPEED:
         return f"DDI {SPEED}", BusSignal("speed", 0, 32, True, 1e-3)
     if ddi != ON_BUS:
@@ -172,7 +173,7 @@ def _counts(key: str, text: str) -> int:
 
 
 def _files(path: Path) -> dict[str, Open]:
-    """Return functions that read the files of task data, by upper-case name. Raises `FieldLogError`."""
+    """Return functions that read the task data files, by upper-case file name. Raises `FieldLogError`."""
     if path.is_file():
         with path.open("rb") as stream:
             if stream.read(4) == b"PK\3\4":

@@ -2,7 +2,7 @@
 
 Times are the stamps in message headers, if present. `Odometry` gives position, heading and speed along the heading.
 `Imu` gives only the yaw rate, because the origin of its heading is arbitrary. `JointState` gives the mean of the joints
-with "steer" in their names. Topics with "truth" in their names are ignored, because they come from a simulator. A
+with "steer" in their names. Topics with "truth" in their names are ignored, because they contain simulated truth. A
 truncated bag is read up to its end. Requires the extra `mcap`.
 """
 
@@ -19,7 +19,7 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 MAGIC, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
 MOST_RECORD_BYTES = 256_000_000  # Maximum size of a record, and of a chunk after unpacking [bytes]
 FIX_QUALITY = {-1: 0, 0: 1, 1: 2, 2: 4}
-"""GGA quality for each NavSatFix status: none, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
+"""GGA quality for each NavSatFix status: no fix, autonomous, satellite-based (SBAS), ground-based (GBAS)."""
 
 
 def _fix(m: Any) -> dict[str, float]:
@@ -52,20 +52,20 @@ CONTENT: dict[str, Callable[[Any], dict[str, float]]] = {
     "autoware_vehicle_msgs/msg/SteeringReport": lambda m: {"steer": m.steering_tire_angle},
     "autoware_vehicle_msgs/msg/VelocityReport": lambda m: {"speed": m.longitudinal_velocity},
 }
-"""Functions that convert a message to quantities, by message type."""
+"""Functions that convert messages to quantities, by message type."""
 
 
 class Ros2Bag(LogReader):
-    """ROS 2 bag in MCAP: position, speed, yaw rate, heading, wheel angle."""
+    """Reader for ROS 2 bags in MCAP: position, speed, yaw rate, heading, wheel angle."""
 
     kind: Literal["mcap"] = "mcap"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the path is an MCAP file, a bag folder with one MCAP file, or a bag in SQLite format."""
+        """Return whether the path is an MCAP file, a folder with one MCAP file, or a bag in SQLite format."""
         return head.data.startswith((MAGIC, SQLITE)) or len(list(head.path.glob("*.mcap"))) == 1
 
     def read(self, path: Path) -> ReadLog:
-        """Return the quantities in all messages whose type is in `CONTENT`, whatever their topics."""
+        """Return the quantities in all messages of a type in `CONTENT`, regardless of their topics."""
         file = next(path.glob("*.mcap")) if path.is_dir() else path
         samples, notes, count = Samples(path, ordered=False), list[str](), 0
         try:
@@ -107,7 +107,7 @@ def _messages(file: Path) -> Iterator[tuple[str, float, dict[str, float]]]:
 
 
 def _records(library: Any, records: Any, stream: Any, name: str) -> Iterator[Any]:
-    """Yield the records of a file, and those in its chunks of at most `MOST_RECORD_BYTES` after unpacking."""
+    """Yield the records of a file and of its chunks. A chunk has at most `MOST_RECORD_BYTES` after unpacking."""
     reader = library.StreamReader(stream, emit_chunks=True, record_size_limit=MOST_RECORD_BYTES)
     for record in reader.records:
         if isinstance(record, records.Chunk):

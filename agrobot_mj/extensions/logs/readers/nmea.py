@@ -1,9 +1,9 @@
 """Reader for NMEA 0183 sentences of a receiver or board, in a text file or among other bytes.
 
 Sentences may follow the time stamp of a logger, or be inside JSON or between binary messages of the receiver. Times are
-those of the receiver; a sentence without a time gets the time of the preceding one. Sentences before the first fix are
-omitted, because the receiver has not yet set its clock. In GGA sentences without a quality, the status of RMC sentences
-determines whether there is a fix. The speed is over ground, and positive also in reverse.
+those of the receiver. A sentence without a time gets the time of the preceding sentence. Sentences before the first fix
+are omitted, because the receiver has not yet set its clock. In GGA sentences without a quality, the status of RMC
+sentences determines whether there is a fix. The speed is over ground, and positive also in reverse.
 """
 
 import mmap
@@ -18,7 +18,7 @@ from agrobot_mj.extensions.logs.readers.base import DAY_S, LATE_S, DayClock, Hea
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, SENTENCE, Quantities, Sentence, found_in
 
 RESET_S = 60.0
-"""Time difference to the preceding sentence above which the clock of a sentence without a fix is not yet set [s]."""
+"""Minimum time jump at which the clock of a receiver without a fix counts as reset [s]."""
 SETTLED_S = 10.0  # Time after the first fix within which a receiver may still correct its clock [s]. Assumed value.
 
 
@@ -28,7 +28,7 @@ class NmeaText(LogReader):
     kind: Literal["nmea"] = "nmea"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the start of a file contains any sentence with a valid checksum."""
+        """Return whether the start of a file contains a sentence with a valid checksum."""
         return any(fields_of(match[0]) for match in SENTENCE.finditer(head.data))
 
     def read(self, path: Path) -> ReadLog:
@@ -39,15 +39,14 @@ class NmeaText(LogReader):
 
 
 class _Sentences:
-    """Sentences of one file, with the clock of the receiver."""
+    """Converter of the sentences in one file, with the clock of the receiver."""
 
     def __init__(self, path: Path, data: mmap.mmap) -> None:
         self.data, self.path, self.name, self.samples = data, path, path.name, Samples(path)
         self.clock, self.start, self.t, self.latest = DayClock(), -inf, -inf, dict[str, float]()
         self.early, self.kept, self.unclear, self.first_unclear = 0, 0, 0, ""
         self.valid, self.invalid = set[str](), dict[str, Any]()
-        """Types of sentences with a valid checksum; and number, first line and first text of sentences with an invalid
-        checksum, by type."""
+        """Sentence types with a valid checksum, and number, first line and first text of invalid sentences by type."""
         self._counted, self._line = 0, 1
         self._void = data.find(b"RMC,") >= 0  # whether the latest RMC sentence reports no fix, or has yet to come
 
@@ -83,8 +82,8 @@ class _Sentences:
         return self.samples.log(what, *notes, speed={"of": "antenna"})
 
     def _values(self, found: Sentence) -> Quantities | None:
-        """Set the clock to the time of a sentence and return its quantities. Return None if the sentence is invalid or
-        before the first fix."""
+        """Set the clock to the time of a sentence and return the quantities of the sentence. Return None for an invalid
+        sentence, or before the first fix."""
         kind = KINDS[found.kind]
         try:
             values = kind.quantities(found.fields)
@@ -109,7 +108,7 @@ class _Sentences:
         return values
 
     def _begin_again(self, found: Sentence) -> None:
-        """Discard sentences before a decrease of the time. Raises `FieldLogError` for a decrease after `SETTLED_S`."""
+        """Discard sentences before a decrease of the time. Raises `FieldLogError` after the time `SETTLED_S`."""
         last = self.latest[found.kind]
         if last - self.start > SETTLED_S:
             raise FieldLogError(

@@ -1,4 +1,5 @@
-"""Readers for files of this program (run folder, `link.parquet`) and tables with arbitrary columns (CSV, Parquet)."""
+"""Readers for files of this program (run folder, `link.parquet`) and for tables with arbitrary columns (CSV,
+Parquet)."""
 
 import re
 from math import isnan
@@ -20,12 +21,12 @@ DECIMAL = re.compile(r"[+-]?\d+\.\d+(?:[eE][+-]?\d+)?")  # Pattern of a number t
 
 
 class RunFolder(LogReader):
-    """Reader for the folder of a run: measurements of the simulated sensors."""
+    """Reader for the folder of a simulated run: measurements of the simulated sensors."""
 
     kind: Literal["run"] = "run"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether a folder contains the signals of a run."""
+        """Return whether a path is a folder with the signals of a run."""
         return (head.path / "signals.parquet").is_file()
 
     def read(self, path: Path) -> ReadLog:
@@ -36,8 +37,8 @@ class RunFolder(LogReader):
 class LinkRecord(LogReader):
     """Reader for the record of a link (`link.parquet`): messages from the boards to the guidance program.
 
-    No valve voltage is derived, because the motor output in message 253 has no sign. The yaw rate in PANDA sentences is
-    omitted, because its resolution of one degree per second is worse than that of the derivative of the heading.
+    The valve voltage is missing, because the motor output in message 253 has no sign. The yaw rate in PANDA sentences
+    is omitted, because its resolution of one degree per second is worse than that of the derivative of the heading.
     """
 
     kind: Literal["link"] = "link"
@@ -50,7 +51,7 @@ class LinkRecord(LogReader):
             return False
 
     def read(self, path: Path) -> ReadLog:
-        """Return the content of position sentences and of messages 253 that the boards sent."""
+        """Return the quantities in the position sentences and in the messages 253 of the boards."""
         if (rows := pq.read_metadata(path.absolute()).num_rows) > MOST:
             raise FieldLogError(f"{path.name}: the file has {rows:.3g} rows, but a link records at most {MOST:.3g}")
         samples = Samples(path)
@@ -69,12 +70,12 @@ class LinkRecord(LogReader):
 
 
 class FreeColumns(LogReader):
-    """Reader for a CSV or Parquet file with any column names: signals of a run, or a user-defined table with a map."""
+    """Reader for a CSV or Parquet file with arbitrary columns: signals of a run, or a user-defined table with a map."""
 
     kind: Literal["columns"] = "columns"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether the file is a Parquet file, or a text file whose first line has several names."""
+        """Return whether the file is a Parquet file, or a text file whose first line contains several names."""
         if is_parquet(head.data):
             return True
         first = head.lines[0] if head.lines else ""
@@ -86,7 +87,7 @@ class FreeColumns(LogReader):
         )
 
     def read(self, path: Path) -> ReadLog:
-        """Return the path of the file. Its columns are read later with a map. Raises `FieldLogError` without names."""
+        """Return the path of the file; its columns are read later. Raises `FieldLogError` without column names."""
         names = column_names(path)
         if not any(names) or (number := next(filter(DECIMAL.fullmatch, names), "")):
             found = f"the number {number}" if any(names) else "no names"

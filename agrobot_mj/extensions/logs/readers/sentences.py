@@ -1,8 +1,7 @@
 """Quantities in NMEA 0183 sentences of receivers: position, motion, and headings of two antennas.
 
-An empty field is a missing value. The position in a sentence that reports no fix also counts as missing. A float
-solution of two antennas may have any heading. Therefore sentences with a heading quality provide a heading only with a
-fixed solution.
+An empty field is a missing value. Positions in sentences without a fix are also missing values. A float solution of two
+antennas may have any heading. Therefore sentences with a heading quality provide a heading only with a fixed solution.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,9 +16,9 @@ from agrobot_mj.core.nmea import DGPS_FIX, GPS_FIX, KNOTS, NO_FIX, RTK_FIX, RTK_
 
 Quantities = dict[str, float]
 SENTENCE = pattern(rb"\$([A-Z]{4,5}[A-Z0-9]*,[\x20-\x23\x25-\x29\x2b-\x7e]{0,500})(\*[0-9A-Fa-f]{2})?")
-"""Pattern of an NMEA sentence among other bytes. The checksum group is None for a sentence without a checksum."""
+"""Regular expression for an NMEA sentence among other bytes. The checksum group is None without a checksum."""
 BEST_FIRST = {"R": RTK_FIX, "F": RTK_FLOAT, "D": DGPS_FIX, "P": 3, "A": GPS_FIX, "E": 6, "M": 7, "S": 8}
-"""GGA quality for each mode letter of the GNS sentence, from best to worst."""
+"""GGA quality for each mode letter of the GNS sentence. The first letter in this order determines the quality."""
 KSXT_QUALITY = (NO_FIX, GPS_FIX, RTK_FLOAT, RTK_FIX)  # GGA quality for each quality number of the KSXT sentence
 
 
@@ -33,14 +32,14 @@ class Sentence(NamedTuple):
 
 
 def found_in(data: bytes | mmap) -> Iterator[Sentence]:
-    """Yield all sentences whose type is in `KINDS`, including those without a valid checksum."""
+    """Yield all sentences of the types `KINDS`, including sentences without a valid checksum."""
     for match in SENTENCE.finditer(data):
         if (kind := kind_of(match[1].decode().split(",", 2))) in KINDS:
             yield Sentence(match.start(), kind, fields_of(match[0]) or [], match[0].decode())
 
 
 def kind_of(fields: list[str]) -> str:
-    """Return the type of a sentence: its name without the talker; for manufacturers, name and subtype (`PTNL,AVR`)."""
+    """Return the type of a sentence: its name without talker, or manufacturer name with subtype (`PTNL,AVR`)."""
     name = fields[0]
     if name in ("PTNL", "PSTI", "PSAT") or (name == "PASHR" and fields[1][:1].isalpha()):
         return ",".join(fields[:2])
@@ -117,7 +116,7 @@ def _board(fields: list[str]) -> Quantities:
 
 
 def _place(fields: list[str]) -> Quantities:
-    """Return latitude and longitude, or an empty mapping if the fields are empty."""
+    """Return latitude and longitude [deg], or an empty mapping if the fields are empty."""
     if not (fields[0] and fields[2]):
         return {}
     return {"latitude": degrees_of(*fields[:2]), "longitude": degrees_of(*fields[2:])}
@@ -136,10 +135,10 @@ def _number(text: str) -> float:
 
 
 class Kind(NamedTuple):
-    """Supported type of sentence."""
+    """Definition of a supported sentence type."""
 
     quantities: Callable[[list[str]], Quantities]
-    """Function that converts the fields to quantities, NaN if missing. Raises ValueError or IndexError."""
+    """Function that converts the fields to quantities. Missing values are NaN. Raises ValueError or IndexError."""
     time: int = 1  # Index of the field that contains the time of day, or 0 if there is none
 
 
@@ -160,4 +159,4 @@ KINDS = {
     "PSAT,HPR": Kind(_psat_hpr, 2),
     "PSTI,036": Kind(_psti, 2),
 }
-"""Supported types of sentences, by name without the talker (two letters)."""
+"""Supported sentence types, by name without the talker identifier."""

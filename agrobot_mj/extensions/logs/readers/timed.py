@@ -1,8 +1,8 @@
 """Reader for lines of a logging program that begin with an ISO time: `time: sentence` or `time: {json}`.
 
-All values have this time, because JSON objects contain no other time. Sentences are those of the `nmea` reader. In a
-JSON object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become columns, such as
-`was`, the counts of the steering sensor.
+The time at the start of the line applies to all values of the line. Sentences are those of the `nmea` reader. In a JSON
+object, `yaw` is the heading of an inertial unit in degrees from north. Other numbers become columns, for example `was`,
+the counts of the steering sensor.
 """
 
 import json
@@ -16,17 +16,17 @@ from agrobot_mj.extensions.logs.readers.base import Head, LogReader, ReadLog, Sa
 from agrobot_mj.extensions.logs.readers.sentences import KINDS, found_in
 
 LINE = pattern(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d:\d\d(?:\.\d+)?(?:Z|[+-]\d\d:\d\d)?): ?([${].*)")
-"""Pattern of a line, with groups for time and content."""
+"""Regular expression for a line, with groups for time and content."""
 FIRST = 20  # Number of lines at the start of a file from which the format is recognised
 
 
 class TimedLines(LogReader):
-    """Reader for lines of ISO time and NMEA sentence or JSON object, with position, speed, heading, steering counts."""
+    """Reader for lines that consist of an ISO time and an NMEA sentence or JSON object."""
 
     kind: Literal["lines"] = "lines"
 
     def recognises(self, head: Head) -> bool:
-        """Return whether most of the first lines have the pattern, and at least one of them a JSON object."""
+        """Return whether most of the first lines match `LINE`, and at least one line contains a JSON object."""
         first = [LINE.fullmatch(line.strip()) for line in head.lines[:FIRST]]
         found = [match[2] for match in first if match]
         return 2 * len(found) > len(first) and any(text.startswith("{") for text in found)
@@ -49,7 +49,7 @@ class TimedLines(LogReader):
 
 
 def _numbers(content: dict[str, object]) -> dict[str, float]:
-    """Return the numbers in a JSON object by column."""
+    """Return the numbers in a JSON object by column name."""
     found = {name: float(value) for name, value in content.items() if type(value) in (int, float)}  # type: ignore[arg-type]
     if "yaw" in found:
         found["heading"] = from_compass(found.pop("yaw"))

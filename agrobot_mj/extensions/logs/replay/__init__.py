@@ -1,1 +1,1 @@
-"""Replay of recordings of machines on a simulated plant. Residuals quantify the difference."""
+"""Replay of recordings of machines on a simulated plant, with residuals between plant and recording."""

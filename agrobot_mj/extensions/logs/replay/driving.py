@@ -1,9 +1,9 @@
 """Replay on a plant: the speed and either the wheel angle or the valve voltage follow a recording.
 
 In a replay by angle, an ideal valve without lag, dead band and limit replaces the valve of the scenario and follows the
-recorded angle every 10 ms. A replay by voltage keeps the valve. A pedal without lag imposes the speed. An integral
-controller corrects the speed over ground for wheel slip. A simulated lead-in before the recording brings the tractor to
-the initial speed and angle.
+recorded angle every 10 ms. A replay by voltage uses the valve of the scenario. A pedal without lag imposes the speed.
+An integral controller corrects the speed over ground for wheel slip. A simulated lead-in before the recording brings
+the tractor to the initial speed and angle.
 """
 
 from math import cos, sin
@@ -26,17 +26,16 @@ STEER_RATE = 4.0  # Steering rate of the ideal valve at full voltage [rad/s]
 PEDAL_PER_V_S = 100.0  # Gain of the ideal pedal [1/(V s)], which imposes the recorded speed
 FAST_S = 1e-3  # Time constant of the ideal valve and pump [s], half a physics step
 CORRECTION = 0.5
-"""Fraction of an angle error corrected per tick [-]. At 1, the oil spring of the cylinder would oscillate."""
+"""Fraction of an angle error that the ideal valve corrects per tick [-]. At 1, the oil spring would oscillate."""
 INTEGRAL_S = 2.0
-"""Time constant of the integral speed controller [s]: long compared with the oil spring of the drive (3 Hz)."""
+"""Time constant of the integral speed controller [s], long compared with the oil spring of the drive (3 Hz)."""
 DRIVE_DAMPING = 10.0
-"""Damping of the drive in a replay divided by its nominal damping [-]: half of the critical damping of the oil spring.
-"""
+"""Factor on the nominal drive damping in a replay [-]. It gives half of the critical damping of the oil spring."""
 LEAD_ACCELERATION = 1.0  # Acceleration of the tractor in the lead-in [m/s2]
 LEAD_STEADY_S = 2.0  # Time at the initial speed and angle at the end of the lead-in [s]
 MOVING = 0.05  # Minimum initial speed for which a lead-in is needed [m/s]
 HOMING_V_RAD = 60.0
-"""Gain from steering error to voltage for moving the valve of the scenario to the initial angle [V/rad]."""
+"""Controller gain for moving the scenario's valve to the initial wheel angle [V/rad]."""
 Pose = tuple[float, float, float]  # Pose of the rear-axle centre R: east and north [m], heading [rad]
 
 
@@ -53,7 +52,7 @@ class Driven(NamedTuple):
 
 
 class _Inputs(NamedTuple):
-    """Recorded inputs at every tick of the replay, by interpolation."""
+    """Recorded inputs at every tick of the replay."""
 
     t: Array
     steer: Array
@@ -62,7 +61,7 @@ class _Inputs(NamedTuple):
 
 
 def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "steer") -> Driven:
-    """Replay a recording on the plant of a scenario, starting at a pose. Raises `FieldLogError` or `ScenarioError`."""
+    """Replay a recording on a scenario's plant from the pose `start`. Raises `FieldLogError` or `ScenarioError`."""
     if (recording.steer if by == "steer" else recording.voltage) is None:
         has = "valve" if by == "steer" else "steer"
         raise FieldLogError(f"{recording.name}: the map has no [{by}]; add it, or use --by {has}")
@@ -70,7 +69,7 @@ def drive(scenario: Scenario, recording: FieldRecording, start: Pose, by: By = "
 
 
 def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, float]:
-    """Return the east and north coordinates of a point that is fixed to the tilted body [m]."""
+    """Return the east and north coordinates [m] of a body-fixed point, including the effect of body tilt."""
     ahead, left, up = arm
     forward = ahead * cos(truth.pitch) + up * sin(truth.pitch)
     side = left * cos(truth.roll) - up * sin(truth.roll)
@@ -79,7 +78,7 @@ def point_of(truth: Truth, arm: tuple[float, float, float]) -> tuple[float, floa
 
 
 class _Replayer:
-    """Replay of one segment on a plant with ideal actuators."""
+    """Replay of one segment on a plant with ideal pedal and, in a replay by angle, ideal valve."""
 
     def __init__(self, scenario: Scenario, recording: FieldRecording, by: By) -> None:
         self.recording, self.by, self.tractor = recording, by, scenario.tractor
@@ -92,7 +91,7 @@ class _Replayer:
         self.missing = 0.0
 
     def _imposed(self, scenario: Scenario) -> dict[str, float]:
-        """Return the overrides for an ideal pedal and, in a replay by angle, an ideal valve."""
+        """Return the scenario overrides for an ideal pedal and, in a replay by angle, an ideal valve."""
         pedal = {
             "driveline.pedal_dead_band_v": 0.0,
             "driveline.pedal_rate_per_v_s": PEDAL_PER_V_S,
@@ -115,7 +114,7 @@ class _Replayer:
         }
 
     def run(self, start: Pose) -> Driven:
-        """Return the replay. The lead-in is simulated twice, because its displacement is unknown at first."""
+        """Return the replayed motion. The lead-in is simulated twice, because its displacement is unknown at first."""
         begin = start
         if abs(self.inputs.speed[0]) > MOVING:
             end = self._lead_in(begin)
@@ -129,14 +128,14 @@ class _Replayer:
         return self._follow()
 
     def _place(self, pose: Pose) -> Truth:
-        """Place R at a pose at standstill."""
+        """Reset the plant to standstill, with the rear-axle centre R at a pose."""
         east, north = from_heading(pose[2], self.tractor.cg_to_rear_axle, 0.0)
         reference = Reference(pose[0] + east, pose[1] + north, 0.0, 0.0, pose[2], 0.0)
         self.missing, self.truth = 0.0, self.plant.reset(reference)
         return self.truth
 
     def _lead_in(self, pose: Pose) -> Pose:
-        """Simulate from rest to the initial speed and angle. Return the pose of R at the end."""
+        """Simulate from standstill to the initial speed and angle. Return the final pose of the rear-axle centre R."""
         self._place(pose)
         i = self.inputs
         u, angle = float(i.speed[0]), float(i.steer[0])
@@ -165,7 +164,7 @@ class _Replayer:
         return truth.steer, speed, truth.yaw_rate, truth.yaw, *point_of(truth, recording.arm)
 
     def _steer_voltage(self, now: float, following: float, recorded: float | None) -> float:
-        """Return the voltage of the steering valve for this tick [V]. `recorded` is None in the lead-in."""
+        """Return the steering valve voltage for this tick [V]. The `recorded` voltage is None in the lead-in."""
         limit = self.tractor.steer_limit
         now, following = (min(max(angle, -limit), limit) for angle in (now, following))
         if self.by == "steer":
@@ -181,7 +180,7 @@ class _Replayer:
         )
 
     def _advance(self, steer_voltage: float, speed: float) -> None:
-        """Advance one tick with a valve voltage [V]. At its end, the speed is `speed` [m/s]."""
+        """Advance the plant by one tick with a valve voltage [V] and a setpoint of the final speed [m/s]."""
         if not self.recording.wheel_speed:
             self.missing += (speed - self.truth.speed) * self.tick / INTEGRAL_S
         pedal = (speed + self.missing) / self.full_speed
@@ -190,7 +189,7 @@ class _Replayer:
 
 
 def _inputs(recording: FieldRecording, tick: float) -> _Inputs:
-    """Return the recorded inputs at every tick. Inputs that are not recorded (angle or voltage) are neutral."""
+    """Return the recorded inputs at every tick. A missing input (angle or voltage) is neutral."""
     n = int((recording.end - recording.start) / tick) + 1
     t = recording.start + tick * np.arange(n, dtype=np.float64)
     steer = recording.steer.at(t) if recording.steer else np.zeros(n)

@@ -1,8 +1,8 @@
 """Residuals of yaw rate and position between a replay and its recording, and residuals of a kinematic model.
 
 The initial pose is fitted to the first metres of recorded positions, because a single antenna gives no heading. During
-the replay, small errors of the yaw rate accumulate. Therefore windows of a few seconds are aligned with the recorded
-track by rigid motions, which separates errors of the plant from errors of the initial pose.
+the replay, small errors of the yaw rate accumulate. Therefore rigid motions align windows of a few seconds with the
+recorded track. The alignment separates errors of the plant from errors of the initial pose.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,7 +21,7 @@ from agrobot_mj.extensions.logs.series import LEAST_SPEED, TimeSeries, chords
 START_M = 10.0  # Length of the recorded track to which the initial pose is fitted [m]
 WINDOW_S = 10.0  # Length of a window [s], about the duration of one bend
 STRETCH_S = 1.0
-"""Time between positions when track lengths are compared [s]: long compared with noise, short compared with bends."""
+"""Time between positions for comparing track lengths [s]: long compared with noise, short compared with bends."""
 LARGEST_LAG_S = 0.5  # Maximum lag between two yaw rates that is considered [s]
 
 
@@ -32,14 +32,14 @@ class Rigid(NamedTuple):
     shift: Array  # Translation after the rotation [m], shape (2,)
 
     def of(self, points: Array) -> Array:
-        """Rotate and translate points (n, 2)."""
+        """Return points (n, 2) after rotation and translation [m]."""
         c, s = np.cos(self.turn), np.sin(self.turn)
         moved: Array = points @ np.array([[c, s], [-s, c]]) + self.shift
         return moved
 
 
 def rigid(points: Array, onto: Array) -> Rigid:
-    """Return the rigid motion that maps points (n, 2) to the points `onto` by least squares."""
+    """Return the rigid motion that maps points (n, 2) to the points `onto` (n, 2) with least squared distances."""
     a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
     turn = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
     at_origin = Rigid(turn, np.zeros(2))
@@ -47,7 +47,7 @@ def rigid(points: Array, onto: Array) -> Rigid:
 
 
 def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
-    """Return a corrected initial pose, for which the first metres of the replay fit the recording in spite of slip."""
+    """Return a corrected initial pose, so that the first metres of the replay fit the recording in spite of slip."""
     fixes = _first_metres(recording)
     if fixes is None or len(driven.t) < 2 or driven.t[-1] < fixes.t[-1]:
         return pose
@@ -58,13 +58,13 @@ def refined(pose: Pose, recording: FieldRecording, driven: Driven) -> Pose:
 
 
 def first_metres_end(recording: FieldRecording) -> float:
-    """Return the time at which the tractor has covered the first `START_M` of the track [s]."""
+    """Return the time at which the tractor has travelled the first `START_M` of the track [s]."""
     fixes = _first_metres(recording)
     return recording.end if fixes is None else min(float(fixes.t[-1]) + 0.1, recording.end)
 
 
 def _first_metres(recording: FieldRecording) -> TimeSeries | None:
-    """Return the positions on the first `START_M` of the track, by the recorded speed, or None without positions."""
+    """Return positions on the first `START_M` of the track, by recorded speed, or None without positions."""
     if recording.position is None:
         return None
     fixes = recording.position.between(recording.start, recording.end)
@@ -76,7 +76,7 @@ def _first_metres(recording: FieldRecording) -> TimeSeries | None:
 
 
 def start_pose(recording: FieldRecording, wheelbase: float) -> Pose:
-    """Return the initial pose of R from the first metres. Without positions: the origin, with the recorded heading."""
+    """Return the initial pose of R, fitted to the first positions. Default: the origin, with the recorded heading."""
     fixes = _first_metres(recording)
     if fixes is None:
         return 0.0, 0.0, float(recording.heading.at(np.array([recording.start]))[0]) if recording.heading else 0.0
@@ -107,7 +107,7 @@ Replayed = tuple[FieldRecording, Driven]  # Segment of a recording and its repla
 
 
 def metrics(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any]:
-    """Return metrics of a replay over all segments [SI, rad], with None for values that cannot be computed."""
+    """Return the metrics of a replay over all segments [SI, rad]. Metrics without sufficient data are None."""
     speeds = [driven.speed - _speed(recording, driven.t) for recording, driven in pieces]
     steers = [driven.steer - recording.steer.at(driven.t) for recording, driven in pieces if recording.steer]
     return {
@@ -165,13 +165,13 @@ def _yaw_rate(pieces: Sequence[Replayed], wheelbase: float) -> dict[str, Any] | 
 
 
 def moving(recording: FieldRecording, series: TimeSeries) -> TimeSeries:
-    """Return the part of a series in which the tractor moves faster than `LEAST_SPEED`."""
+    """Return the samples of a series at which the tractor moves faster than `LEAST_SPEED`."""
     fast = np.abs(np.interp(series.t, recording.speed.t, recording.speed.value)) > LEAST_SPEED
     return TimeSeries(series.t[fast], series.value[fast])
 
 
 def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
-    """Return the lag of the recorded yaw rate behind the yaw rate of the plant [s], by least squares."""
+    """Return the lag of the recorded yaw rate relative to the yaw rate of the plant [s], by least squares."""
     lags = np.arange(-LARGEST_LAG_S, LARGEST_LAG_S + 1e-9, 0.02)
     off = [[np.interp(seen.t - lag, driven.t, driven.yaw_rate) - seen.value for seen, driven in pairs] for lag in lags]
     spread = np.array([np.var(np.concatenate(each)) for each in off])
@@ -184,8 +184,8 @@ def _lag(pairs: Sequence[tuple[TimeSeries, Driven]]) -> float:
 def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, Array, Array]:
     """Return times (n,) [s], position errors ahead and to the left (n, 2) [m], and window errors (n,) [m].
 
-    Errors are plant minus recording, in the axes of the plant. Window errors are distances after the best rigid motion
-    of each window, or NaN in a window with too few positions.
+    Errors are plant minus recording, in the axes of the plant. Window errors are distances after the best rigid
+    alignment of each window, or NaN in a window with too few positions.
     """
     fixes, model = beside(recording, driven)
     east, north = (model - fixes.value).T
@@ -198,7 +198,7 @@ def position_errors(recording: FieldRecording, driven: Driven) -> tuple[Array, A
 
 
 def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array]:
-    """Return recorded positions, and plant positions at the same times, (n, 2) [m]. Empty if there are no positions."""
+    """Return recorded positions, and plant positions at the same times (n, 2) [m]. Both may be empty."""
     if recording.position is None:
         return TimeSeries(np.empty(0), np.empty((0, 2))), np.empty((0, 2))
     fixes = recording.position.between(driven.t[0], driven.t[-1])
@@ -206,7 +206,7 @@ def beside(recording: FieldRecording, driven: Driven) -> tuple[TimeSeries, Array
 
 
 def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int, Array, Array]]:
-    """Yield for each window its number, the mask (n,) of its positions, and the aligned positions of the model."""
+    """Yield number, mask of positions (n,), and aligned plant positions of each window."""
     window = ((fixes.t - start) // WINDOW_S).astype(int)
     for k in np.unique(window):
         inside = window == k
@@ -215,7 +215,7 @@ def windows(fixes: TimeSeries, model: Array, start: float) -> Iterator[tuple[int
 
 
 def _stretch(pieces: Sequence[Replayed]) -> float:
-    """Return the length of the recorded track divided by the length of the plant's track [-], or NaN without tracks."""
+    """Return the ratio of the recorded track length to the track length of the plant [-], or NaN without positions."""
     recorded = own = 0.0
     for recording, driven in pieces:
         fixes, model = beside(recording, driven)

@@ -1,4 +1,5 @@
-"""Replay of logs: read, simulate, compare; write `replay.json`, `replay.parquet`, a figure and the scenario."""
+"""Replay of logs: reading, simulation and comparison. Results are `replay.json`, `replay.parquet`, a figure and the
+scenario."""
 
 import shutil
 from collections.abc import Sequence
@@ -53,7 +54,7 @@ COLUMNS = (
 
 
 class ReplayResult(NamedTuple):
-    """Result of a replay."""
+    """Replayed segments with their metrics."""
 
     pieces: tuple[Replayed, ...]
     metrics: dict[str, Any]
@@ -70,7 +71,7 @@ def replay(
 ) -> ReplayResult:
     """Replay logs on the plant of a scenario without writing files. Raises `FieldLogError` or `ScenarioError`.
 
-    Default of `by`: the recorded angle if available, otherwise the voltage.
+    By default, `by` is the recorded angle if available, otherwise the voltage.
     """
     cut = read_pieces(source, log_map, scenario.tractor.antenna_height_m, start_s, end_s)
     return replay_pieces(cut.kept, scenario, by, cut.notes)
@@ -79,7 +80,7 @@ def replay(
 def replay_pieces(
     recordings: Sequence[FieldRecording], scenario: Scenario, by: By | None = None, notes: tuple[str, ...] = ()
 ) -> ReplayResult:
-    """Replay segments that have been read, and return the same result as `replay`."""
+    """Replay segments on the plant of a scenario."""
     by = by or ("steer" if recordings[0].steer is not None else "valve")
     scenario = on_wide_ground(scenario, max(map(reach, recordings)))
     driven = tuple((each, _driven(each, scenario, by)) for each in recordings)
@@ -96,21 +97,21 @@ def replay_pieces(
 
 
 def on_wide_ground(scenario: Scenario, reach: float) -> Scenario:
-    """Return the scenario with level ground extended to at least `reach` [m] from the origin. Other ground is kept."""
+    """Return the scenario with flat ground extended to `reach` [m] from the origin. Other terrain is unchanged."""
     if scenario.terrain.kind != "flat" or min(scenario.terrain.half_sizes) > reach:
         return scenario
     return scenario.changed({"terrain.half_size_m": float(ceil(reach) + 100)})
 
 
 def reach(recording: FieldRecording) -> float:
-    """Return the maximum absolute coordinate of a segment [m], or its maximum track length without positions."""
+    """Return the maximum absolute coordinate of a segment or, without positions, its maximum track length [m]."""
     if recording.position is not None:
         return float(np.abs(recording.position.value).max())
     return float(np.abs(recording.speed.value).max()) * (recording.end - recording.start)
 
 
 def _driven(recording: FieldRecording, scenario: Scenario, by: By) -> Driven:
-    """Replay a segment from the initial pose whose first metres fit the recorded positions."""
+    """Replay a segment from an initial pose that is fitted to the first metres of recorded positions."""
     pose = start_pose(recording, scenario.tractor.wheelbase_m)
     if recording.position is not None:
         first = recording._replace(end=max(first_metres_end(recording), recording.start + 1.0))
@@ -137,7 +138,7 @@ def write_replay(found: ReplayResult, scenario: Scenario, folder: Path) -> None:
 
 
 def signals(pieces: Sequence[Replayed]) -> pa.Table:
-    """Return the table with the `COLUMNS`, including units and descriptions."""
+    """Return a table with the columns `COLUMNS`, including units and descriptions."""
     return pa.concat_tables([_signals(k, *each) for k, each in enumerate(pieces)])
 
 
@@ -146,7 +147,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
     tick = float(np.median(np.diff(t))) if n > 1 else 1.0
 
     def at_rows(times: pa.Array, values: Any) -> Any:
-        """Return a column with each value in the row nearest to its time. Other rows contain NaN."""
+        """Return a column with each value in the row nearest to the time of the value. Other rows contain NaN."""
         column = np.full(n, np.nan)
         rows = np.rint((times - t[0]) / tick).astype(int)
         inside = (rows >= 0) & (rows < n)
@@ -175,7 +176,7 @@ def _signals(number: int, recording: FieldRecording, driven: Driven) -> pa.Table
 
 
 def write_figure(pieces: Sequence[Replayed], file: Path) -> Path:
-    """Write a figure with four panels: track, yaw rates and both residuals."""
+    """Write a figure with four panels: track, yaw rates, yaw-rate residuals and position residuals."""
     with rc_context(STYLE):
         figure = Figure(figsize=(2 * PANEL_WIDTH_IN, 5.0), layout="constrained")
         (way, rate), (place, rest) = figure.subplots(2, 2)

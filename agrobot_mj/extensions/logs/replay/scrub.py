@@ -1,4 +1,4 @@
-"""Scrub of tyres: fraction of the yaw rate that the tyres of a plant lose in a slow bend."""
+"""Tyre scrub: fraction of the yaw rate that a plant loses in a slow bend."""
 
 from math import radians
 
@@ -10,12 +10,12 @@ from agrobot_mj.extensions.logs.series import TimeSeries
 from agrobot_mj.scenario.schema import Scenario
 
 SPEED_M_S, ANGLE_DEG = 1.0, 8.0
-"""Speed [m/s] and wheel angle [deg] of the slow bend, in which centrifugal force is negligible."""
+"""Speed [m/s] and wheel angle [deg] of the slow bend, in which the centrifugal force is negligible."""
 SETTLED_S, END_S = 3.0, 4.0  # Start and end of the evaluated part of the bend [s]
 
 
 def scrub(scenario: Scenario) -> float:
-    """Return the fraction of the yaw rate that the tyres of a plant lose in slow level bends to both sides."""
+    """Return the mean fraction of the kinematic yaw rate lost in slow bends to both sides on level ground [-]."""
     lost, scenario = [], scenario.changed({"terrain.kind": "flat"})
     for angle in (radians(ANGLE_DEG), -radians(ANGLE_DEG)):
         driven = drive(scenario, _bend(angle), (0.0, 0.0, 0.0))

@@ -1,4 +1,5 @@
-"""Machine file of a twin: some keys are identified from a log, with intervals; others are of a similar machine."""
+"""Machine file of a twin. Some keys are identified from a log, with intervals; the other keys are those of a similar
+machine."""
 
 from collections.abc import Mapping
 from math import degrees, isfinite
@@ -20,19 +21,19 @@ MARGIN_DEG = 1.0  # Margin between maximum recorded angle and steering limit [de
 MOST_STEER_DEG = 60.0  # Maximum plausible steering limit [deg]
 BACKLASH = "steering.linkage.backlash_deg"
 MOST_CENTRE_DEG, MOST_SCALE = 20.0, (0.2, 5.0)
-"""Limits of the error of centre [deg] and scale [-] of a steering sensor in a scenario."""
+"""Maximum centre error [deg], and range of the scale [-], of a steering sensor in a scenario."""
 CARCASS = (0.05, 2.0)  # Range of the lateral stiffness of a tyre carcass divided by its vertical stiffness [-]
 
 
 class TwinKey(NamedTuple):
-    """Key of a machine file whose value is identified from a log."""
+    """Value of a machine key that is identified from a log."""
 
     value: float | bool
     note: str  # Text with interval or source of the value, for a comment
 
 
 def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return the scenario keys that a log identifies, by dotted key."""
+    """Return the scenario values identified from a log, by dotted key."""
     keys = {**_tyres(found, scenario), **_sensors(c)}
     if (play := found.get("backlash_deg")) and play.identified:
         keys[BACKLASH] = TwinKey(round(play.value, 2), f"{play.low:.2g} to {play.high:.2g}")
@@ -44,7 +45,8 @@ def twin_keys(c: Calibration, found: Found, scenario: Scenario) -> dict[str, Twi
 
 
 def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
-    """Return keys of tyre stiffness and relaxation for the plant and tyre of a scenario, for both axles or none."""
+    """Return tyre stiffness and relaxation as keys for the plant and tyre of a scenario. The result is empty unless
+    both axles are identified."""
     t, keys = scenario.tractor, dict[str, TwinKey]()
     tyre = getattr(getattr(scenario.plant, "tyre", None), "kind", "bicycle")
     if not told_apart(found):
@@ -66,7 +68,7 @@ def _tyres(found: Found, scenario: Scenario) -> dict[str, TwinKey]:
 
 
 def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, TwinKey]:
-    """Return one key for both axles with the mean relaxation length, or an empty mapping if none is identified."""
+    """Return the key of the mean relaxation length of both axles, or an empty mapping if no length is identified."""
     shares, radii = [], []
     for axle, wheel in zip(("front", "rear"), t.wheels, strict=True):
         length, C = found[f"{axle}_relaxation_length_m"], found[f"{axle}_cornering_stiffness_n_rad"]
@@ -83,7 +85,7 @@ def _relaxation(found: Found, t: TractorParameters, tyre: str) -> dict[str, Twin
 
 
 def _sensors(c: Calibration) -> dict[str, TwinKey]:
-    """Return keys of the steering sensor, of the receiver with its antenna, and of the second antenna."""
+    """Return the keys of the steering sensor, of the receiver with its antenna, and of the second antenna."""
     scale = degrees(abs(c.rough.scale)) * c.fit.values["steer_scale"]
     keys = {
         "sensors.steering_pot.noise_sigma_deg": TwinKey(
@@ -113,7 +115,7 @@ def _sensors(c: Calibration) -> dict[str, TwinKey]:
 
 
 def _settings(c: Calibration) -> dict[str, TwinKey]:
-    """Return keys of the errors that the sensor has with centre and scale of the given map, or with equal scales."""
+    """Return the keys of centre error and scale errors of the steering sensor, relative to the given map."""
     keys, told = dict[str, TwinKey](), c.steer.model_fields_set
     left, right = c.found["steer.scale"], c.found.get("steer.scale_right", c.found["steer.scale"])
     given = c.steer.scale if "scale" in told else left.value
@@ -129,7 +131,7 @@ def _settings(c: Calibration) -> dict[str, TwinKey]:
 
 
 def twin_faults(c: Calibration) -> list[dict[str, Any]]:
-    """Return the latencies that a log identifies, except the latency of the receiver, as faults of a scenario."""
+    """Return the identified latencies as faults of a scenario, except the latency of the receiver."""
     age = {key.removesuffix(".delay_s"): each.value for key, each in c.found.items() if each.identified}
     found = {"steering_pot": age.get("steer", 0.0)}
     if c.log_map.heading is not None and "position" in age and "heading" in age:
@@ -143,7 +145,7 @@ def twin_faults(c: Calibration) -> list[dict[str, Any]]:
 
 
 def _step(c: Calibration) -> float:
-    """Return the resolution of the sensor readings [unit of the reading], or 0 for continuous readings."""
+    """Return the resolution of the sensor values [unit of the sensor], or 0 for continuous values."""
     steer = c.pieces.kept[0].steer
     steps = np.diff(np.unique(np.round(steer.value / c.rough.scale, 6))) if steer else np.empty(0)
     return float(steps.min()) if len(steps) and steps.min() > 0.5 * np.median(steps) else 0.0
@@ -155,7 +157,7 @@ def _mounting(c: Calibration) -> str:
 
 
 def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) -> dict[str, Any]:
-    """Return the tables of a machine file: the machine of a scenario, updated with the identified keys."""
+    """Return the tables of a machine file: machine of the scenario, updated with the identified keys."""
     file = machine_file(scenario.machine)
     tables = machine_tables(file[0]) if file else {}
     own = explicit_values(scenario)
@@ -170,7 +172,7 @@ def machine_data(scenario: Scenario, keys: Mapping[str, TwinKey], title: str) ->
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Merge nested tables. Values of `above` take precedence over values of `below`."""
+    """Return two merged nested tables. Values of `above` take precedence over values of `below`."""
     found = dict(below)
     for key, value in above.items():
         old = found.get(key)

@@ -18,7 +18,7 @@ from agrobot_mj.studies.pages.drive import line
 
 
 def page(t: Twin, health: Sequence[str]) -> Document:
-    """Return the report page of a twin, with sentences about the `health` of its logs."""
+    """Return the report page of a twin. `health` contains sentences about its logs."""
     c = t.calibration
     facts = [
         f"machine {t.scenario.machine}",
@@ -99,7 +99,7 @@ FILES = (REPORT, MACHINE, SCENARIO, WAY, "map.toml")  # Files of a twin, in addi
 
 
 def write_twin(t: Twin, health: Sequence[str], folder: Path) -> None:
-    """Write all files to `folder`. Raises `ScenarioError` before writing if plotly is not installed."""
+    """Write all result files of a twin to `folder`. Raises `ScenarioError` if plotly is not installed."""
     page(t, health).write(folder / REPORT)
     for name, text in {**t.texts, "map.toml": map_lines(t.calibration)}.items():
         write_text(folder / name, text)

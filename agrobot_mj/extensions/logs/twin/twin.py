@@ -1,7 +1,7 @@
-"""Twin of a machine from its logs: calibrate and identify with one part, replay the rest, write the results.
+"""Twin of a machine from its logs: calibration and identification with one part, replay of the rest, result files.
 
 One fit estimates sensors and vehicle, so that intervals of stiffnesses include the uncertainty of the steering scale.
-The fit does not use the part on which it is evaluated.
+The evaluation uses the part of the logs that the fit did not use.
 """
 
 import tempfile
@@ -39,14 +39,16 @@ SLOWEST_M_S = 0.1  # Minimum speed of waypoints [m/s]
 
 
 def way(pieces: Sequence[FieldRecording], cg_to_rear_axle: float) -> Array | None:
-    """Return east, north [m] and speed [m/s] of the CG on the longest forward section, (n, 3), or None if too short."""
+    """Return the longest forward section of the CG track: east, north [m] and speed [m/s], shape (n, 3). Return None if
+    it is too short."""
     legs = [leg for piece in pieces if piece.position is not None for leg in _forward(piece)]
     found = max(legs, key=len, default=None)
     return None if found is None or len(found) < 4 else _at_cg(found, cg_to_rear_axle)
 
 
 def _forward(piece: FieldRecording) -> list[Array]:
-    """Return the forward sections of R at equal distances, (n, 4) each: east, north [m], speed [m/s], heading [rad]."""
+    """Return the forward sections of the track of R at equal distances: east, north [m], speed [m/s], heading [rad],
+    shape (n, 4) each."""
     assert piece.position is not None
     t, places = piece.position
     u = np.interp(t, piece.speed.t, piece.speed.value)
@@ -82,16 +84,17 @@ def waypoint_text(points: Array) -> str:
 
 SHARE = 0.6  # Fraction of the time used for the fit; the rest is for evaluation
 SMOOTHING_M = (0.05, 0.1, 0.2, 0.4)
-"""Smoothing distances between path and recorded track [m]. The first that the machine can follow is used."""
+"""Candidate smoothing distances between path and recorded track [m]. The first distance with a path that the machine
+can follow is used."""
 LEVEL_M = 450.0  # Extent of a track above which level ground in the scenario must be enlarged [m]
 OF_MAP = ("steer_offset_deg", "steer_scale", "steer_delay_s")
-"""Fitted quantities that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
+"""Names of the fitted quantities that the map contains as `steer.offset`, `steer.scale` and `steer.delay_s`."""
 MACHINE, SCENARIO, WAY = "machine.toml", "scenario.toml", "way.csv"
 """Names of the result files: machine, scenario and waypoints."""
 
 
 class Twin(NamedTuple):
-    """Twin of a machine, with its evaluation."""
+    """Twin of a machine, with the results of its evaluation."""
 
     name: str  # Names of the logs
     calibration: Calibration
@@ -105,7 +108,7 @@ class Twin(NamedTuple):
 
     @property
     def recorded(self) -> list[FieldRecording]:
-        """Segments that the fit did not use."""
+        """Recorded segments that the fit did not use."""
         return [recording for recording, _ in self.held_out.pieces]
 
     @property
@@ -115,12 +118,12 @@ class Twin(NamedTuple):
 
     @property
     def found(self) -> dict[str, Quantity]:
-        """All estimated quantities by key."""
+        """Estimated quantities of sensors and vehicle by key."""
         return {**self.calibration.found, **self.beyond_map}
 
     @property
     def beyond_map(self) -> dict[str, Quantity]:
-        """Vehicle quantities that are not part of the map."""
+        """Fitted vehicle quantities that are not part of the map, by key."""
         return {key: each for key, each in self.vehicle.items() if key not in OF_MAP}
 
 
@@ -132,7 +135,7 @@ def twin(
     start_s: float = 0.0,
     end_s: float = inf,
 ) -> Twin:
-    """Identify the twin of a machine from logs with a common map, and sizes and masses of a scenario.
+    """Identify the twin of a machine from logs with a common map. Sizes and masses are those of `scenario`.
 
     Raises `FieldLogError` or `ScenarioError`.
     """
@@ -157,7 +160,7 @@ def twin(
 
 
 def _behind(recording: FieldRecording, backlash: float) -> FieldRecording:
-    """Return the recording with the wheel angle behind the steering play in place of the sensor angle."""
+    """Return the recording with the wheel angle after the steering play instead of the sensor angle."""
     assert recording.steer is not None
     t, sensor = recording.steer
     return recording._replace(steer=TimeSeries(t, wheel_angle(sensor, float(np.median(np.diff(t))), backlash, 0.0)))
@@ -170,7 +173,8 @@ def _texts(
     points: Array | None,
     faults: Sequence[dict[str, Any]] = (),
 ) -> dict[str, str]:
-    """Return the texts of the machine file and of a scenario with the longest drive, if the machine can follow it."""
+    """Return the contents of the result files: the machine file and, if the machine can follow the longest recorded
+    drive, a scenario with waypoints."""
     notes = {key: each.note for key, each in keys.items()}
     title = f"Twin of {name}"
     head = f"Keys with a comment are from the log, with the 95 % interval; the others are from {scenario.machine!r}."
@@ -208,7 +212,7 @@ def _scenario_text(title: str, points: Array, smoothing: float, faults: Sequence
 
 
 def _drivable(texts: dict[str, str]) -> bool:
-    """Return whether the scenario can be loaded. Loading fails if its path is too sharp for the machine."""
+    """Return whether the scenario can be loaded. Loading fails if the path is too sharp for the machine."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in texts.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Search for the smallest failing combination of changes: differential evolution, then bisection to mild values.
+"""Search for the smallest failing combination of changes, by differential evolution and bisection towards mild values.
 
 Failing combinations rank first, ordered by their distance from the mild values. The other combinations are ordered by
 their margin to failure. The distance of each key is in units of the width of its range or of its standard deviation.
@@ -21,13 +21,13 @@ from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.studies import Row, RunTasks, Task
 
 FARTHEST = 4.0
-"""Maximum distance of a sampled value from the mean [standard deviations]. One in 16,000 values is farther away."""
+"""Maximum distance of a varied value from its mean [standard deviations]. One in 16,000 values is farther away."""
 FEWEST = 20  # Minimum number of combinations in a search
 NOT_FOUND = "not_found"  # Verdict of a search without a failing combination
 
 
 class Varied(NamedTuple):
-    """Varied key with its unit of distance, which is the width of its range or its standard deviation."""
+    """Varied key with its unit of distance: the width of its range or its standard deviation."""
 
     key: str
     start: float  # Value at distance 0: the mild end of the range, or the mean
@@ -36,24 +36,24 @@ class Varied(NamedTuple):
     high: float = 1.0  # Maximum distance from `start` [-]
 
     def at(self, distance: float) -> float:
-        """Return the value at a distance from `start` [-]."""
+        """Return the value of the key at a distance from `start` [-]."""
         return self.start + self.unit * distance
 
     @property
     def hardest(self) -> float:
-        """Distance of the value that is farthest from `start` [-]."""
+        """Distance from `start` to the hard end of the range [-]."""
         return max(self.low, self.high, key=abs)
 
     @classmethod
     def ranged(cls, key: str, mild: float, hard: float) -> "Varied":
-        """Return a key that varies in a range from `mild` to `hard`. Raises `ScenarioError` for invalid ends."""
+        """Return a key that varies from `mild` to `hard`. Raises `ScenarioError` for invalid ends."""
         if not (isfinite(mild) and isfinite(hard) and isfinite(hard - mild)) or mild == hard:
             raise ScenarioError(f"--vary {key}={mild:g}:{hard:g}: specify two different numbers, the mild one first")
         return cls(key, mild, hard - mild)
 
     @classmethod
     def spread(cls, key: str, mean: float, deviation: float) -> "Varied":
-        """Return a key with a normal distribution. Raises `ScenarioError` for invalid numbers."""
+        """Return a key that varies with a normal distribution. Raises `ScenarioError` for invalid numbers."""
         if not (isfinite(mean) and isfinite(deviation) and deviation > 0):
             raise ScenarioError(f"--vary {key}: write normal = [mean, standard deviation], with a deviation above 0")
         return cls(key, mean, deviation, -FARTHEST, FARTHEST)
@@ -70,7 +70,7 @@ class FalsifyQuestion(NamedTuple):
     """Signal whose magnitude is the margin of a run. Default: the margin is computed from the metrics in `until`."""
 
     def check(self, scenario: Scenario) -> None:
-        """Raise `ScenarioError` if the settings are invalid for a scenario."""
+        """Raise `ScenarioError` for settings that are invalid for a scenario."""
         keys = [each.key for each in self.varied]
         if not keys or len(set(keys)) < len(keys):
             raise ScenarioError("--vary: specify each key once, as in --vary KEY=MILD:HARD")
@@ -81,13 +81,13 @@ class FalsifyQuestion(NamedTuple):
                 scenario.changed({each.key: as_value(scenario, each.key, each.at(end))})
 
     def overrides(self, scenario: Scenario, distances: tuple[float, ...]) -> dict[str, Any]:
-        """Return the overrides at the given distances, one per key."""
+        """Return the overrides for the given distances of the varied keys."""
         pairs = zip(self.varied, distances, strict=True)
         return {each.key: as_value(scenario, each.key, each.at(distance)) for each, distance in pairs}
 
 
 class Combination(NamedTuple):
-    """Evaluated combination of values, with the results of its runs."""
+    """Evaluated combination of values of the varied keys."""
 
     distances: tuple[float, ...]  # Distance of each key from its mild value, in units of the key [-]
     values: dict[str, Any]
@@ -102,17 +102,17 @@ class Combination(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """Distance from the combination in which all keys have their mild values [-]."""
+        """Distance from the combination of all mild values [-]."""
         return hypot(*self.distances)
 
     @property
     def shown(self) -> str:
-        """Values as text, in the form of overrides."""
+        """Values as text in the form of overrides."""
         return ", ".join(f"{key}={value:g}" for key, value in self.values.items())
 
     @property
     def share(self) -> str:
-        """Text with the number of failed runs and of all runs."""
+        """Number of failed runs and number of all runs, as text."""
         return f"{self.failed} of {self.runs}"
 
 
@@ -121,11 +121,12 @@ class Falsified(NamedTuple):
 
     verdict: str
     mildest: Combination
-    """Smallest failing combination, run with additional seeds, or the one with the largest margin if none fails."""
+    """Smallest failing combination, confirmed with more seeds. If no combination fails, the combination with the
+    maximum margin."""
     alone: dict[str, Combination]
-    """For each key, the combination with this key at its hard end and all other keys at their mild values."""
+    """Combinations with one key at its hard end and all other keys at their mild values, by key."""
     around: tuple[Combination, ...]
-    """Combinations near the mildest failure: on the line from the mild values to it, and with one key changed."""
+    """Neighbours of the mildest failure: on the line from the mild values, and with one key changed."""
     tried: tuple[Combination, ...]
     statement: str
 
@@ -138,7 +139,7 @@ Place = tuple[float, ...]
 
 
 class FalsifySearch:
-    """Search for the smallest failing combination."""
+    """Search for the smallest failing combination of changes."""
 
     def __init__(
         self,
@@ -152,7 +153,7 @@ class FalsifySearch:
         self.tried: list[Combination] = []
 
     def run(self) -> Falsified:
-        """Search for the mildest failure, then evaluate the neighbouring cases."""
+        """Search for the mildest failing combination, evaluate its neighbours, and return the result."""
         mild = (0.0,) * len(self.q.varied)
         start, *alone = self.drive([mild, *self._alone()], self.q.seeds)
         by_key = {each.key: tried for each, tried in zip(self.q.varied, alone, strict=True)}
@@ -170,7 +171,7 @@ class FalsifySearch:
         return self._answer("falsified", best, by_key, tuple(around))
 
     def drive(self, places: Sequence[Place], seeds: int, noted: bool = True) -> list[Combination]:
-        """Run combinations and report each of them. Store the combinations if `noted`."""
+        """Simulate combinations with several seeds and return the results. The results are stored if `noted`."""
         task = Task.of(self.scenario, measure=Rises(Closeness(self.q.until, self.q.score)))
         values = [self.q.overrides(self.scenario, place) for place in places]
         tasks = [
@@ -222,7 +223,7 @@ class FalsifySearch:
         )
 
     def _confirmed(self, failing: Sequence[Combination]) -> Combination:
-        """Return the smallest combination that also fails with more seeds, or else the last repeated combination."""
+        """Return the smallest combination that also fails with more seeds, otherwise the last repeated combination."""
         for tried in [*failing[:: max(len(failing) // MOST_CONFIRMED, 1)], failing[-1]]:
             (sure,) = self.drive([tried.distances], CONFIRMED, noted=False)
             if sure.fails:
@@ -230,7 +231,7 @@ class FalsifySearch:
         return sure
 
     def _bisected(self, best: Combination) -> Combination:
-        """Return the smallest failing combination on the line from the mild values to `best`."""
+        """Return the smallest failing combination on the line from the mild values to `best`, found by bisection."""
         low, high, mildest = 0.0, 1.0, best
         for _ in range(HALVINGS):
             middle = (low + high) / 2
@@ -240,7 +241,7 @@ class FalsifySearch:
         return mildest
 
     def _around(self, best: Combination) -> list[Place]:
-        """Return neighbours of the result in the ranges, on the line through the result and with one key changed."""
+        """Return neighbours of `best` within the ranges: on the line through `best`, and with one key changed."""
         at, ways = best.distances, [1 - 2 * NEAR, 1 - NEAR, 1 + NEAR, 1 + 2 * NEAR]
         places = [tuple(way * d for d in at) for way in ways]
         for k in range(len(at)):

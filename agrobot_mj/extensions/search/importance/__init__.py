@@ -1,7 +1,7 @@
-"""Importance of uncertain parameters: the fraction of a metric's variance caused by each random parameter of a sweep.
+"""Importance of uncertain parameters: fraction of a metric's variance caused by each random parameter of a sweep.
 
-A screening is a regression on about ten samples. Sobol indices need hundreds of samples. Both report parameters that
-they cannot distinguish.
+A screening is a regression on about ten samples. Sobol indices need hundreds of samples. Both methods report parameters
+that the samples cannot distinguish.
 """
 
 from agrobot_mj.extensions.search.importance.results import importance, importance_table, importance_text

@@ -1,4 +1,4 @@
-"""Importance of the random parameters of a sweep: fractions of the variance by group, as table, text and figure."""
+"""Importance of the random parameters of a sweep as table, text and figure: fractions of the variance by group."""
 
 import tomllib
 from collections.abc import Sequence
@@ -27,13 +27,13 @@ NEGLIGIBLE = 0.05  # Fraction of the variance below which a parameter counts as 
 
 
 def importance_table(found: Sequence[Influence]) -> str:
-    """Return a Markdown table with rank, fraction of the variance and effect of each random parameter in each group."""
+    """Return a Markdown table with rank, variance fraction and effect of each random parameter in each group."""
     head, rows = importance_rows(found)
     return markdown_table(head, [(f"`{key}`", *cells) for key, *cells in rows], 1)
 
 
 def importance_rows(found: Sequence[Influence]) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table of `importance_table`."""
+    """Return the head and the rows of the table from `importance_table`."""
     screening = found[0].unexplained is not None
     columns = ["rank", "fraction of the variance", *(["slope", "Spearman"] if screening else ["first order"])]
     names = [f"{each.group}: {name}" if len(found) > 1 else name for each in found for name in columns]
@@ -52,12 +52,12 @@ def _cells(share: Share, trusted: bool) -> list[str]:
 
 
 def importance_text(found: Sequence[Influence], metric: str) -> str:
-    """Return sentences about the conclusions that are possible from the samples of each group."""
+    """Return sentences about the conclusions that the samples of each group support."""
     return "\n".join(influence_text(each, metric, f"{each.group}: " if len(found) > 1 else "") for each in found)
 
 
 def influence_text(each: Influence, metric: str, group: str) -> str:
-    """Return sentences about one group. The first sentence begins with the text `group`."""
+    """Return sentences about the importance in one group. The first sentence begins with the text `group`."""
     noise = (
         "one seed does not identify the variation between seeds"
         if each.noise is None
@@ -82,7 +82,7 @@ def influence_text(each: Influence, metric: str, group: str) -> str:
 
 
 def importance_figure(found: Sequence[Influence], metric: str) -> Figure:
-    """Return a figure of fractions and intervals, one panel per group. Sobol indices include first-order indices."""
+    """Return a figure of variance fractions with intervals, one panel per group. Sobol indices include first order."""
     keys, screening = [share.key for share in found[0].shares][::-1], found[0].unexplained is not None
     figure = Figure((2 * PANEL_WIDTH_IN, 0.22 * len(keys) + 1.0), layout="constrained")
     grid = figure.subplots(1, len(found), sharey=True, squeeze=False)[0]
@@ -114,11 +114,10 @@ Rows = Sequence[dict[str, Any]]
 
 
 def importance(folder: Path, metric: str = "xte_rms") -> list[Influence]:
-    """Compute variance fractions by group for the sweep in `folder`; write `importance.json` and `importance.png`
-    there.
+    """Compute the variance fractions of the sweep in `folder`, by group.
 
-    Raises `ScenarioError` if the folder has no finished sweep of one of `DESIGNS`, or if some runs (such as failed
-    runs) have no value of the metric.
+    Writes `importance.json` and `importance.png` to `folder`. Raises `ScenarioError` if the folder has no finished
+    sweep of one of `DESIGNS`, or if some runs (for example failed runs) have no value of the metric.
     """
     with reporting_damage(folder / "sweep.parquet", "read"):
         return _found(folder, metric)
@@ -144,7 +143,8 @@ def _found(folder: Path, metric: str) -> list[Influence]:
 
 
 def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metric: str) -> Influence:
-    """Return the result of a group for `draws` (points, d) and `values` (points, seeds); reject constant values."""
+    """Return the variance fractions of one group for `draws` (points, d) and `values` (points, seeds). Raises
+    `ScenarioError` for a constant metric."""
     means, keys = values.mean(axis=1), list(file["draws"])
     if np.ptp(means) == 0.0:
         raise ScenarioError(f"--metric {metric}: the metric does not vary in {name}")
@@ -159,7 +159,7 @@ def influence(name: str, file: dict[str, Any], draws: Array, values: Array, metr
 
 
 def noise_share(values: Array) -> float | None:
-    """Return the fraction of the variance of point means that is caused by seeds, or None with one seed."""
+    """Return the fraction of the variance of point means that seeds cause [-], or None with one seed."""
     points, seeds = values.shape
     if seeds < 2:
         return None
@@ -170,7 +170,7 @@ def noise_share(values: Array) -> float | None:
 
 
 def _groups(folder: Path, file: dict[str, Any], rows: Rows, metric: str) -> dict[str, tuple[Array, Array]]:
-    """Return parameters (points, d) and metric (points, seeds) by group, in design order; reject missing values."""
+    """Return parameters (points, d) and metric (points, seeds) by group. Raises `ScenarioError` for missing values."""
     sizes = [max(len(file.get("variant", ())), 1), *(len(values) for values in file.get("axes", {}).values())]
     points, seeds = points_of(file["method"], file["samples"], len(file["draws"])), len(file["seeds"])
     total = prod(sizes) * points * seeds

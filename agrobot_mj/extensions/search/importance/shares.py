@@ -1,7 +1,7 @@
 """Fractions of a metric's variance with intervals and ranks, by regression or as Sobol indices.
 
 A draw is a random parameter of a sweep. Screening is a standardised linear regression of the metric on the ranks of all
-draws; ranks make logarithmic ranges linear. The squared slope of a draw is the fraction of the variance that it
+draws. Ranks make logarithmic ranges linear. The squared slope of a draw is the fraction of the variance that it
 explains linearly, which underestimates its importance. Variance that is neither linear nor noise of the seeds may
 belong to any draw through curvature or interactions. It is added to the upper end of every interval. Standard errors
 are HC3 [MacKinnonWhite1985], valid for residuals of unequal variance.
@@ -24,7 +24,7 @@ CONFIDENCE = 0.95  # Probability with which the intervals of all draws in a grou
 
 
 class Share(NamedTuple):
-    """Fraction of a metric's variance that one draw causes, including interactions."""
+    """Fraction of a metric's variance that one random parameter causes, including interactions."""
 
     key: str
     share: float  # Estimated fraction [-]: the total index, or the squared slope in a screening
@@ -38,37 +38,40 @@ class Share(NamedTuple):
 
     @property
     def rank(self) -> str:
-        """Rank as text, or a range such as 2-4 if intervals overlap."""
+        """Rank of the parameter as text, or a range such as 2-4 if intervals overlap."""
         return str(self.best) if self.best == self.worst else f"{self.best}-{self.worst}"
 
 
 class Influence(NamedTuple):
-    """Variance fractions of all draws in one group, which consists of runs with equal variant and axis values."""
+    """Variance fractions of all random parameters in one group of runs with equal variant and axis values."""
 
     group: str
     mean: float
     deviation: float
-    """Standard deviation over the points of the design [unit of the metric], after averaging over seeds."""
+    """Standard deviation of the seed means over the points of the design [unit of the metric]."""
     noise: float | None
-    """Fraction of the variance of the seed means that is caused by the seeds [-], or None with one seed."""
+    """Fraction of the variance of the seed means that the seeds cause [-], or None with one seed."""
     unexplained: float | None  # Maximum variance fraction not due to regression or noise [-], or None for Sobol
     flaws: tuple[str, ...]  # Reasons why the intervals are unreliable. In this case there is no ranking.
     shares: tuple[Share, ...]
 
     @property
     def ordered_pairs(self) -> int:
-        """Number of pairs of draws whose order is certain."""
+        """Number of parameter pairs whose order is certain."""
         return sum(share.best - 1 for share in self.shares)
 
     @property
     def pairs(self) -> int:
-        """Number of all pairs of draws."""
+        """Number of all parameter pairs."""
         return len(self.shares) * (len(self.shares) - 1) // 2
 
 
 def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
-    """Sort fractions by rank. If the intervals are not `trusted`, all draws have the same rank. A draw ranks above
-    another draw only if its interval is entirely above the interval of the other draw."""
+    """Return the fractions with their ranks, sorted by rank.
+
+    A parameter ranks above another parameter only if its interval is entirely above the other interval. If the
+    intervals are not `trusted`, all parameters have the same rank.
+    """
     found = []
     for share in shares:
         above = sum(other.low > share.high for other in shares) if trusted else 0
@@ -78,7 +81,7 @@ def ranked(shares: Sequence[Share], trusted: bool) -> tuple[Share, ...]:
 
 
 class Regression(NamedTuple):
-    """Result of a linear regression on standardised columns."""
+    """Result of a linear regression on standardised variables."""
 
     slopes: Array  # Standardised slopes [-], shape (d,)
     errors: Array  # Standard errors of the slopes [-], shape (d,)
@@ -86,7 +89,7 @@ class Regression(NamedTuple):
 
 
 def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> tuple[list[Share], float]:
-    """Return fractions by regression, and the upper limit of the variance that is neither linear nor noise."""
+    """Return variance fractions by regression, and the maximum fraction that is neither linear nor noise."""
     n, d = draws.shape
     ranks = rankdata(draws, axis=0)
     found = regression(_standard(ranks), _standard(values))
@@ -108,7 +111,7 @@ def screened(keys: Sequence[str], draws: Array, values: Array, noise: float) -> 
 
 
 def regression(x: Array, y: Array) -> Regression:
-    """Return the least-squares regression of y (n,) on x (n, d). Both are standardised to mean 0 and variance 1."""
+    """Return the least-squares regression of y (n,) on x (n, d). Both must have mean 0 and variance 1."""
     n, d = x.shape
     inverse = np.linalg.pinv(x.T @ x)
     slopes = inverse @ x.T @ y
@@ -121,7 +124,7 @@ def regression(x: Array, y: Array) -> Regression:
 
 
 def _standard(values: Array) -> Array:
-    """Scale columns to mean 0 and variance 1; constant columns become 0."""
+    """Return the columns scaled to mean 0 and variance 1. Constant columns become 0."""
     away: Array = values - values.mean(axis=0)
     deviation = away.std(axis=0)
     found: Array = np.divide(away, deviation, out=np.zeros_like(away), where=deviation > 0.0)
@@ -133,7 +136,7 @@ FEWEST = 64  # Minimum number of samples for reliable intervals. With 16 samples
 
 
 def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share]:
-    """Return Sobol indices of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
+    """Return the Sobol indices of values (n (d + 2),) in design order. Raises `ScenarioError` without SALib.
 
     `noise` is the fraction of the variance of `values` that is due to seeds. Each total index includes this fraction.
     The fraction is subtracted from the estimate and from the lower bound. The upper bound includes the fraction,
@@ -160,7 +163,7 @@ def sobol_shares(keys: Sequence[str], values: Array, noise: float) -> list[Share
 
 
 def sobol_flaws(shares: Sequence[Share], samples: int) -> tuple[str, ...]:
-    """Return reasons why the intervals are unreliable: too few samples, or impossible values of an index."""
+    """Return reasons for unreliable intervals: too few samples, or impossible values of an index."""
     few = [f"{samples} samples are too few for intervals; use at least {FEWEST}"] if samples < FEWEST else []
     return (*few, *(f"{text}, outside the possible range" for share in shares for text in _impossible(share)))
 

@@ -1,4 +1,4 @@
-"""Condition for a failed run: comparisons of metrics and outcome, joined by and, or, not.
+"""Conditions for failed runs: comparisons of metrics and outcome, joined by and, or, not.
 
     lateral_rms > 0.3 or outcome != completed
     not (xte_abs_p95 < 0.1 and 0 <= steer_saturated_fraction < 0.5)
@@ -50,34 +50,38 @@ class Condition:
 
     @property
     def names_outcome(self) -> bool:
-        """Whether the condition compares the outcome."""
+        """Whether the condition contains the outcome of a run."""
         return "outcome" in self._names
 
     @property
     def names_error(self) -> bool:
-        """Whether the condition compares a tracking error."""
+        """Whether the condition contains a tracking error."""
         return any(is_error(name) for name in self._names)
 
     @property
     def compared(self) -> list[str]:
-        """Names of the metrics that the condition compares."""
+        """Names of the metrics in the condition."""
         return sorted(self._names - {"outcome"})
 
     def fails(self, numbers: Numbers) -> bool:
-        """Return whether a run raised an error, meets the condition, or (unless outcomes are compared) ended
-        unexpectedly. A missing metric meets the condition. Tracking errors of failed or incomplete runs are missing."""
+        """Return whether a run fails: it raised an error, meets the condition, or ended unexpectedly.
+
+        Unexpected outcomes are ignored if the condition contains the outcome. A missing metric meets the condition.
+        Tracking errors of failed or incomplete runs are missing.
+        """
         unexpected = not self.names_outcome and not succeeded(numbers)
         return numbers["outcome"] == ERROR or unexpected or self.met(without_errors(numbers))
 
     def met(self, numbers: Numbers) -> bool:
-        """Return whether a run meets the condition or has no value of a compared metric."""
+        """Return whether a run meets the condition, or lacks a metric of the condition."""
         try:
             return self._holds(numbers)
         except KeyError:
             return True
 
     def _read(self, node: ast.expr) -> Callable[[Numbers], bool]:
-        """Return a function that evaluates a node of the condition for a run; KeyError for a missing metric."""
+        """Return a function that evaluates a syntax-tree node for the metrics of a run. The function raises KeyError
+        for a missing metric."""
         if isinstance(node, ast.BoolOp):
             joined, parts = all if isinstance(node.op, ast.And) else any, [self._read(value) for value in node.values]
             # All parts are evaluated, so that a missing metric is found in any order.
@@ -107,7 +111,7 @@ class Condition:
         return holds
 
     def _side(self, term: ast.expr) -> tuple[str, Callable[[Numbers], Any]]:
-        """Return the kind of one side of a comparison ("outcome", "word", "metric", "number") and its function."""
+        """Return kind ("outcome", "word", "metric", "number") and value function of one side of a comparison."""
         signed = isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub | ast.UAdd)
         inner = term.operand if isinstance(term, ast.UnaryOp) and signed else term
         if isinstance(inner, ast.Constant) and type(inner.value) in (int, float):
@@ -142,7 +146,7 @@ def _present(numbers: Numbers, name: str) -> Any:
 
 
 def name_of(term: ast.expr) -> str | None:
-    """Return the name that a term consists of, with dots for nested metrics. Return None for other terms."""
+    """Return the name in a term, with dots for nested metrics. Return None for a term other than a name."""
     if isinstance(term, ast.Name):
         return term.id
     if isinstance(term, ast.Attribute):

@@ -9,8 +9,8 @@ import numpy as np
 from agrobot_mj.core.roots import root
 
 PRIOR_FAILURES = 0.2
-"""Second parameter of the beta distribution of success rates [-]; the first is 1. Values below 1 favour rates near 1.
-With 0.2, 12 successes confirm a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
+"""Second parameter of the beta distribution of success rates [-]. The first parameter is 1. Values below 1 favour rates
+near 1. With 0.2, 12 successes confirm a rate of 80 % at 80 % confidence; any sequential test needs at least 11."""
 NEAR = 1e-12  # Minimum distance of an evaluated rate from 0 and 1 [-]
 
 
@@ -27,7 +27,7 @@ def sequential_interval(successes: int, runs: int, confidence: float) -> tuple[f
 
 @cache
 def _lower(successes: int, failures: int, confidence: float) -> float:
-    """Return the lower end of the sequential interval, the rate whose likelihood ratio equals the limit."""
+    """Return the lower end of the sequential interval: the success rate whose likelihood ratio equals the limit."""
     if successes == 0:
         return 0.0
     bound, observed = log(2.0 / (1.0 - confidence)), successes / (successes + failures)
@@ -36,7 +36,7 @@ def _lower(successes: int, failures: int, confidence: float) -> float:
 
 
 def _evidence(successes: int, failures: int, rate: float) -> float:
-    """Return the log of the mean likelihood of success rates above `rate`, relative to the likelihood of `rate`."""
+    """Return the log of the mean likelihood of success rates above `rate`, divided by the likelihood of `rate`."""
     from scipy.special import betaincc, betaln, xlogy
 
     a, b = successes + 1.0, failures + PRIOR_FAILURES
@@ -46,7 +46,7 @@ def _evidence(successes: int, failures: int, rate: float) -> float:
 
 
 def runs_needed(reliability: float, confidence: float) -> int:
-    """Return the number of runs, all successful, after which the sequential interval is above `reliability`."""
+    """Return the number of runs, all successful, that a sequential interval above `reliability` requires."""
     bound, most = log(2.0 / (1.0 - confidence)), 1
     while _evidence(most, 0, reliability) < bound:
         most *= 2

@@ -1,4 +1,4 @@
-"""Settings of a limit search, evaluated values, and its result: a verdict, and sentences with limitations."""
+"""Settings and result of a limit search: evaluated values, verdict, and sentences about limitations."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -29,14 +29,14 @@ class Question(NamedTuple):
     stop: float  # Value at the other end of the range, above or below `start`
     until: str
     seeds: int = 12
-    """Maximum number of runs per value during the search. The two values next to the limit get at least twelve."""
+    """Maximum number of runs per value during the search. Both values next to the limit get at least twelve."""
     reliability: float = 0.8  # Fraction of successful runs above which a law is reliable at a value [-]
     confidence: float = 0.8  # Confidence of the intervals of success rates [-]
     tolerance: float | None = None  # Bracket width at which the bisection ends. Default: one fiftieth of the range.
 
     @property
     def resolution(self) -> float:
-        """Bracket width at which the bisection ends."""
+        """Bracket width at which the bisection ends [unit of the key]."""
         return abs(self.stop - self.start) / 50 if self.tolerance is None else self.tolerance
 
 
@@ -53,35 +53,35 @@ class Tried(NamedTuple):
     outcomes: dict[str, int]
     unexpected: int  # Number of runs whose outcome differs from the expected outcome of the scenario
     independent: bool = True
-    """Whether seeds affect the runs. If not, only one run counts, and the interval has zero width."""
+    """Whether seeds affect the runs. Otherwise only one run counts, and the interval has zero width."""
     medians: Mapping[str, float] = MappingProxyType({})
-    """Median of each compared metric over the runs that have a value."""
+    """Median over the runs with a value, for each metric in the condition."""
 
     @property
     def share(self) -> str:
-        """Number of successful runs and of all runs as text, such as `8 of 10 runs`."""
+        """Number of successful runs and number of all runs as text, for example `8 of 10 runs`."""
         return f"{self.runs - self.failed} of {self.runs} runs"
 
     @property
     def written(self) -> dict[str, Any]:
-        """Results as a dictionary that can be written as JSON."""
+        """Results as a dictionary for JSON files."""
         return {**self._asdict(), "medians": dict(self.medians)}
 
     @property
     def ends(self) -> str:
-        """Number of runs with each outcome, as text."""
+        """Number of runs with each outcome as text."""
         return ", ".join(f"{count} {outcome}" for outcome, count in self.outcomes.items())
 
 
 class Counterpart(NamedTuple):
-    """Result of the baseline, which is the same search without the fault or disturbance."""
+    """Result for the baseline: the same search without the fault or disturbance."""
 
     overrides: dict[str, Any]
     verdict: str  # Verdict as in `Found`. If the baseline lacks the key or sets it, the verdict is `fixed`.
     limit: float | None
     statement: str  # Sentence with the result of the baseline and the shift of the limit
     tried: tuple[Tried, ...]
-    """All evaluated values. A `fixed` baseline has one entry, for the start of the range."""
+    """All evaluated values of the key. A `fixed` baseline has one entry, for the start of the range."""
 
 
 class Found(NamedTuple):
@@ -91,25 +91,26 @@ class Found(NamedTuple):
     verdict: str  # Verdict: `limit`, `never_fails`, `always_fails`, `fails_at_start`, or `not_monotone`
     limit: float | None
     interval: tuple[float, float] | None
-    """Nearest values on both sides of the limit with certain success and certain failure, or the ends of the range."""
+    """Nearest value with certain success and nearest value with certain failure on both sides of the limit. Missing
+    values are replaced by the ends of the range."""
     statement: str
     tried: tuple[Tried, ...]  # All evaluated values, ordered from the start of the range
     beside: Counterpart | None = None  # Result of the baseline without the fault or disturbance, if requested
 
 
 def metric_names(scenario: Scenario) -> list[str]:
-    """Return the names of the numeric metrics of a scenario, from a short run."""
+    """Return the names of the numeric metrics of a scenario. They are determined by a short run."""
     numbers = flat(run(scenario.changed({"duration_s": TRIAL_S})).metrics)
     return [name for name, value in numbers if name not in WALL and (value is None or isinstance(value, int | float))]
 
 
 def laws(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Scenario]:
-    """Return the scenario with each of the guidance `kinds`, by default its own. Raises `ScenarioError`."""
+    """Return the scenario with each of the guidance `kinds`, by default only its own. Raises `ScenarioError`."""
     return {kind: scenario.changed({"guidance.kind": kind}) for kind in kinds or [scenario.guidance.kind]}
 
 
 def check(question: Question, scenarios: dict[str, Scenario]) -> Condition:
-    """Check the settings and return the failure condition. Raises `ScenarioError` for invalid settings."""
+    """Check the settings of a limit search. Return the failure condition. Raises `ScenarioError`."""
     q = question
     if q.key == "seed":
         raise ScenarioError(
@@ -142,12 +143,12 @@ def condition_of(until: str, scenario: Scenario) -> Condition:
 
 
 def at_value(scenario: Scenario, q: Question, value: float) -> Scenario:
-    """Return the scenario with the key set to `value`. Raises `ScenarioError` for an invalid key or value."""
+    """Return the scenario with the varied key set to `value`. Raises `ScenarioError` for an invalid key or value."""
     return scenario.changed({q.key: as_value(scenario, q.key, value)})
 
 
 def as_value(scenario: Scenario, key: str, value: float) -> float:
-    """Return a value in the type of the key, rounded to an integer or to complete ticks if necessary."""
+    """Return a value in the type of its key, rounded to an integer or to complete ticks if necessary."""
     tidy = float(f"{value:.10g}")
     try:
         scenario.changed({key: tidy}, files=False)
@@ -161,7 +162,8 @@ def as_value(scenario: Scenario, key: str, value: float) -> float:
 
 
 def answer(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
-    """Return the verdict on evaluated values, which are ordered from the start of the range, with its limitations."""
+    """Return the verdict of a limit search with its limitations. `tried` contains the evaluated values, ordered from
+    the start of the range."""
     found = _verdict(name, q, tried)
     parts = [found.statement, *_coverage(tried), *_caveats(q, tried)]
     if unexpected := [f"{t.ends} at {t.value:g}" for t in tried if t.unexpected]:
@@ -204,15 +206,15 @@ def _verdict(name: str, q: Question, tried: tuple[Tried, ...]) -> Found:
 
 
 def _interval(tried: tuple[Tried, ...], first_bad: int) -> tuple[float, float]:
-    """Return the last value with certain success before the limit and the first with certain failure after it. Without
-    these values, return the ends of the range."""
+    """Return the last value with certain success before the limit, and the first value with certain failure after the
+    limit. Missing values are replaced by the ends of the range."""
     before = [t.value for t in tried[:first_bad] if t.certain]
     after = [t.value for t in tried[first_bad:] if t.certain and not t.holds]
     return before[-1] if before else tried[0].value, after[0] if after else tried[-1].value
 
 
 def _coverage(tried: Sequence[Tried]) -> list[str]:
-    """Return sentences about the evaluated values, and about the width of an undetected interval with other results."""
+    """Return sentences about the evaluated values and the maximum width of an undetected interval."""
     held, failed = (", ".join(f"{t.value:g}" for t in tried if t.holds is holds) for holds in (True, False))
     seen = [*([f"Succeeded at {held}"] if held else []), *([f"failed at {failed}"] if failed else [])]
     gaps = [abs(b.value - a.value) for a, b in pairwise(tried) if a.holds == b.holds]
@@ -222,7 +224,7 @@ def _coverage(tried: Sequence[Tried]) -> list[str]:
 
 
 def _caveats(q: Question, tried: Sequence[Tried]) -> list[str]:
-    """Return sentences about weaknesses of the intervals: seeds without effect, or few runs at intermediate values."""
+    """Return sentences about limitations of the intervals: seeds without effect, or few runs at intermediate values."""
     if not all(t.independent for t in tried):
         which = ", ".join(f"{t.value:g}" for t in tried if not t.independent)
         where = "" if not any(t.independent for t in tried) else f" at {which}"
@@ -250,7 +252,7 @@ def _taken(found: Found, q: Question, sound: Found) -> str:
 
 
 def answer_fixed(found: Found, runs: Tried, overrides: Mapping[str, Any]) -> Counterpart:
-    """Return the result of a baseline without a search: its success rate and the medians of the compared metrics."""
+    """Return the result for a baseline without a search: success rate, and medians of the metrics in the condition."""
     medians = "".join(f", median {name} {value:.3g}" for name, value in runs.medians.items())
     text = f"with {_shown(overrides)}: {runs.share} succeed{medians}"
     if found.verdict == "always_fails" and not runs.holds:

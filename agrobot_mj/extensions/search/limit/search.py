@@ -5,8 +5,8 @@ required reliability. It *fails* if the upper end is below. Runs are added until
 used. In the latter case the success rate decides, and the value is uncertain. If seeds have no effect, one run decides.
 
 First, the search evaluates equidistant values, from the end of the range at which the law should hold. Then it bisects
-the first change from holding to failing. Both values next to the change get more runs, which may shift it. Other
-results are reported: the law holds again at farther values, never fails, or fails at the start.
+the first change from holding to failing. Both values next to the change get more runs, which may shift the change.
+Other results are reported: the law holds again at farther values, never fails, or fails at the start.
 """
 
 from collections import Counter
@@ -43,7 +43,7 @@ from agrobot_mj.studies.style import PANEL_WIDTH_IN, SPARE_COLOURS, write_figure
 
 SCANNED = 5  # Number of equidistant values evaluated before the bisection
 SHOWN_RUNS = 12
-"""Minimum number of runs at the values next to the limit, sufficient for certainty with default settings."""
+"""Minimum number of runs at both values next to the limit. It is sufficient for certainty with default settings."""
 Numbers = Mapping[str, Any]
 
 
@@ -56,7 +56,7 @@ def find_limit(
     done: Callable[[Tried], object],
     beside: Mapping[str, Any] | None = None,
 ) -> Found:
-    """Search for the limit of one law; `done` is called with each evaluated value.
+    """Search for the limit of one law. `done` is called with each evaluated value.
 
     `beside` contains the overrides of a baseline without the fault or disturbance, which is searched in the same way.
     Raises `ScenarioError` for invalid overrides.
@@ -71,8 +71,7 @@ def find_limit(
 def _beside(
     found: Found, sound: Scenario, q: Question, condition: Condition, do: RunTasks, overrides: dict[str, Any]
 ) -> Counterpart:
-    """Return the result of the baseline. The baseline is searched like the scenario, unless it lacks the searched key
-    or overrides this key. In that case, it is only simulated."""
+    """Return the result of the baseline. A baseline that lacks or sets the varied key is only simulated."""
     if searchable(sound, q, overrides):
         tried = _Search(sound, q, condition, do, lambda tried: None).run()
         return answer_beside(found, q, answer(found.law, q, tried), overrides)
@@ -81,7 +80,7 @@ def _beside(
 
 
 def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bool:
-    """Return whether a baseline has the varied key and does not set it."""
+    """Return whether a baseline has the varied key and does not override it."""
     if q.key in overrides:
         return False
     try:
@@ -93,7 +92,7 @@ def searchable(sound: Scenario, q: Question, overrides: Mapping[str, Any]) -> bo
 
 
 class _Search:
-    """Search that evaluates values of the key and stores the results."""
+    """Limit search that evaluates values of the varied key and stores the results."""
 
     def __init__(
         self, scenario: Scenario, q: Question, condition: Condition, do: RunTasks, done: Callable[[Tried], object]
@@ -115,7 +114,10 @@ class _Search:
         return tuple(sorted(self.tried.values(), key=lambda tried: abs(tried.value - self.q.start)))
 
     def _goes_on(self) -> bool:
-        """Evaluate a value between last success and first failure, or add runs at both. Return False if done."""
+        """Continue the search and return whether something was evaluated.
+
+        The search evaluates a value between last success and first failure, or adds runs at both.
+        """
         tried = self.in_order
         change = next(((a, b) for a, b in pairwise(tried) if a.holds and not b.holds), None)
         if change and tried[0].holds:
@@ -133,7 +135,7 @@ class _Search:
         return bool(short)
 
     def _try(self, value: float) -> bool:
-        """Simulate runs at a value until its success rate is certain or all seeds are used."""
+        """Simulate runs at a value until the success rate is certain or all seeds are used. Return True."""
         for batch in _batches(self.q) if value not in self.tried else ():
             self._drive(value, batch)
             if self.tried[value].certain:
@@ -157,7 +159,7 @@ def _driven(scenario: Scenario, overrides: dict[str, Any], first: int, count: in
 
 
 def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Condition) -> Tried:
-    """Return the results of the runs at one value; identical runs count once."""
+    """Return the results of the runs at one value of the key. Identical runs count once."""
     independent = not _copies(runs)
     counted = runs if independent else runs[:1]
     failed, n = sum(condition.fails(run) for run in counted), len(counted)
@@ -179,21 +181,21 @@ def judge(value: float, runs: Sequence[Numbers], q: Question, condition: Conditi
 
 
 def _copies(runs: Sequence[Numbers]) -> bool:
-    """Return whether runs with different seeds have identical results. Noise then has no effect."""
+    """Return whether runs with different seeds have identical results, so that noise has no effect."""
     first, *others = ({name: run[name] for name in run if name not in WALL} for run in runs)
     measured = any(isinstance(value, float) for value in first.values())
     return measured and bool(others) and all(other == first for other in others)
 
 
 def _values(name: str, runs: Sequence[Numbers]) -> list[float]:
-    """Return the available values of a metric. Tracking errors come only from runs with valid errors."""
+    """Return the available values of a metric. Runs without valid tracking errors are omitted for tracking errors."""
     if is_error(name):
         return [value for run in runs if (value := error_of(run, name)) is not None]
     return [float(run[name]) for run in runs if run.get(name) is not None]
 
 
 def _batches(q: Question) -> Iterator[int]:
-    """Yield numbers of runs to add: two (to detect a failure), then enough to prove success, then two at a time."""
+    """Yield the sizes of batches of runs: two to detect a failure, then enough to prove success, then two at a time."""
     left, needed = q.seeds, runs_needed(q.reliability, q.confidence)
     for wanted in chain((2, needed - 2), repeat(2)):
         batch = min(wanted, left)
@@ -217,7 +219,7 @@ def limit(
     begin: Callable[[list[Scenario]], object] = lambda ends: None,
     beside: Mapping[str, Any] | None = None,
 ) -> list[Found]:
-    """Search for the limit of each kind of guidance; write the results and the rows of the runs to `folder`."""
+    """Search for the limit of each guidance kind. Write the results and the rows of all runs to `folder`."""
     scenarios = laws(scenario, kinds)
     condition = check(question, scenarios)
     for each in scenarios.values():
@@ -238,7 +240,7 @@ def limit(
 
 
 def content(scenario: Scenario, question: Question, found: Sequence[Found]) -> dict[str, Any]:
-    """Return the content of `limit.json`: settings, and verdict and evaluated values of each law."""
+    """Return the content of `limit.json`: settings, verdicts and evaluated values of all laws."""
     return {
         **about(scenario),
         **question._asdict(),

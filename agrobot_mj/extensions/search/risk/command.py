@@ -1,4 +1,5 @@
-"""Estimation of a failure probability: split runs by their margin; write `risk.json`, `risk.png` and a failed run."""
+"""Command that estimates a failure probability: splits runs by their margin and writes `risk.json`, `risk.png` and a
+failed run."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -23,7 +24,7 @@ from agrobot_mj.studies import Row, Task, about, check_tractors, study, write_js
 from agrobot_mj.studies.style import write_figure
 
 FAILURE = {"run.rrd": "failure.rrd", "signals.parquet": "failure.parquet"}
-"""Files of a failed run, and their names in the results folder."""
+"""Files of a failed run, with their names in the results folder."""
 FILES = ("risk.json", "risk.png", *FAILURE.values())
 
 
@@ -47,7 +48,7 @@ def risk(
     done: Callable[[Population], object] = lambda population: None,
     quiet: bool = True,
 ) -> Risk:
-    """Estimate the probability that a run fails; write the result and the rows of the runs to `folder`."""
+    """Estimate the probability that a run fails. Write the result and the rows of all runs to `folder`."""
     question.check()
     check_tractors([scenario, scenario.changed({"seed": scenario.seed + question.particles * question.repeats - 1})])
     condition, closeness = condition_of(question.until, scenario), Closeness(question.until, question.score)
@@ -70,7 +71,7 @@ def risk(
 
 
 def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> Risk:
-    """Return the result of completed splittings."""
+    """Return the risk estimate from finished splittings."""
     splits = tuple(each.split for each in done if each.split)
     found, runs, worth = estimate(splits, q.particles), [run for each in done for run in each.runs], worth_of(done)
     driven = f"{len(runs):,} runs with the duration of {worth:,.0f} complete ones"
@@ -90,14 +91,14 @@ def answer(scenario: Scenario, q: RiskQuestion, done: Sequence[Population]) -> R
 
 
 def worth_of(done: Sequence[Population]) -> float:
-    """Return the total number of simulated ticks, divided by the mean number of ticks of a run without branches [-]."""
+    """Return the total number of simulated ticks divided by the mean number of ticks of a run without branches [-]."""
     runs = [run for each in done for run in each.runs]
     whole = [run.ticks for run in runs if not run.branches]
     return sum(run.ticks - run.begun for run in runs) / max(sum(whole) / len(whole), 1.0)
 
 
 def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
-    """Return the content of `risk.json`: settings, result, splittings, and seed and branches of a failure."""
+    """Return the content of `risk.json`: settings, result, splittings, and seed and branches of a failed run."""
     failures = [found.failure] if found.failure else []
     return {
         **about(scenario),
@@ -114,10 +115,10 @@ def content(scenario: Scenario, q: RiskQuestion, found: Risk) -> dict[str, Any]:
 
 
 def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: str | None) -> Figure:
-    """Return a figure of the probability of exceeding each margin, and of the trajectories of two runs.
+    """Return a figure of the probability of exceeding each level of the margin, and of the trajectories of two runs.
 
-    Thin lines are splittings, the thick line is their mean, the dashed line is the failure probability. Levels are
-    extrapolated margins or values of `score`. They differ from the margins of the other panel, and a level above 0 is
+    Thin lines are splittings, the thick line is their mean, and the dashed line is the failure probability. Levels are
+    extrapolated margins or values of `score`. They differ from the margins in the other panel, and a level above 0 is
     not necessarily a failure.
     """
     drawn, chances, _ = courses_figure(courses, ("a run", "a failure"))
@@ -136,7 +137,7 @@ def figure(splits: Sequence[Split], courses: Sequence[dict[str, Any]], score: st
 
 
 def _mean(splits: Sequence[Split]) -> tuple[Array, Array]:
-    """Return the levels that are exceeded in any splitting, and the mean probability of exceeding each level."""
+    """Return the levels exceeded in at least one splitting, and the mean probability of exceeding each level."""
     levels = np.unique([level for split in splits for level, _ in split.trace])
     mean = np.mean([_chances(split, levels) for split in splits], axis=0)
     return levels[mean > 0], mean[mean > 0]

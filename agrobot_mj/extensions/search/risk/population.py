@@ -1,4 +1,4 @@
-"""Runs of a splitting. A run is identified by seed and branches, and is simulated by the engine of all studies."""
+"""Runs of a splitting. A run is identified by its seed and branches, and is simulated by the engine of all studies."""
 
 from collections.abc import Callable, Generator, Sequence
 from math import inf
@@ -15,7 +15,7 @@ from agrobot_mj.studies import Row, RunTasks, Task
 from agrobot_mj.studies.engine.tasks import ERROR
 
 AHEAD_S = 1.0
-"""Time by which an increase of the margin is extrapolated [s]. Assumed value (0.5-2: from heading to position)."""
+"""Time over which an increase of the margin is extrapolated [s]. Assumed value (0.5-2: from heading to position)."""
 
 
 class Run(NamedTuple):
@@ -39,12 +39,12 @@ class Run(NamedTuple):
 
     @property
     def begun(self) -> int:
-        """Number of ticks copied from the stored state of another run, which are not simulated again."""
+        """Number of ticks copied from a stored state of another run instead of being simulated."""
         return self.branches[-1].tick // EVERY * EVERY if self.branches else 0
 
 
 class Population:
-    """Runs of one splitting. Random numbers follow from the seed of the scenario and the number of the splitting."""
+    """Runs of one splitting. The random numbers depend on the scenario seed and the number of the splitting."""
 
     def __init__(self, scenario: Scenario, q: RiskQuestion, number: int) -> None:
         self.number, self.runs = number, list[Run]()
@@ -57,12 +57,12 @@ class Population:
         self._want(next(self._work))
 
     def _want(self, wanted: list[Wanted[Run]]) -> None:
-        """Store the runs to simulate. A parent that exceeds the level only at its last tick is used as is."""
+        """Store the runs to simulate. A parent that exceeds the level only at its last tick is reused unchanged."""
         self._given = [parent if parent and parent.above(level) >= parent.ticks else None for parent, level in wanted]
         self.due = [self._begun(*each) for each, known in zip(wanted, self._given, strict=True) if not known]
 
     def _begun(self, parent: Run | None, level: float) -> tuple[int, tuple[Branch, ...]]:
-        """Return the seed and the branches of a run that copies `parent` up to `level`, or of a new run."""
+        """Return the seed and the branches of a copy of `parent` up to `level`, or of a new run if `parent` is None."""
         if parent is None:
             return next(self._seeds), ()
         tick, self._branched = parent.above(level), self._branched + 1
@@ -70,7 +70,7 @@ class Population:
         return parent.seed, (*before, Branch(tick, self.number << 32 | self._branched))
 
     def take(self, driven: Sequence[Run]) -> None:
-        """Continue with simulated runs, in the requested order. Then `split` is known or further runs are requested."""
+        """Continue with simulated runs, in the requested order. Then `split` is set or `due` has further runs."""
         self.runs += driven
         fresh = iter(driven)
         try:
@@ -82,8 +82,10 @@ class Population:
 def populations(
     scenario: Scenario, q: RiskQuestion, condition: Condition, do: RunTasks, done: Callable[[Population], object]
 ) -> list[Population]:
-    """Return all finished splittings. The splittings advance together, so that many runs can be simulated in parallel.
-    Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor."""
+    """Return all finished splittings. They advance together, so that many runs can be simulated in parallel.
+
+    Raises `ScenarioError` if every initial run raises an error, which is not a failure of the tractor.
+    """
     rises = Rises(Closeness(q.until, q.score), 0.0 if q.score else AHEAD_S)
     found = [Population(scenario, q, number) for number in range(q.repeats)]
     while going := [each for each in found if each.split is None]:

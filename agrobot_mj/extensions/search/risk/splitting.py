@@ -1,9 +1,9 @@
 """Probability of a rare failure by adaptive multilevel splitting [Cerou2007]: settings, algorithm, and estimate.
 
-The level of a path (a simulated run) is the maximum score it has reached, infinite for a failed path. In each round,
-the lowest of n paths are dropped. Each is replaced by a copy of a surviving path up to the time at which that path
-first exceeded the level of the dropped path; the copy then continues with different noise. If k paths are dropped, the
-weight is multiplied by (n - k) / n.
+The level of a path (a simulated run) is the maximum score that it has reached, and infinite for a failed path. In each
+round, the lowest of n paths are dropped. Each dropped path is replaced by a copy of a surviving path up to the time at
+which the surviving path first exceeded the level of the dropped path. The copy then continues with different noise. If
+k paths are dropped, the weight is multiplied by (n - k) / n.
 
 With discrete time and equal scores, the estimate is unbiased for any n, score and stopping rule under two conditions
 [Brehier2016]: all paths at or below the level are dropped, and a copy branches from a score strictly above the level.
@@ -21,7 +21,7 @@ from agrobot_mj.studies.statistics import wilson_interval
 
 
 class Leveled(Protocol):
-    """One realisation of the random process (path), for example a simulated run."""
+    """Interface of a path, which is one realisation of the random process, for example a simulated run."""
 
     @property
     def level(self) -> float:
@@ -31,7 +31,7 @@ class Leveled(Protocol):
 
 P = TypeVar("P", bound=Leveled)
 Wanted = tuple[P | None, float]
-"""Path to simulate: a path and the level above which its copy branches, or None for a new path."""
+"""Path to simulate: parent path and level above which the copy branches. The parent of a new path is None."""
 
 
 class Split(NamedTuple):
@@ -41,15 +41,15 @@ class Split(NamedTuple):
     weight: float  # Product of the surviving fractions of all rounds [-]
     failed: int  # Number of failed paths among the paths that reached the last level
     trace: tuple[tuple[float, float], ...]
-    """Level of each round, and weight after the round, which estimates the probability of exceeding the level [-]."""
+    """Level of each round, and weight after the round: estimated probability of exceeding the level [-]."""
     paths: int  # Number of simulated paths, including the initial ones
 
 
 def split(n: int, worst: int, least: float, random: Random) -> Generator[list[Wanted[P]], list[P], Split]:
-    """Split n paths, dropping at least `worst` per round, until fewer than `worst` paths have not failed.
+    """Split n paths and drop at least `worst` paths per round, until fewer than `worst` paths have not failed.
 
-    Yields the paths to simulate and receives them in the same order. The splitting also ends if no path survives or if
-    the weight is below `least`.
+    Yields the paths to simulate and receives the simulated paths in the same order. The splitting also ends if no path
+    survives or if the weight is below `least`.
     """
     paths = yield [(None, -inf)] * n
     weight, trace, driven = 1.0, list[tuple[float, float]](), n
@@ -122,7 +122,7 @@ def estimate(splits: Sequence[Split], particles: int) -> RiskEstimate:
 
 
 def mean_of(values: Sequence[float]) -> RiskEstimate:
-    """Return the mean of independent estimates, with an interval of its logarithm by Student's t distribution."""
+    """Return the mean of independent estimates. Its interval is a Student t interval of the logarithm."""
     from scipy.stats import t
 
     n, mean = len(values), fsum(values) / len(values)
