@@ -206,8 +206,8 @@ def kernel_method(name: str) -> None:
 def _compiled(function: F, **options: object) -> F:
     """Return a function that is compiled on its first call.
 
-    Kernels call a second version without an interface to Python, whose conversion of large named tuples takes longer to
-    compile than the function.
+    Kernels use a second version without an interface to Python. The interface converts named tuples with hundreds of
+    numbers, and takes longer to compile than most functions.
     """
     compiled = _dispatcher(function, False, **options)
 

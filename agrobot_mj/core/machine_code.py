@@ -81,7 +81,10 @@ _set = JITCPUCodegen.set_env
 
 
 def _environments_with_constants(found: CompileResult) -> list[Any]:
-    """Return the environments that a cache file needs; each imports its module, such as 0.1 s for numba's arrays."""
+    """Return the environments with Python constants of a function.
+
+    Loading an environment from a cache file imports its module, which takes 0.1 s for numba's array functions.
+    """
     return [environment for environment in _environments(found) if environment.consts]
 
 
