@@ -88,11 +88,11 @@ TURNS_SAID = (
     "Failed runs are not averaged."
 )
 FIELDS_SAID = (
-    "Each field is worked with passes of 3 m. The plan knows the implement, but neither the slope nor the other "
+    "Each field is worked with passes of 3 m. The plan includes the implement, but neither the slope nor the other "
     "conditions. Two fields are in the source package of Fields2Cover on PyPI, which the command downloads. The "
     "columns *planned* are the overlaps and gaps of the plan itself, in corners and at oblique edges. The second "
     "table is for the body of the fields. *Break-even* is the ratio of yield value to input cost per hectare above "
-    "which the step from the previous planned overlap pays for itself. Published overlaps on farms are 3.3 % at "
+    "which the additional planned overlap lowers the total cost. Published overlaps on farms are 3.3 % at "
     "planting and 7 % at tillage without guidance (Iowa, 2011), and 5 % by hand and 2.5 % with guidance at mowing "
     "(Wisconsin, 2011). Intervals have a confidence of 90 %. Failed runs are not averaged."
 )
