@@ -49,7 +49,7 @@ help: ## Show these verbs
 install: $(STAMP) ## Make .venv with the locked versions
 
 demo: $(STAMP) ## Run the figure eight on both plants, with and without the network
-	@echo "Comparing four runs of four minutes each; the first time this takes `$(call ABOUT,$(PY),65)`, mostly for compiling."
+	@echo "Comparing four runs of four minutes each; the first time this takes `$(call ABOUT,$(PY),42)`, mostly for compiling."
 	@$(call TICK,loading,[ ! -e $(DEMO) ]); \
 		$(PY) -m agrobot_mj compare figure_eight --controllers pd,pd_t2fnn --plants bicycle,mujoco --out $(DEMO); \
 		status=$$?; kill $$ticker 2>/dev/null; exit $$status
