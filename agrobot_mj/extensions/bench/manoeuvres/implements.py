@@ -10,10 +10,10 @@ follows from
     L F_f - x_t F_t = (m l_r - m_i x_i) u gamma
 
 A trailer has its pin at b behind R, its centre of mass at a behind the pin and its axle at d behind the pin. Its axle
-carries the lateral force m_i u gamma a / d. The pin carries the rest, which is equivalent to a mass on the pin. The
-angle of the trailer to the tractor is the angle at which the slip angle of its axle gives this force. At walking pace
-the motion is purely geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of the
-rear axle.
+carries the lateral force m_i u gamma a / d. The pin carries the rest of the lateral force, like that of a mass on the
+pin. The angle between trailer and tractor follows from the slip angle of the trailer axle at this force. At walking
+pace the motion is purely geometric: the radius of the trailer's axle is sqrt(R^2 + b^2 - d^2), where R is the radius of
+the rear axle.
 
 The draught is that of ASABE D497 at the present speed and depth. At constant speed, the pull at the hitch is the sum of
 all resistances of the implement.

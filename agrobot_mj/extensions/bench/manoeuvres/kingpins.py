@@ -2,11 +2,11 @@
 
 A steering system that is sized for its class (cylinder, valve section, kingpins with offset, inclination and friction)
 steers the wheels at 10 deg/s through straight ahead, parked and rolling at 1 m/s. The theoretical torque of the parked
-tractor is the rule of manufacturers of steering units, mu W sqrt(b^2 / 8 + e^2), with the tyre width b and the kingpin
-offset e [Eaton2006]. The rule assumes blocked wheels. Here the wheels roll about their kingpins, so that e adds only
-rolling resistance. With a relief pressure below the parking pressure, the steering stalls at rest and works while the
-tractor rolls. Without scrubbing, the mean of the torques in both directions lifts the weight on inclined kingpins: W h
-sin(2 s) sin(delta) / 2, in which h = e + r tan(s) is the distance from the kingpin to the wheel at its centre. In a
+tractor follows the equation of manufacturers of steering units, mu W sqrt(b^2 / 8 + e^2), with the tyre width b and the
+kingpin offset e [Eaton2006]. The rule assumes blocked wheels. Here the wheels roll about their kingpins, so that e adds
+only rolling resistance. With a relief pressure below the parking pressure, the steering stalls at rest and works while
+the tractor rolls. Without scrubbing, the mean of the torques in both directions lifts the weight on inclined kingpins:
+W h sin(2 s) sin(delta) / 2, in which h = e + r tan(s) is the distance from the kingpin to the wheel at its centre. In a
 steady bend, caster adds the torque (F_y + W phi) r sin(c) of the side force and of the lateral component of the weight
 on an axle with roll phi. Tilting wheels lower the weight, which reduces the torque by W r sin(c)^2 sin(2 delta) / 2.
 """

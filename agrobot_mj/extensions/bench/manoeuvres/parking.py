@@ -2,7 +2,8 @@
 
 The tractor is parked for ten minutes on a slope of 15 degrees, facing uphill, downhill and across, with the valves in
 neutral. After ten seconds of settling, the tractor must not creep: the tyre carcass (a bristle), the hydrostat and the
-steering oil act as springs. The contact model of MuJoCo creeps without the brake; its drift is reported without limits.
+steering oil act as springs. With the contact model of MuJoCo the tractor creeps without the brake; this drift has no
+acceptance limit.
 """
 
 from collections.abc import Iterator

@@ -1,12 +1,12 @@
 """Ruts in soil
 
 A plate is pressed into a cell of soil, unloaded and pressed again. Its pressure must follow Bekker's p = k z^n with k =
-k_c / b + k_phi [Bekker1969], and N equal pressures must sink the plate to z_1 N^(1/a) [Abebe1989]. Then a rear wheel
-with its static load is towed over untouched soil, repeatedly along the same track. A rigid wheel with a flat tread has
-the motion resistance R = b k z^(n+1) / (n+1), with the rut depth z. Below a tyre with a crown, each strip of the rut
-has a different depth; the work of compaction is the resistance multiplied by the distance. At equal load instead of
-pressure, a wheel sinks slightly deeper than N^(1/a): the second pass adds 10 to 50 % of the first sinkage, with less
-work. Ten passes use as many tiles of the soil memory as one pass.
+k_c / b + k_phi [Bekker1969], and N loadings of equal pressure must sink the plate to z_1 N^(1/a) [Abebe1989]. Then a
+rear wheel with its static load is towed over untouched soil, repeatedly along the same track. A rigid wheel with a flat
+tread has the motion resistance R = b k z^(n+1) / (n+1), with the rut depth z. Below a tyre with a crown, each strip of
+the rut has a different depth; the work of compaction is the resistance multiplied by the distance. At equal load
+instead of pressure, a wheel sinks slightly deeper than N^(1/a): the second pass adds 10 to 50 % of the first sinkage,
+with less work. Ten passes use as many tiles of the soil memory as one pass.
 """
 
 from collections.abc import Iterator
