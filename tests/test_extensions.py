@@ -1,13 +1,15 @@
 """Each extension can be removed: its folder, its tests and its pages. What stays works, with fewer commands."""
 
 import os
+import shutil
 import subprocess
 import sys
 from importlib.metadata import entry_points
+from importlib.util import cache_from_source
 from pathlib import Path
 
-import bare
 import pytest
+from processes import bare
 
 from agrobot_mj.cli.panels import command_name
 
@@ -39,13 +41,24 @@ print("commands:", *COMMANDS, sep=chr(10))
 """
 
 
+def copy(source, target):
+    """Copy a file with its time and, for a module, its bytecode, which otherwise would be compiled again."""
+    pairs = [(source, target)]
+    if source.suffix == ".py":
+        pairs.append(tuple(Path(cache_from_source(path)) for path in pairs[0]))
+    for old, new in pairs:
+        if old.is_file():
+            new.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(old, new)
+
+
 def copied_without(names, place, *folders):
     """A copy of the files under version control, or of those in some folders, without some extensions."""
     listed = subprocess.run(["git", "ls-files", "-z", *folders], cwd=ROOT, capture_output=True, check=True)
     gone = [(folder, "extensions", name) for folder in FOLDERS for name in names]
     for name in filter(None, listed.stdout.decode().split("\0")):
         if (file := ROOT / name).is_file() and Path(name).parts[:3] not in gone:
-            bare.copy(file, place / name)
+            copy(file, place / name)
     return place
 
 
@@ -75,7 +88,7 @@ def test_package_works_without_any_of_its_extensions(names, tmp_path):
     place = copied_without(names, tmp_path / "copy", "agrobot_mj", "models", "scenarios")
     short = ("--set", "duration_s=0.2", "--set", "plant.kind=bicycle", "--no-rrd", "--out", tmp_path / "out")
     code = EVERY_COMMAND + EVERY_MODULE
-    done = bare.python(place, "-c", code, place, "run", "circle", *short, PYTHONPATH=str(place))
+    done = bare(place, "-c", code, place, "run", "circle", *short, PYTHONPATH=str(place))
     assert done.returncode == 0, done.stdout + done.stderr
     shown = set(done.stdout.rpartition("commands:\n")[2].splitlines())
     assert shown >= commands(set(NAMES) - set(names))

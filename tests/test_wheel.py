@@ -6,8 +6,8 @@ import sys
 import zipfile
 from pathlib import Path
 
-import bare
 import pytest
+from processes import bare
 
 ROOT = Path(__file__).parent.parent
 
@@ -56,14 +56,14 @@ def test_package_wheel_contains_every_model_and_scenario(wheel: Path):
 def test_installed_package_lists_its_scenarios(site: Path, tmp_path: Path):
     origin = call(sys.executable, "-c", "import agrobot_mj; print(agrobot_mj.__file__)", cwd=tmp_path, site=site)
     assert Path(origin.strip()).is_relative_to(site)
-    listed = bare.python(tmp_path, site / "bin" / "agrobot-mj", "list", PYTHONPATH=str(site)).stdout
+    listed = bare(tmp_path, site / "bin" / "agrobot-mj", "list", PYTHONPATH=str(site)).stdout
     names = [line.split()[0] for line in listed.splitlines()]
     assert names == sorted(path.stem for path in (ROOT / "scenarios").glob("*.toml"))
 
 
 def test_installed_package_runs_a_scenario_by_name(site: Path, tmp_path: Path):
     options = ("--set", "duration_s=0.5", "--set", "plant.settle_s=0.5", "--no-rrd", "--out", "here")
-    done = bare.python(tmp_path, "-m", "agrobot_mj", "run", "figure_eight", *options, PYTHONPATH=str(site))
+    done = bare(tmp_path, "-m", "agrobot_mj", "run", "figure_eight", *options, PYTHONPATH=str(site))
     assert done.returncode == 0, done.stderr
     written = {path.name for path in (tmp_path / "here").iterdir()}
     assert {"signals.parquet", "metrics.json", "scenario.toml"} <= written

@@ -1,7 +1,7 @@
 """Commands in an installation without the extras for recordings, figures and filters."""
 
-import bare
 import pytest
+from processes import bare
 
 from agrobot_mj.core.errors import missing_extra
 from agrobot_mj.studies import compare, report
@@ -18,7 +18,7 @@ def lean(tmp_path):
     """Return a function that runs a command in `tmp_path` in a process that cannot import the optional libraries."""
 
     def call(*arguments, left_out=LEFT_OUT):
-        return bare.python(tmp_path, "-c", START.format(left_out), *arguments)
+        return bare(tmp_path, "-c", START.format(left_out), *arguments)
 
     return call
 

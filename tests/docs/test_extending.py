@@ -9,11 +9,10 @@ import sys
 import tomllib
 from pathlib import Path
 
-import bare
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from processes import program
+from processes import bare, program
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -76,7 +75,7 @@ def checkout(tmp_path_factory):
 
 def call(folder, *arguments):
     """The command in that checkout; without compiled kernels, which would take longer than the run."""
-    return bare.python(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=str(folder))
+    return bare(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=str(folder))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import bare
+from processes import bare
 
 import agrobot_mj
 
@@ -31,7 +31,7 @@ def test_example_study_runs_as_a_command_and_resumes(tmp_path):
     path = {"PYTHONPATH": f"{tmp_path}:{Path(agrobot_mj.__file__).parents[1]}"}
 
     def answer():
-        done = bare.python(tmp_path, "-m", "agrobot_mj", "speeds", "circle", *keys, **path)
+        done = bare(tmp_path, "-m", "agrobot_mj", "speeds", "circle", *keys, **path)
         assert done.returncode == 0, done.stderr
         rows = {file: file.stat().st_mtime_ns for file in tmp_path.glob("out/rows/*/*.json")}
         return json.loads(done.stdout), rows

@@ -8,8 +8,8 @@ import sys
 from math import atan, degrees
 from pathlib import Path
 
-import bare
 import pytest
+from processes import bare
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
@@ -58,7 +58,7 @@ def python(folder, *arguments):
 
 def agrobot_mj(folder, *arguments):
     """Output of a command with the installed package, which must succeed."""
-    done = bare.python(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=path(folder))
+    done = bare(folder, "-m", "agrobot_mj", *arguments, PYTHONPATH=path(folder))
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -8,11 +8,10 @@ import sys
 import tomllib
 from pathlib import Path
 
-import bare
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from processes import command, program
+from processes import bare, command, program
 from removed import needs_all
 from test_extending import PYTHON
 from told import without_progress
@@ -39,7 +38,7 @@ def python(folder, *arguments, path=(), separate=False):
     """A Python process in a folder; warnings of the users' kind are errors. `separate` is one with compiled kernels."""
     variables = {"PYTHONPATH": os.pathsep.join([str(ROOT), *map(str, path)])}
     if not separate:
-        return bare.python(folder, *arguments, **variables)
+        return bare(folder, *arguments, **variables)
     words, environment = [sys.executable, "-W", "error::UserWarning", *arguments], os.environ | variables
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 

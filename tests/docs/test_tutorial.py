@@ -25,13 +25,12 @@ FULL_S, SHORT_S = {"meadow.toml": 40, "circle": 105}, {"meadow.toml": 2, "circle
 """Durations of the page's scenarios [s]."""
 
 
-def on_one_core():
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+ON_ONE_CORE = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})"
 
 
 def in_a_process_of_its_own(arguments):
     """Run a command as `in_process` does, in a separate process on one core, so that comparisons start no workers."""
-    done = command(Path.cwd(), *arguments, before=on_one_core)
+    done = command(Path.cwd(), *arguments, before=ON_ONE_CORE)
     assert (done.returncode, without_progress(done.stderr)) == (0, ""), arguments
     return done.stdout
 

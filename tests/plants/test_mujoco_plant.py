@@ -5,9 +5,9 @@ bicycle, rolling over, and the numerics (step size, determinism, compiled agains
 import json
 from math import atan, degrees, radians
 
-import bare
 import numpy as np
 import pytest
+from processes import bare
 
 from agrobot_mj.core.signals import Drive, Reference
 from agrobot_mj.core.spec import every
@@ -464,7 +464,7 @@ def test_uncompiled_tick_equals_the_compiled_kernel(tmp_path):
     here = {}
     exec(UNCOMPILED, here)
     script = UNCOMPILED + "print(json.dumps([numba.config.DISABLE_JIT, answers]))"
-    there = bare.python(tmp_path, "-c", script)
+    there = bare(tmp_path, "-c", script)
     assert there.returncode == 0, there.stderr
     disabled, answers = json.loads(there.stdout)
     assert disabled

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 import warnings
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -298,16 +297,12 @@ def test_live_run_without_a_viewer_continues(monkeypatch, tmp_path, capsys):
     assert len(Recorded(path).column("/plots/speed/loop", "Scalars:scalars")[0]) == 20
 
 
-def switch_rerun(value):
-    os.environ["RERUN"] = value
-
-
 @pytest.mark.parametrize("switch", ["off", "0", "FALSE"])
 def test_run_with_rerun_disabled_writes_its_results(tmp_path, switch):
     short = ("run", "circle", "--set", "duration_s=0.7", "--set", "plant.kind=bicycle", "--out", "out")
     assert command(tmp_path, *short).returncode == 0
     assert (tmp_path / "out" / "run.rrd").is_file()
-    done = command(tmp_path, *short, before=partial(switch_rerun, switch))
+    done = command(tmp_path, *short, RERUN=switch)
     assert done.returncode == 0, done.stderr
     assert f"RERUN={switch}: Rerun is disabled, so no recording is written" in done.stderr
     assert "Traceback" not in done.stderr
@@ -317,7 +312,7 @@ def test_run_with_rerun_disabled_writes_its_results(tmp_path, switch):
 
 def test_comparison_with_rerun_disabled_draws_its_figures(tmp_path):
     keys = ("--set", "duration_s=0.7", "--plants", "bicycle", "--controllers", "pd,pd_t2fnn", "--jobs", "1")
-    done = command(tmp_path, "compare", "circle", *keys, "--out", "out", before=partial(switch_rerun, "off"))
+    done = command(tmp_path, "compare", "circle", *keys, "--out", "out", RERUN="off")
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("Rerun is disabled") == 1
     assert (tmp_path / "out" / "trajectory.png").is_file()

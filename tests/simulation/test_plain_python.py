@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-import bare
 import numpy as np
 import pytest
+from processes import bare
 
 ROOT = Path(__file__).parents[2]
 RUNS = """
@@ -41,7 +41,7 @@ def test_every_compiled_kernel_equals_plain_python():
     here = {}
     exec(RUNS, here)
     script = f"{RUNS}\nprint(json.dumps([numba.config.DISABLE_JIT, answers]))"
-    done = bare.python(ROOT, "-c", script)
+    done = bare(ROOT, "-c", script)
     assert done.returncode == 0, done.stderr
     disabled, there = json.loads(done.stdout)
     assert disabled

@@ -3,16 +3,13 @@
 import json
 import os
 import shutil
-import sys
 import tomllib
-from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
-import bare
-import processes
 import pyarrow.parquet as pq
 import pytest
+from processes import bare, command
 
 from agrobot_mj.core import identity as identities
 from agrobot_mj.core.errors import ScenarioError
@@ -59,12 +56,6 @@ def written(folder, **files):
 def errors(folder, name="comparison.json"):
     """Cross-track errors of the rows of a comparison."""
     return [row["xte_rms"] for row in json.loads((folder / name).read_text())]
-
-
-def import_from(place):
-    """Look for modules in a folder too, and keep their bytecode."""
-    sys.path.append(place)
-    sys.dont_write_bytecode = False
 
 
 def body(mass):
@@ -244,12 +235,13 @@ def test_run_is_repeated_after_editing_a_plugin(tmp_path, edited):
 
     def swept():
         more = ["--plugin", "plug.py"] if kind == "bent" else []
-        command = ("sweep", "s.toml", "--jobs", "1", "-q", "--out", "out", *more)
+        words = ("sweep", "s.toml", "--jobs", "1", "-q", "--out", "out", *more)
         if kind == "bent":
-            done = processes.command(tmp_path, *command, before=partial(import_from, str(tmp_path)))
+            keeping = "import sys\nsys.dont_write_bytecode = False"
+            done = command(tmp_path, *words, before=keeping)
         else:  # the server has looked for installed plugins already
             path = f"{tmp_path / 'site'}:{EXAMPLES.parent}"
-            done = bare.python(tmp_path, "-m", "agrobot_mj", *command, PYTHONPATH=path)
+            done = bare(tmp_path, "-m", "agrobot_mj", *words, PYTHONPATH=path)
         assert done.returncode == 0, done.stderr
         return done.stderr, pq.read_table(tmp_path / "out" / "sweep.parquet")["lateral_abs_p95"].to_pylist()
 
