@@ -33,7 +33,7 @@ from agrobot_mj.extensions.logs.quantities import Quantity, half_width
 from agrobot_mj.extensions.logs.recording import ANGLES, FieldRecording
 from agrobot_mj.extensions.logs.replay.scrub import scrub
 from agrobot_mj.extensions.logs.series import TimeSeries, chords
-from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, centre_of, rough_steering
+from agrobot_mj.extensions.logs.steering import AGES_S, RoughSteering, SteeringCentre, centre_of, rough_steering
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.sensors.dual_antenna import DualAntenna
 
@@ -88,8 +88,7 @@ class Calibration(NamedTuple):
     rough: RoughSteering
     data: VehicleData
     fit: VehicleFit  # Fitted parameters, relative to the values of `rough` and of the map
-    centres: tuple[float, ...]
-    """Raw sensor values with the wheels straight ahead, in both halves of the log [unit of the sensor]."""
+    centres: tuple[SteeringCentre, ...]  # Steering centres in both halves of the log
 
     @property
     def steer(self) -> SteerColumn:

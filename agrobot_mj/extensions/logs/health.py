@@ -8,7 +8,7 @@ map, indicates that the sensor has slipped.
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from math import degrees, hypot, inf, sqrt
+from math import degrees, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -22,11 +22,13 @@ from agrobot_mj.extensions.logs.recording import FieldRecording, read_recording
 from agrobot_mj.extensions.logs.replay.residuals import moving
 from agrobot_mj.extensions.logs.series import scatter
 from agrobot_mj.extensions.logs.steering import (
-    BLOCKS,
     LEAST_SAMPLES,
+    SIGMAS,
     RoughSteering,
+    SteeringCentre,
     centre_of,
     line_of,
+    moved,
     turning,
     two_sided,
 )
@@ -34,10 +36,8 @@ from agrobot_mj.extensions.logs.steering import (
 WHEELBASE_M = 2.0  # Wheelbase in the regression [m]. Assumed value, which only affects the scale.
 PART_S, MOST_PARTS = 15.0, 6
 """Minimum driving time per part of a log with a separate steering centre [s], and maximum number of these parts."""
-MOVED_DEG = 1.0  # Minimum change of the steering centre that is reported [deg]
 TOLD = 0.5
 """Minimum fraction of the yaw-rate variance that the steering explains for a steering centre [-]. Assumed value."""
-SIGMAS = 3.0  # Number of standard errors above which a difference is reported [-]
 CHORD_S, MOST_ALIKE = 0.5, 20.0
 """Minimum time between fixes [s] and maximum condition number [-] of the regression for the antenna position."""
 ARM_M, ARM_ERROR_M = 0.3, 0.3
@@ -50,8 +50,7 @@ class CentrePart(NamedTuple):
 
     start: float
     end: float
-    centre: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
-    error: float  # Standard error of the centre, from its scatter over blocks of the part [unit of the sensor]
+    centre: SteeringCentre
 
 
 class LogHealth(NamedTuple):
@@ -66,15 +65,13 @@ class LogHealth(NamedTuple):
     """Distance of the antenna ahead of the rear axle, and the standard error of this distance [m]."""
 
     @property
-    def centre(self) -> float:
-        """Raw steering sensor value for straight driving, averaged over all parts of the log [unit of the sensor]."""
-        return float(np.mean([part.centre for part in self.parts]))
-
-    @property
-    def centre_error(self) -> float:
-        """Standard error of the mean steering centre, from its scatter over parts [sensor unit]. Zero for one part."""
-        centres = [part.centre for part in self.parts]
-        return float(np.std(centres, ddof=1)) / sqrt(len(centres)) if len(centres) > 1 else 0.0
+    def centre(self) -> SteeringCentre:
+        """Mean steering centre of all parts of the log. Its standard error follows from the scatter over parts."""
+        first, *others = (part.centre for part in self.parts)
+        if not others:
+            return first
+        values = [each.value for each in (first, *others)]
+        return SteeringCentre(float(np.mean(values)), float(np.std(values, ddof=1)) / sqrt(len(values)))
 
 
 def health(recording: FieldRecording) -> LogHealth:
@@ -98,23 +95,11 @@ def _steering(recording: FieldRecording) -> tuple[RoughSteering | None, tuple[Ce
     number = min(MOST_PARTS, int(len(seen.t) * np.median(np.diff(seen.t)) / PART_S))
     borders = [int(each) for each in np.linspace(0, len(seen.t) - 1, max(number, 1) + 1)]
     parts = []
-    for a, b in pairwise(borders):
-        times = [float(seen.t[k]) for k in np.linspace(a, b, BLOCKS + 1).astype(int)]
-        blocks = list(_centres(recording, times, rough))
-        error = float(np.std(blocks, ddof=1)) / sqrt(len(blocks)) if len(blocks) > 1 else inf
-        parts += [
-            CentrePart(times[0], times[-1], centre, error) for centre in _centres(recording, times[::BLOCKS], rough)
-        ]
-    return rough, tuple(parts)
-
-
-def _centres(recording: FieldRecording, times: Sequence[float], rough: RoughSteering) -> Iterator[float]:
-    """Yield the steering centre in each interval between `times` [s] that has samples."""
-    assert recording.yaw_rate is not None
-    for span in pairwise(times):
-        part = recording._replace(yaw_rate=recording.yaw_rate.between(*span))
+    for start, end in pairwise(float(seen.t[k]) for k in borders):
+        part = recording._replace(yaw_rate=recording.yaw_rate.between(start, end))
         if (centre := centre_of([part], WHEELBASE_M, rough)) is not None:
-            yield centre
+            parts.append(CentrePart(start, end, centre))
+    return rough, tuple(parts)
 
 
 def _ahead(recording: FieldRecording) -> tuple[float, float] | None:
@@ -159,18 +144,15 @@ def health_lines(sources: Sequence[Source], log_map: LogMap, height: float = 0.0
 def _moved(one: LogHealth, other: LogHealth) -> Iterator[str]:
     """Yield a sentence if the steering centres of two logs differ significantly."""
     assert one.steering is not None
-    per_reading, (before, after) = degrees(abs(one.steering.scale)), (one.centre, other.centre)
-    if per_reading * (abs(after - before) - SIGMAS * hypot(one.centre_error, other.centre_error)) > MOVED_DEG:
-        digits = _digits(per_reading)
-        yield (
-            f"the steering centre is {before:.{digits}f} in {one.name} and {after:.{digits}f} in {other.name}: the "
-            "sensor has moved; evaluate each log separately"
-        )
+    if moved((one.centre, other.centre), one.steering):
+        digits = _digits(one.steering)
+        before, after = (f"{each.centre.value:.{digits}f} in {each.name}" for each in (one, other))
+        yield f"the steering centre is {before} and {after}: the sensor has moved; evaluate each log separately"
 
 
-def _digits(per_reading: float) -> int:
-    """Return the number of decimals for a steering centre. `per_reading` is the wheel angle per sensor unit [deg]."""
-    return max(0, -int(np.floor(np.log10(0.1 / per_reading))))
+def _digits(rough: RoughSteering) -> int:
+    """Return the number of decimals for a steering centre with a resolution of 0.1 deg."""
+    return max(0, -int(np.floor(np.log10(0.1 / degrees(abs(rough.scale))))))
 
 
 def sentences_of(h: LogHealth, m: LogMap) -> Iterator[str]:
@@ -198,20 +180,18 @@ def _of_steering(h: LogHealth, steering: RoughSteering, m: SteerColumn) -> Itera
     if steering.explained < TOLD:
         yield f"the steering explains {share:.0f} % of the yaw rate, too little to evaluate the steering centre"
         return
-    per_reading = degrees(abs(steering.scale))
-    digits, centres = _digits(per_reading), [part.centre for part in h.parts]
-    middle, moved = h.centre, max(centres) - min(centres)
-    least, most = (by(h.parts, key=lambda part: part.centre) for by in (min, max))
-    where = ", ".join(f"{each.centre:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
+    digits, centres = _digits(steering), [part.centre for part in h.parts]
+    where = ", ".join(f"{each.centre.value:.{digits}f} ({each.start:.0f}-{each.end:.0f} s)" for each in h.parts)
     yield f"the steering explains {share:.0f} % of the yaw rate; steering centre: {where}"
-    if per_reading * (moved - SIGMAS * hypot(least.error, most.error)) > MOVED_DEG:
-        yield f"the steering centre moves by {moved:.{digits}f} within this log; check whether the sensor is loose"
+    if moved(centres, steering):
+        apart = max(centres).value - min(centres).value
+        yield f"the steering centre moves by {apart:.{digits}f} within this log; check whether the sensor is loose"
     elif (
         m.unit != "1/m"
         and "offset" in m.model_fields_set
-        and per_reading * (abs(middle - m.offset) - SIGMAS * h.centre_error) > MOVED_DEG
+        and moved((h.centre, SteeringCentre(m.offset, 0.0)), steering)
     ):
         yield (
-            f"the steering centre in this log is {middle:.{digits}f}, but the map has {m.offset:g}: the sensor has "
-            "moved, or the map belongs to another sensor (steer.offset)"
+            f"the steering centre in this log is {h.centre.value:.{digits}f}, but the map has {m.offset:g}: the sensor "
+            "has moved, or the map belongs to another sensor (steer.offset)"
         )

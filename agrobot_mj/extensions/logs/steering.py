@@ -7,7 +7,7 @@ because one line would shift the centre.
 """
 
 from collections.abc import Sequence
-from math import radians, sqrt
+from math import degrees, hypot, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +31,9 @@ LEAST_SIDE, SIDE_RAD = 0.1, radians(2.0)
 above the second value [rad]. Assumed values."""
 BLOCKS = 6  # Number of blocks into which a log is divided for standard errors by the jackknife
 CENTRES = 101  # Number of steering centres that a search evaluates
+MOVED_DEG, SIGMAS = 1.0, 3.0
+"""Minimum difference between steering centres that is reported [deg], in addition to the second number of standard
+errors [-]."""
 
 
 class RoughSteering(NamedTuple):
@@ -58,6 +61,13 @@ class RoughSteering(NamedTuple):
         assert recording.steer is not None
         t, reading = recording.steer
         return recording._replace(steer=TimeSeries(t, self.scale * (reading - self.centre)))
+
+
+class SteeringCentre(NamedTuple):
+    """Steering centre in a part of a log."""
+
+    value: float  # Sensor reading with the wheels straight ahead [unit of the sensor]
+    error: float  # Standard error of the value, from its scatter over blocks of the part [unit of the sensor]
 
 
 class TurningSamples(NamedTuple):
@@ -171,9 +181,19 @@ def _slopes(samples: Array, centre: float, scale: float) -> tuple[float, float, 
     return total, slopes[0], slopes[1]
 
 
-def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> float | None:
-    """Return the mean sensor value with the wheels straight ahead for the scales of `rough`. None without samples."""
+def centre_of(kept: Sequence[FieldRecording], wheelbase: float, rough: RoughSteering) -> SteeringCentre | None:
+    """Return the mean steering centre for the scales of `rough`, with its standard error. None without samples."""
     if (found := turning(kept, wheelbase)) is None:
         return None
     read = found.reading[int(np.abs(AGES_S - rough.age).argmin())]
-    return float(np.average(rough.less_wheel(read, found.angle), weights=found.weight**2))
+    centre, weight = rough.less_wheel(read, found.angle), found.weight**2
+    split = (np.array_split(each, min(BLOCKS, len(centre))) for each in (centre, weight))
+    blocks = [np.average(values, weights=weights) for values, weights in zip(*split, strict=True)]
+    return SteeringCentre(float(np.average(centre, weights=weight)), float(np.std(blocks, ddof=1)) / sqrt(len(blocks)))
+
+
+def moved(centres: Sequence[SteeringCentre], rough: RoughSteering) -> bool:
+    """Return whether the lowest and the highest of several steering centres differ significantly."""
+    low, high = min(centres), max(centres)
+    apart = high.value - low.value - SIGMAS * hypot(low.error, high.error)
+    return degrees(abs(rough.scale)) * apart > MOVED_DEG

@@ -13,6 +13,7 @@ from agrobot_mj.extensions.logs.identify.vehicle import IdentifiedVehicle, told_
 from agrobot_mj.extensions.logs.pieces import TWO_SPEEDS, excitation, slow_and_fast
 from agrobot_mj.extensions.logs.recording import FieldRecording
 from agrobot_mj.extensions.logs.replay.result import ReplayResult
+from agrobot_mj.extensions.logs.steering import MOVED_DEG, moved
 from agrobot_mj.extensions.logs.twin.twin import SCENARIO, Twin
 from agrobot_mj.machine.tractor import COMPACT, TractorParameters
 
@@ -24,9 +25,6 @@ PLACES = {
 LIKE = {"deg": (40.0, 80.0), "rad": (1 / 80.0, 1 / 40.0)}
 """Range of the steering scale that indicates a wrong angle unit [-], by unit in the map."""
 LOOKAHEAD_M = 2.0  # Look-ahead distance of a pure-pursuit law for which the resulting lateral offset is reported [m]
-MOVED_DEG = 1.0  # Minimum error or change of the steering centre that is reported [deg]
-
-
 FOLLOWED = 0.05  # RMS speed residual divided by the mean speed above which the plant does not follow the speed [-]
 SAME_GAIN = 0.05
 """Minimum reported relative error of scale and wheelbase combined [-], larger than measurement errors of users."""
@@ -65,8 +63,8 @@ def map_lines(c: Calibration) -> str:
 
 def _centre(c: Calibration, tractor: TractorParameters) -> Iterator[str]:
     centre, given, off = c.found["steer.offset"], c.steer.offset, c.centre_error
-    first, *_, second = c.centres
-    if degrees(abs(c.rough.scale * (second - first))) > MOVED_DEG:
+    if moved(c.centres, c.rough):
+        first, second = (each.value for each in c.centres)
         yield (
             f"The steering centre changes from {first:.3g} in the first half of the drive to {second:.3g} in the "
             "second. If the sensor has slipped, calibrate the time before and the time after separately (--from, --to)."

@@ -8,6 +8,7 @@ from field_logs import WHEELBASE_M, field_log, field_map, path
 
 from agrobot_mj.extensions.logs.health import health_lines
 from agrobot_mj.extensions.logs.replay.result import replay
+from agrobot_mj.extensions.logs.steering import RoughSteering, SteeringCentre, moved
 from agrobot_mj.extensions.logs.words import doubts
 from agrobot_mj.scenario.loading import load_scenario
 
@@ -60,6 +61,12 @@ def test_scatter_of_the_steering_centre_is_not_reported_as_a_movement():
     centres = [float(part.split()[0]) for part in told.split("centre: ")[1].split("), ")]
     assert SCALE * np.ptp(centres) > 1.0
     assert not any("moves by" in line for line in lines_of(columns))
+
+
+@pytest.mark.parametrize(("error", "expected"), [(0.5, True), (4.0, False)])
+def test_centres_within_three_standard_errors_have_not_moved(error, expected):
+    line = RoughSteering(centre=432.0, scale=np.radians(SCALE), age=0.0, explained=1.0)
+    assert moved([SteeringCentre(432.0, error), SteeringCentre(452.0, error)], line) == expected
 
 
 def test_steering_centre_that_moves_between_two_logs_is_reported():
