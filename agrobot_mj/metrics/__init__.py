@@ -7,9 +7,8 @@ from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.metrics.attribution import Attribution, Consistency
 from agrobot_mj.metrics.base import LogLike, Metric, RunView
 from agrobot_mj.metrics.passes import PassAccuracy
-from agrobot_mj.metrics.progress import DrivenShare, commanded_progress, progress_of
 from agrobot_mj.metrics.safety import BrakedDrift, Safety
-from agrobot_mj.metrics.tracking import Acquisition, ImplementErrors, NetworkShare, Tracking, errors
+from agrobot_mj.metrics.tracking import Acquisition, DrivenShare, ImplementErrors, NetworkShare, Tracking, errors
 
 METRICS: list[Metric] = [
     DrivenShare(),
@@ -51,9 +50,7 @@ __all__ = [
     "LogLike",
     "Metric",
     "RunView",
-    "commanded_progress",
     "errors",
     "metrics",
-    "progress_of",
     "unit_of",
 ]

@@ -14,6 +14,7 @@ import numpy as np
 from agrobot_mj.core.signals import Array, Column
 from agrobot_mj.core.spec import Spec
 from agrobot_mj.metrics.crosstrack import BesidePath, track
+from agrobot_mj.metrics.progress import PathProgress, progress_of
 from agrobot_mj.paths import Path
 from agrobot_mj.paths.route import SampledRoute
 
@@ -65,6 +66,11 @@ class RunView:
     def cg_on_path(self) -> BesidePath:
         """Position of the true CG relative to the path at each tick."""
         return self.beside_path("x", "y")
+
+    @cached_property
+    def progress(self) -> PathProgress:
+        """Driven length of the path up to the end of the run."""
+        return progress_of(self.route, self.log.scenario.duration_s, [self.column(name) for name in ("t", "x", "y")])
 
     def beside_path(self, x: str, y: str) -> BesidePath:
         """Return the position of a point relative to the path. `x` and `y` are the log columns of its coordinates."""

@@ -9,15 +9,14 @@ point are not driven. A tractor at standstill makes no progress, even if the ref
 Guidance without a path must drive the distance given by its speed commands.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import hypot
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from agrobot_mj.core.long_array import PIECE
-from agrobot_mj.core.signals import Array, Column
-from agrobot_mj.metrics.base import Metric, RunView
+from agrobot_mj.core.signals import Array
 from agrobot_mj.metrics.crosstrack import FARTHEST_M
 from agrobot_mj.paths.route import SampledRoute
 
@@ -50,31 +49,27 @@ class PathProgress(NamedTuple):
         return self.driven + STEP_M >= ENOUGH * self.due
 
 
-class DrivenShare(Metric):
-    """Driven fraction of the path length."""
+def progress_of(route: SampledRoute, duration: float | None, columns: Sequence[Array]) -> PathProgress:
+    """Return the driven length of the path up to the end of a run.
 
-    kind: Literal["progress"] = "progress"
-    columns: ClassVar = (Column("progress", "-", "driven fraction of the path length; null for a path without length"),)
-
-    def evaluate(self, view: RunView) -> dict[str, Any]:
-        """Return the driven fraction of the path length."""
-        return {"progress": progress_of(view).share}
-
-
-def progress_of(view: RunView) -> PathProgress:
-    """Return the driven length of the path up to the end of a run."""
-    own, duration = view.path.duration_s, view.log.scenario.duration_s
+    `duration` is the planned duration [s], by default that of the path. `columns` contains time [s] and position [m] of
+    the true CG at each tick, shape (n,) each.
+    """
+    own = route.path.duration_s
     planned = own if duration is None else duration
-    walk = _Walk(view.route, min(planned, own))
-    for t, x, y in _places(view):
+    walk = _Walk(route, min(planned, own))
+    for t, x, y in _places(columns):
         walk.go(t, x, y)
     granted = 0.0 if walk.stood(planned) else LATE_S
     return PathProgress(walk.driven, walk.passed(planned), walk.passed(planned - granted))
 
 
-def commanded_progress(view: RunView) -> PathProgress:
-    """Return the progress of guidance without a path: driven distance, and integral of the speed commands."""
-    t, asked, speed = (np.nan_to_num(view.column(name)) for name in ("t", "speed_ref", "speed"))
+def commanded_progress(t: Array, asked: Array, speed: Array) -> PathProgress:
+    """Return the progress of guidance without a path: driven distance, and integral of the speed commands `asked`.
+
+    Times are in s, speeds in m/s, shape (n,) each, with NaN for missing values.
+    """
+    t, asked, speed = map(np.nan_to_num, (t, asked, speed))
     steps = np.diff(t, append=t[-1:])
     due = t < t[-1] - LATE_S if len(t) else t
     return PathProgress(*(float(np.sum(np.abs(each) * steps)) for each in (speed, asked, asked * due)))
@@ -130,9 +125,9 @@ class _Walk:
         return float(np.diff(self.route.distances[: self.last + 1]) @ np.frombuffer(self.pieces, dtype=np.uint8))
 
 
-def _places(view: RunView) -> Iterator[list[float]]:
+def _places(columns: Sequence[Array]) -> Iterator[list[float]]:
     """Yield time [s] and position [m] of the true CG, about every STEP_M of driven distance and at the end."""
-    columns, way, end, told = [view.column(name) for name in ("t", "x", "y")], -STEP_M, np.empty((0, 3)), True
+    way, end, told = -STEP_M, np.empty((0, 3)), True
     for first in range(0, len(columns[0]), PIECE):  # in blocks, because the rows of a day need 100 MB
         rows: Array = np.column_stack([column[first : first + PIECE] for column in columns])
         rows = rows[(np.abs(rows) < FARTHEST_M).all(axis=1)]

@@ -55,6 +55,17 @@ class Tracking(Metric):
         return {**found[0], "per_turn": turns}
 
 
+class DrivenShare(Metric):
+    """Driven fraction of the path length."""
+
+    kind: Literal["progress"] = "progress"
+    columns: ClassVar = (Column("progress", "-", "driven fraction of the path length; null for a path without length"),)
+
+    def evaluate(self, view: RunView) -> dict[str, Any]:
+        """Return the driven fraction of the path length."""
+        return {"progress": view.progress.share}
+
+
 def errors(log: LogLike, start_s: float = -np.inf, end_s: float = np.inf) -> dict[str, float | None]:
     """Return the tracking errors over the rows with start_s < t <= end_s [s]."""
     view = RunView(log)

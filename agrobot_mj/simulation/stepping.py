@@ -11,7 +11,6 @@ steering angle, a valve voltage, a yaw rate or a curvature. `drive` is for exter
 
 from collections.abc import Mapping
 from copy import deepcopy
-from dataclasses import replace
 from math import hypot, nan
 from pathlib import Path
 from typing import Any
@@ -21,14 +20,13 @@ from agrobot_mj.core.contracts import check_argument, without_exit
 from agrobot_mj.core.copying import independent
 from agrobot_mj.core.errors import CommandError, NotFiniteError
 from agrobot_mj.core.randomness import branch, generators
-from agrobot_mj.core.signals import TICK_S, Estimate, Measurement, Quality, Reference, Truth
-from agrobot_mj.metrics import RunView, commanded_progress, metrics, progress_of
+from agrobot_mj.core.signals import Estimate, Measurement, Quality, Reference, Truth
 from agrobot_mj.paths.route import SampledRoute
 from agrobot_mj.scenario.loading import load_scenario
 from agrobot_mj.scenario.schema import Scenario
 from agrobot_mj.simulation.columns import COLUMNS, Tick, row
 from agrobot_mj.simulation.commands import command_of
-from agrobot_mj.simulation.diagnosis import diagnosis
+from agrobot_mj.simulation.evaluation import Evaluation
 from agrobot_mj.simulation.guard import Guard
 from agrobot_mj.simulation.log import Log, Rows, SavedRows
 from agrobot_mj.simulation.loop import Loop
@@ -61,7 +59,7 @@ class Simulation:
             loop = Loop(self.scenario, saved and saved.loop.seen)
         plant = loop.plant
         rows = Rows(self.scenario.ticks, plant.wheels().size, len(plant.scene.bodies), loop.columns)
-        self._measured = SampledRoute(self.scenario.path)  # metrics must not change the samples of the law
+        self._evaluation = Evaluation(self.scenario, loop, rows)
         self.loop, self.rows, self._watch, self.outcome, self.reason = loop, rows, Watch(plant), "", ""
         self._broken_off = False
         if not saved and plant.trouble() == "diverged":  # during settling
@@ -177,21 +175,13 @@ class Simulation:
             self.outcome, self.reason = "stopped", loop.stop_reason
             return
         if rows.filled == len(rows.values) or (led and past_end(self.scenario.path, t)):
-            self._complete()
+            self.outcome, self.reason = self._evaluation.ending()
             return
         loop.advance(tick.drive)
         if plant.trouble() == "diverged":  # sensors and filters need finite numbers
             self._diverge(f"the state of the plant ({self.scenario.plant.kind}) is not finite or exceeds 100 m/s")
             return
         self._sense()
-
-    def _complete(self) -> None:
-        """End the run as `completed` if enough of the path or commanded distance was driven, else as `unfinished`."""
-        view = RunView(Log(self.scenario, self.rows, self.loop.plant.scene, "", 0.0), self._measured)
-        progress = progress_of(view) if self.loop.guidance.follows_path else commanded_progress(view)
-        self.outcome = "completed" if progress.enough else "unfinished"
-        if not progress.enough:
-            self.reason = f"drove {progress.driven:.1f} of {progress.length:.1f} m"
 
     def _sense(self) -> None:
         try:
@@ -265,7 +255,7 @@ class Simulation:
         set_loop_state(self.loop, independent(state.loop))
         self.rows.restore(state.rows)
         self._watch.standstill, (self.outcome, self.reason) = state.standstill, state.ending
-        self._broken_off = False
+        self._broken_off, self._evaluation.progress = False, None
 
     def branch(self, number: int) -> None:
         """Continue with different noise: the random generators of all stages switch to the streams `number`.
@@ -321,30 +311,10 @@ class Simulation:
         """Return the log of the run so far, with metrics; `wall_s` is the wall time of the run [s]."""
         check_argument("wall_s", wall_s, hasattr(wall_s, "__float__"), "a number")
         with self._guard:
-            return self._log(wall_s)
-
-    def _log(self, wall_s: float) -> Log:
-        plant, outcome = self.loop.plant, self.outcome or "aborted"
-        log = Log(
-            self.scenario, self.rows, plant.scene, outcome, wall_s, ruts=plant.ruts(), learned=self.loop.learned()
-        )
-        view = RunView(log, self._measured)
-        found = metrics(log, view=view)
-        numbers = {
-            "outcome": outcome,
-            **({"stop_reason": self.reason} if self.reason else {}),
-            **({"rejected_readings": rejected} if (rejected := dict(self.loop.stages.sensors.rejected)) else {}),
-            **found,
-            **diagnosis(log, view, found),
-            "physics_warnings": plant.warnings(),
-            "real_time_factor": self.rows.filled * TICK_S / max(wall_s, 1e-9),
-            "wall_s": wall_s,
-            "identity": self.identity,
-        }
-        return replace(log, metrics=numbers, view=view)
+            return self._evaluation.log(self.outcome or "aborted", self.reason, wall_s, self.identity)
 
 
-OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_measured", "_guard", "_broken_off"}
+OWN = {"scenario", "identity", "loop", "rows", "outcome", "reason", "_watch", "_evaluation", "_guard", "_broken_off"}
 """Names of the attributes that belong to `Simulation`; subclasses may add others."""
 
 

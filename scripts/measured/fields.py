@@ -36,6 +36,7 @@ from agrobot_mj.extensions.fields.planner.planning import Options, make_plan
 from agrobot_mj.extensions.fields.planner.rig import rig_of
 from agrobot_mj.extensions.fields.planner.swaths import SwathFrame
 from agrobot_mj.extensions.fields.reading import read_field
+from agrobot_mj.metrics import RunView
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.run import run
 
@@ -125,7 +126,7 @@ def driven(field: Field, drive: Drive, options: Options, keys: Keys) -> tuple[Lo
         changes = {**known, **dict(keys), "guidance.kind": drive.law, "seed": drive.seed}
         log = run(driving_scenario(field, plan, file, base, changes))
     whole = whole_of(field)
-    return log, FieldDrive(log, plan, whole, inside_laps(whole, plan), rig, Boom(drive.width))
+    return log, FieldDrive(RunView(log), plan, whole, inside_laps(whole, plan), rig, Boom(drive.width))
 
 
 def turned(drive: Drive) -> Row:

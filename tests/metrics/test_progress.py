@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agrobot_mj.core.signals import TICK_S
-from agrobot_mj.metrics import RunView, metrics, progress_of
+from agrobot_mj.metrics import RunView, metrics
 from agrobot_mj.metrics.progress import LATE_S
 from agrobot_mj.paths import Circle, FigureEight, LaneChange, Line, Manoeuvre, Swaths
 from agrobot_mj.paths.manoeuvre import StraightPiece
@@ -46,7 +46,7 @@ def view(path, place, duration=None):
 
 
 def share(path, place, duration=None):
-    return progress_of(view(path, place, duration)).share
+    return view(path, place, duration).progress.share
 
 
 def way(place):
@@ -63,7 +63,7 @@ def test_tractor_that_follows_its_path_has_full_progress(path):
 def test_lagging_tractor_has_full_progress_except_for_its_lag(path, late_s):
     """At a cusp, too, what is left of a leg is lost when the reference sets off on the next."""
     t = ticks(path)
-    found = progress_of(view(path, places(path, t - late_s)))
+    found = view(path, places(path, t - late_s)).progress
     cusps = {"k": 4, "into a row": 1, "there and back": 2}.get(next(k for k, p in PATHS.items() if p is path), 0)
     assert found.driven > found.length - (1 + cusps) * late_s * path.speed_m_s - 0.5
     assert found.enough or cusps
@@ -73,7 +73,7 @@ def test_lagging_tractor_has_full_progress_except_for_its_lag(path, late_s):
 def test_stationary_tractor_has_no_progress(path):
     for part in (0.0, 0.37):
         place = np.tile(places(path, [part * path.duration_s]), (len(ticks(path)), 1))
-        found = progress_of(view(path, place + np.random.default_rng(1).normal(0.0, 1e-4, place.shape)))
+        found = view(path, place + np.random.default_rng(1).normal(0.0, 1e-4, place.shape)).progress
         assert found.driven == 0.0
         assert not found.enough
 
@@ -82,7 +82,7 @@ def test_stationary_tractor_has_no_progress(path):
 def test_tractor_that_stops_keeps_its_progress(path):
     t = ticks(path)
     stopped = places(path, np.minimum(t, 0.6 * path.duration_s))
-    found = progress_of(view(path, stopped))
+    found = view(path, stopped).progress
     assert found.driven == pytest.approx(way(stopped), rel=0.02, abs=0.5)
     assert not found.enough
 
@@ -91,19 +91,19 @@ def test_tractor_stopped_before_path_end_gets_no_delay_allowance():
     path = Line(length_m=6.0, speed_m_s=1.0)
     t = ticks(path)
     driving, stopped = (places(path, late) for late in (t - 1.8, np.minimum(t, path.duration_s - 2.4)))
-    assert progress_of(view(path, driving)).enough
-    assert not progress_of(view(path, stopped)).enough
+    assert view(path, driving).progress.enough
+    assert not view(path, stopped).progress.enough
 
 
 def test_tractor_that_never_moves_gets_no_delay_allowance():
     path = Line(length_m=10.0, speed_m_s=1.0, ramp_s=0.0)
     end = LATE_S + 0.06
-    assert not progress_of(view(path, np.zeros((len(ticks(path, end)), 2)), end)).enough
+    assert not view(path, np.zeros((len(ticks(path, end)), 2)), end).progress.enough
 
 
 def test_progress_includes_the_first_and_last_blocks_of_the_path():
     path = Line(length_m=3.0, speed_m_s=1.0, ramp_s=0.0)
-    found = progress_of(view(path, places(path, ticks(path, 3.5)), 3.5))
+    found = view(path, places(path, ticks(path, 3.5)), 3.5).progress
     assert found.driven == pytest.approx(found.length) == pytest.approx(3.0, abs=0.06)
 
 
@@ -111,7 +111,7 @@ def test_lag_of_17_m_reduces_the_driven_length_by_17_m():
     path = FigureEight()
     t = ticks(path)
     place = places(path, t * (1 - 17.0 / 1.2 / path.duration_s))
-    found = progress_of(view(path, place))
+    found = view(path, place).progress
     assert found.length - found.driven == pytest.approx(17.0, abs=0.6)
     assert found.enough
 
@@ -142,7 +142,7 @@ def test_skipped_part_of_the_path_does_not_count_as_driven():
     t = ticks(path)
     place = places(path, t)
     place[:, 0] += np.where(place[:, 0] > 20.0, 8.0, 0.0)
-    found = progress_of(view(path, place))
+    found = view(path, place).progress
     assert found.driven == pytest.approx(52.0, abs=1.0)
 
 
@@ -151,7 +151,7 @@ def test_excursion_reduces_progress_only_by_its_own_length():
     t = ticks(path)
     place = places(path, t)
     place[1000:1400] += [0.0, 60.0]
-    found = progress_of(view(path, place))
+    found = view(path, place).progress
     assert found.length - found.driven == pytest.approx(400 * TICK_S * 1.2, abs=2.0)
 
 
@@ -183,7 +183,7 @@ def test_progress_ignores_non_finite_positions():
 @pytest.mark.parametrize("duration", [0.05, 0.3, 0.6])
 def test_path_shorter_than_a_step_has_no_driven_fraction(duration):
     path = Line(speed_m_s=0.2)
-    found = progress_of(view(path, np.zeros((1, 2)), duration))
+    found = view(path, np.zeros((1, 2)), duration).progress
     assert found.share is None
     assert found.enough
 

@@ -24,6 +24,7 @@ from agrobot_mj.extensions.fields.planner.area import body_of, whole_of
 from agrobot_mj.extensions.fields.planner.rig import FieldMachine
 from agrobot_mj.extensions.fields.raster import write_raster
 from agrobot_mj.extensions.fields.resume import Interrupted
+from agrobot_mj.metrics import RunView
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.progress import Progress
 from agrobot_mj.simulation.results import atomic, results, write_json
@@ -81,7 +82,7 @@ def drive(
 
         def drove_of(log: Log) -> FieldDrive:
             if not drives:
-                drives.append(FieldDrive(log, plan, whole, body, rig, boom, prices, rows, log.view))
+                drives.append(FieldDrive(log.view or RunView(log), plan, whole, body, rig, boom, prices, rows))
             return drives[0]
 
         said = print_hints([scenario], quiet)

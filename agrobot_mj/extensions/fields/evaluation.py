@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -28,9 +28,9 @@ AROUND_M = 5.0
 
 @dataclass(frozen=True)
 class FieldDrive:
-    """Simulated field work: log of the run, plan, field areas and machine data."""
+    """Simulated field work: view of the log, plan, field areas and machine data."""
 
-    log: Log
+    view: RunView
     plan: Plan
     field: BaseGeometry  # Area of the field without obstacles
     body: BaseGeometry  # Body of the field: the area inside the headland laps
@@ -38,7 +38,11 @@ class FieldDrive:
     boom: Boom
     prices: Prices = NO_PRICES
     rows: CropRows | None = None
-    view: RunView | None = None  # View of the log with positions relative to the path, if it has been computed
+
+    @property
+    def log(self) -> Log:
+        """Log of the run."""
+        return cast(Log, self.view.log)
 
     @cached_property
     def motion(self) -> ImplementMotion:
@@ -59,7 +63,7 @@ class FieldDrive:
 
     def _travelled(self) -> Array:
         """Return the position of the CG along the plan at each tick, as arc length [m]."""
-        beside = (self.view or RunView(self.log)).cg_on_path
+        beside = self.view.cg_on_path
         timed = self.log.scenario.path.motion  # type: ignore[union-attr]
         k = np.clip(np.searchsorted(timed.times, np.nan_to_num(beside.time), "right") - 1, 0, len(timed.speeds) - 2)
         dt = beside.time - timed.times[k]

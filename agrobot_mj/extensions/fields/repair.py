@@ -68,20 +68,17 @@ def _polygons(points: Array, what: str) -> tuple[list[Polygon], str, list[str]]:
     kept = _without_folds(points, kept, what, notes)
     if len(kept) < 3:
         raise ValueError(f"the {what} has {len(kept)} points; at least 3 are required")
-    if len(kept) > MOST_POINTS:
-        points = _simplified(points[kept], what, notes)
-        kept = np.arange(0)
-    ring = points[kept] if len(kept) else points
-    polygon = Polygon(ring)
+    simple = len(kept) > MOST_POINTS
+    polygon = Polygon(_simplified(points[kept], what, notes) if simple else points[kept])
     if polygon.is_valid:
         return [polygon], "", notes
-    return polygons_of(shapely.make_valid(polygon)), _crossing(polygon, kept, what), notes
+    return polygons_of(shapely.make_valid(polygon)), _crossing(polygon, None if simple else kept, what), notes
 
 
-def _crossing(polygon: Polygon, numbers: Index, what: str) -> str:
+def _crossing(polygon: Polygon, numbers: Index | None, what: str) -> str:
     """Return a text with the positions at which a ring crosses or touches itself.
 
-    `numbers` are the indices of the ring points in the file, or an empty array for a simplified ring.
+    `numbers` are the indices of the ring points in the file, or None for a simplified ring.
     """
     corners = shapely.get_coordinates(polygon.exterior)
     sides = shapely.linestrings(np.stack([corners[:-1], corners[1:]], axis=1))
@@ -93,8 +90,11 @@ def _crossing(polygon: Polygon, numbers: Index, what: str) -> str:
     shown = []
     for pair in sorted(pairs)[:SHOWN]:
         at = shapely.intersection(*sides[list(pair)]).centroid
-        between = " and ".join(f"{numbers[k] + 1}-{numbers[(k + 1) % len(numbers)] + 1}" for k in pair if len(numbers))
-        shown.append(f"({at.x:.1f}, {at.y:.1f}) m" + f" between points {between}" * bool(between))
+        between = ""
+        if numbers is not None:
+            ends = (f"{numbers[k] + 1}-{numbers[(k + 1) % len(numbers)] + 1}" for k in pair)
+            between = f" between points {' and '.join(ends)}"
+        shown.append(f"({at.x:.1f}, {at.y:.1f}) m{between}")
     more = f" and {len(pairs) - SHOWN} other places" if len(pairs) > SHOWN else ""
     return f"the {what} crosses itself at {', '.join(shown)}{more}"
 

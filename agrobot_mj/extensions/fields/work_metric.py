@@ -1,10 +1,11 @@
 """Metric of field work for comparisons and sweeps: coverage of the field, and excursions beyond the boundary."""
 
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 from agrobot_mj.core.signals import Column
 from agrobot_mj.extensions.fields.plan_path import FieldPlan
 from agrobot_mj.metrics import Metric, RunView
+from agrobot_mj.scenario.schema import Scenario
 
 
 class FieldWork(Metric):
@@ -33,12 +34,11 @@ class FieldWork(Metric):
         from agrobot_mj.extensions.fields.planner.area import inside_laps
         from agrobot_mj.extensions.fields.planner.rig import outline_of
 
-        log: Any = view.log
-        plan = view.path.plan
+        plan, scenario = view.path.plan, cast(Scenario, view.log.scenario)
         whole = shapely.from_wkt(plan.ground)
         sections = max((len(one.sections) for one in plan.passes), default=1)
-        rig = outline_of(log.scenario, plan.width, plan.overlap)
-        drive = FieldDrive(log, plan, whole, inside_laps(whole, plan), rig, Boom(plan.width, sections), view=view)
+        rig = outline_of(scenario, plan.width, plan.overlap)
+        drive = FieldDrive(view, plan, whole, inside_laps(whole, plan), rig, Boom(plan.width, sections))
         try:
             found = areas(drive.coverage)["field"]
         except ScenarioError:  # the run ended before the implement moved
@@ -50,5 +50,5 @@ class FieldWork(Metric):
             "tractor_beyond_m": out["tractor"]["largest_m"],
             "implement_beyond_m": out["implement"]["largest_m"],
             "field_turns_s": sum(turn["time_s"] for turn in drive.turns()),
-            "field_hours": float(log.column("t")[-1]) / 3600,
+            "field_hours": float(view.column("t")[-1]) / 3600,
         }
