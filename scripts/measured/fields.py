@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from scipy.stats import nct, norm, t
+from estimates import student_interval
+from scipy.stats import nct, norm
 from sweeps import Blocks, Row, Study
 
 from agrobot_mj.core.errors import ScenarioError
@@ -286,8 +287,8 @@ def _mean(values: Sequence[float]) -> str:
     """Return a cell: mean and half width of its confidence interval."""
     if len(values) < 2:
         return "-"
-    half = float(t.ppf((1 + CONFIDENCE) / 2, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5)
-    return f"{np.mean(values):.2f} ± {half:.2f}"
+    low, high = student_interval(values, CONFIDENCE)
+    return f"{np.mean(values):.2f} ± {(high - low) / 2:.2f}"
 
 
 PARTS = {"headlands": headlands, "coverage": guidance}

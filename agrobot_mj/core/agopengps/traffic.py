@@ -11,9 +11,8 @@ Columns:
 The metadata key `scenario` contains the resolved scenario as TOML.
 """
 
-import tomllib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -77,15 +76,3 @@ def read_traffic(path: Path) -> list[Datagram]:
     turns = [round(row[0] / TICK_S) for row in rows]
     first = min(turns, default=0)
     return [Datagram(turn - first, *row[1:]) for turn, row in zip(turns, rows, strict=True)]
-
-
-def recorded_scenario(path: Path) -> dict[str, Any]:
-    """Return the scenario in a `link.parquet` or in the `scenario.toml` next to it, or an empty mapping."""
-    text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
-    beside = path.absolute().with_name("scenario.toml")
-    if text is None and beside.is_file():
-        text = beside.read_bytes()
-    try:
-        return tomllib.loads((text or b"").decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
-        return {}

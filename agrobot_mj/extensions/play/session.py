@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 from agrobot_mj.core.errors import CommandError, ScenarioError
 from agrobot_mj.core.signals import TICK_S
 from agrobot_mj.extensions.play.adjustments import ADJUSTMENTS
+from agrobot_mj.extensions.play.continuing import continued
 from agrobot_mj.extensions.play.inputs import INPUTS, PlayInput, write_inputs
 from agrobot_mj.extensions.play.played import Played, PlayState, nearest_time
 from agrobot_mj.scenario.reference import families
 from agrobot_mj.scenario.schema import Scenario
-from agrobot_mj.simulation.continuing import continued
 from agrobot_mj.simulation.log import Log
 from agrobot_mj.simulation.snapshot import Snapshot
 from agrobot_mj.simulation.stepping import Simulation

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 
 import pyarrow.parquet as pq
 
-from agrobot_mj.core.agopengps.traffic import read_traffic, recorded_scenario
+from agrobot_mj.core.agopengps.traffic import SCENARIO, read_traffic
 from agrobot_mj.core.errors import ScenarioError
 from agrobot_mj.extensions.links.agopengps.board import LOOPBACK, Board
 from agrobot_mj.extensions.links.agopengps.channels import Answered, Channel, RealTime, Replayed
@@ -118,7 +118,7 @@ def _keys(scenario: Scenario) -> AgOpenGps:
 
 
 def _check_recorded(path: Path, scenario: Scenario) -> None:
-    there, here = dict(flat(recorded_scenario(path))), dict(flat(tomllib.loads(scenario.portable()[0])))
+    there, here = dict(flat(_recorded_scenario(path))), dict(flat(tomllib.loads(scenario.portable()[0])))
     other = [key for key in there.keys() & here.keys() if there[key] != here[key] and key not in FREE]
     if other:
         key = min(other)
@@ -148,3 +148,15 @@ def endpoint(text: str, option: str) -> tuple[str, int]:
     if not colon or not port.isdigit() or not 1 <= int(port) <= 65535:
         raise ScenarioError(f"{option} {text}: write address and port, for example 127.0.0.1:10110")
     return str(address_of(host, option)), int(port)
+
+
+def _recorded_scenario(path: Path) -> dict[str, Any]:
+    """Return the scenario in a `link.parquet` or in the `scenario.toml` next to it, or an empty mapping."""
+    text = (pq.read_schema(path.absolute()).metadata or {}).get(SCENARIO)
+    beside = path.absolute().with_name("scenario.toml")
+    if text is None and beside.is_file():
+        text = beside.read_bytes()
+    try:
+        return tomllib.loads((text or b"").decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        return {}

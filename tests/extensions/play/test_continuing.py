@@ -4,7 +4,7 @@ import pytest
 
 from agrobot_mj import Simulation
 from agrobot_mj.core.errors import CommandError
-from agrobot_mj.simulation.continuing import continued
+from agrobot_mj.extensions.play.continuing import continued
 from agrobot_mj.simulation.run import run
 
 SCENARIO = {"plant.kind": "bicycle", "duration_s": 6.0}

@@ -1,4 +1,4 @@
-"""Test the import of files from public repositories: python scripts/public_files.py FOLDER
+"""Test the import of files from public repositories: python tests/extensions/fields/public_files.py FOLDER
 
 `public_files.csv` lists recorded paths, plans and boundaries: repository, commit, path, kind, extent to the east and
 north [m], and length [m] of a path or area [ha] of a field. These values come from the columns, units and description
