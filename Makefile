@@ -19,7 +19,7 @@ COSMIC_RAY := cosmic-ray==8.7.0
 DEMO := runs/demo
 PLAIN := tests/terrain/test_grid.py tests/machine tests/control/test_t2fnn_guards.py tests/control/test_t2fnn_inference.py \
 	tests/tyres/test_patch.py tests/tyres/test_linear.py \
-	tests/simulation/test_loop.py::test_diverging_physics_end_the_run_before_sensing
+	tests/simulation/test_loop.py::test_diverging_physics_ends_the_run_before_the_sensors_are_evaluated
 KERNELS := tests/machine tests/plants/test_compiled_tick.py tests/plants/test_bicycle.py tests/control/test_t2fnn_inference.py \
 	tests/control/test_t2fnn_guards.py tests/tyres/test_linear.py tests/extensions/bench/test_moments_on_rig.py tests/terrain/test_grid.py
 RECORDING := $(DEMO)/mujoco-pd_t2fnn-s1/run.rrd
@@ -67,7 +67,7 @@ test: $(DEV_STAMP) ## Run the tests
 	@PYTHONDONTWRITEBYTECODE= $(PY) -m pytest -m "not slow" -n 2 --dist worksteal
 
 plain: $(DEV_STAMP) ## Run some tests with the kernels as plain Python, where an index out of bounds is an error
-	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not only_takes_power"
+	@NUMBA_DISABLE_JIT=1 $(PY) -m pytest -q $(PLAIN) -k "not adversarial and not steadily_sliding"
 
 coverage: $(DEV_STAMP) ## Count the lines that tests execute, kernels as plain Python, and name the others (ten minutes)
 	@rm -f .coverage .coverage.*

@@ -102,7 +102,7 @@ def test_copies_of_subclasses_keep_their_attributes():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="POSIX")
 @pytest.mark.parametrize("ticks", [60, PIECE + 60], ids=["in memory", "in a file"])
-def test_forked_processes_continue_independently(ticks):
+def test_simulations_in_forked_processes_continue_independently(ticks):
     keys = {"plant.kind": "bicycle", "duration_s": ticks * 0.05}
 
     def sim():
@@ -188,7 +188,7 @@ def test_step_after_an_incomplete_step_is_rejected(monkeypatch):
 
 @pytest.mark.skipif(not PROTECTED, reason="ends the process on this system")
 @pytest.mark.parametrize("in_a_thread", [False, True])
-def test_mujoco_error_raises_an_exception_instead_of_ending_the_process(in_a_thread):
+def test_mujoco_error_raises_an_exception_and_keeps_the_process_alive(in_a_thread):
     sim = begun("mujoco")
     state, option = sim.save(), sim.loop.plant.model.opt
     solver, option.solver = option.solver, 55
@@ -239,7 +239,7 @@ def test_step_interrupted_while_the_plant_advances_is_completed(monkeypatch):
 
 
 @pytest.mark.usefixtures("interrupted")
-def test_runs_are_interrupted_between_ticks(monkeypatch):
+def test_interrupts_end_a_run_only_between_ticks(monkeypatch):
     scenario, advance, ticks = load_scenario("hills", SHORT), MujocoPlant.advanced, []
 
     def hit(*arguments):

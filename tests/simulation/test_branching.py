@@ -30,7 +30,7 @@ def forget(monkeypatch):
 
 
 @PLANTS
-def test_branches_share_the_past_bit_identically_and_then_differ(plant):
+def test_branches_are_bit_identical_before_and_differ_after_branching(plant):
     plain, branched, other = (
         values(run(scenario(plant), branches=branches)) for branches in (None, [Branch(30, 7)], [Branch(30, 8)])
     )
@@ -54,7 +54,7 @@ def test_run_from_a_cached_state_equals_the_run_from_the_beginning(plant, monkey
     assert begun == []
 
 
-def test_cached_state_after_a_branch_is_not_used_for_another_past():
+def test_cached_state_after_a_branch_is_used_only_for_the_same_branch():
     run(scenario("bicycle"), branches=[Branch(25, 1)])
     found = values(run(scenario("bicycle"), branches=[Branch(45, 2)]))
     assert found[:46].tobytes() == values(run(scenario("bicycle")))[:46].tobytes()

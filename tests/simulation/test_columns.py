@@ -82,7 +82,7 @@ def logged(tick=TICK):
     return dict(zip(COLUMNS, row(tick)[0].tolist(), strict=True))
 
 
-def test_each_log_column_contains_its_own_quantity():
+def test_each_log_column_contains_the_quantity_of_its_name():
     found = logged()
     assert {name: found[name] for name in EXPECTED} == pytest.approx(EXPECTED)
 
@@ -112,7 +112,7 @@ def test_nees_is_the_normalised_squared_error_of_the_rear_axle_position():
     assert logged(TICK._replace(estimate=ESTIMATE._replace(covariance=sure)))["position_nees"] == pytest.approx(2.0)
 
 
-def test_missing_fix_is_logged_as_no_solution():
+def test_missing_fix_is_logged_with_the_quality_no_solution():
     without = logged(TICK._replace(measured=TICK.measured._replace(fix=None, quality=0)))
     assert isnan(without["gnss_x"])
     assert isnan(without["gnss_y"])

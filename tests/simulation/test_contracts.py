@@ -131,7 +131,7 @@ def test_fault_that_does_not_return_state_and_conditions_is_rejected(answer):
 
 @pytest.mark.parametrize("start", [0.0, 0.2])
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_error_names_non_numeric_conditions(start, plant):
+def test_error_names_non_numeric_fault_conditions(start, plant):
     whole = load_scenario("straight_line", {"plant.kind": plant, "duration_s": 0.5})
     log = run(whole.model_copy(update={"fault": (Broken(start_s=start, answer="nan"),)}))
     assert log.outcome == "diverged"
@@ -162,7 +162,7 @@ class Chatty(Gyro):
 
 
 @pytest.mark.parametrize("answer", ["short", "long", "text", "none", "complex"])
-def test_report_without_a_number_for_each_column_is_rejected(answer):
+def test_component_report_without_a_number_per_column_is_rejected(answer):
     whole = scenario()
     loud = whole.sensors.model_copy(update={"gyro": Chatty(answer=answer)})
     with pytest.raises(ScenarioError, match=r"the sensor \(gyro\): report must return 2 numbers, one per col"):
@@ -175,7 +175,7 @@ def test_estimate_with_non_numeric_values_is_rejected():
 
 
 @pytest.mark.parametrize("given", [np.eye(5)[:3, :3], np.eye(3, dtype=int), np.eye(3)[::-1, ::-1]])
-def test_covariance_may_be_part_of_a_larger_array(given):
+def test_covariance_of_an_estimate_may_be_a_view_of_a_larger_array(given):
     class Sure(Blunt):
         def update(self, state, measurement, dt):
             place = (measurement.fix.x, measurement.fix.y) if measurement.fix else (0.0, 0.0)

@@ -30,7 +30,7 @@ def is_in_file(rows):
     return rows._values._map is not None
 
 
-def test_rows_are_unchanged_after_releasing_memory(small):
+def test_rows_of_a_log_are_unchanged_after_their_memory_is_released(small):
     store, truth = LongArray(100, (2, 7)), np.random.default_rng(1).normal(size=(100, 2, 7))
     for k, row in enumerate(truth):
         store.make_room(k + 1)
@@ -39,7 +39,7 @@ def test_rows_are_unchanged_after_releasing_memory(small):
     np.testing.assert_array_equal(store.numbers, truth)
 
 
-def test_long_run_in_blocks_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
+def test_run_stored_in_blocks_gives_the_same_log_and_files(small, tmp_path, monkeypatch):
     log = run(load_scenario(*SCENARIO))
     assert is_in_file(log.rows)
     monkeypatch.undo()
@@ -55,7 +55,7 @@ def test_long_run_in_blocks_gives_the_same_log_and_files(small, tmp_path, monkey
     assert file.read().equals(plain.signals, check_metadata=True)
 
 
-def test_single_block_run_writes_the_same_file_as_the_whole_table(tmp_path):
+def test_run_of_one_block_writes_the_same_file_as_the_complete_table(tmp_path):
     """The bytes of ordinary files do not depend on the way they are written."""
     log = run(load_scenario(*SCENARIO))
     write_log(log, tmp_path)
@@ -63,7 +63,7 @@ def test_single_block_run_writes_the_same_file_as_the_whole_table(tmp_path):
     assert (tmp_path / "signals.parquet").read_bytes() == (tmp_path / "whole.parquet").read_bytes()
 
 
-def test_saved_states_of_a_long_run_are_restored(small):
+def test_saved_states_of_a_run_stored_in_blocks_can_be_restored(small):
     sim = Simulation(*SCENARIO)
     sim.reset()
     states = {}
@@ -116,14 +116,14 @@ def test_log_is_kept_in_memory_without_loss_above_a_file_size_limit(small, tmp_p
     assert log.signals.equals(run(load_scenario(*SCENARIO)).signals)
 
 
-def test_error_for_full_disk_and_memory_names_the_folder_and_the_fix(small, full_disk, monkeypatch, tmp_path):
+def test_error_for_full_disk_and_memory_names_the_folder_and_a_remedy(small, full_disk, monkeypatch, tmp_path):
     monkeypatch.setattr(long_array, "MOST_BYTES", 0)
     with pytest.raises(OSError, match=r"No space left on device.*TMPDIR") as told:
         run(load_scenario(*SCENARIO))
     assert (told.value.filename, told.value.errno) == (str(tmp_path), errno.ENOSPC)
 
 
-def test_long_log_is_not_kept_in_memory():
+def test_long_log_is_stored_in_a_file_instead_of_memory():
     """A day takes what an hour does: address space."""
     rows = logs.Rows(1_728_000, 24, 13)
     assert is_in_file(rows)

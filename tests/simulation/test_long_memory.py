@@ -43,18 +43,18 @@ def at_most(most):
         tracemalloc.stop()
 
 
-def test_signal_table_is_written_block_by_block(log, tmp_path):
+def test_signal_table_of_a_long_run_is_written_block_by_block(log, tmp_path):
     with at_most(1.5 * 8 * PIECE * len(log.rows.columns)):
         write_log(log, tmp_path)
 
 
-def test_finishing_a_recording_reads_only_single_columns(log):
+def test_recording_is_finished_by_reading_one_column_at_a_time(log):
     with at_most(6 * 8 * ROWS):
         assert log.rows.poses[:ROWS, 0, :3].shape == (ROWS, 3)
 
 
 @pytest.mark.skipif(find_spec("pandas") is None, reason="pandas is not installed")
-def test_no_run_imports_pandas(tmp_path):
+def test_running_and_writing_a_log_does_not_import_pandas(tmp_path):
     """It comes with the extra for studies, and pyarrow would import it: 46 MB."""
     text = """
 import sys

@@ -82,7 +82,7 @@ def test_a_run_changes_neither_its_scenario_nor_global_state(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_observers_do_not_change_the_run():
+def test_observers_do_not_change_the_signals_of_a_run():
     assert run(short(), (Witness(),)).signals.equals(run(short()).signals)
 
 
@@ -119,7 +119,7 @@ def test_run_far_from_its_reference_ends_as_diverged():
     assert (off[:-1] < 50).all()
 
 
-def test_diverging_physics_end_the_run_before_sensing(tmp_path, monkeypatch):
+def test_diverging_physics_ends_the_run_before_the_sensors_are_evaluated(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scenario = short(seconds=2.0)
     advance, calls = MujocoPlant.advanced, iter(range(1000))
@@ -282,7 +282,7 @@ def test_tick_code_is_short_and_contains_no_checks():
     assert "check" not in "".join(map(ast.unparse, tick))
 
 
-def test_run_equals_a_sequence_of_single_ticks():
+def test_run_equals_a_sequence_of_calls_of_tick_and_advance():
     """The page is what runs: a simulation without commands logs what `tick` and `advance` give."""
     scenario = short("circle", 2.0, plant__kind="bicycle")
     loop, drives = Loop(scenario), []
@@ -318,7 +318,7 @@ def test_control_loops_do_not_read_the_true_state():
     assert other == decided()
 
 
-def test_control_loops_respond_to_estimate_and_sensors():
+def test_control_loops_respond_to_speed_estimate_and_measured_angles():
     pedal_ref, steer_voltage, pedal_voltage = decided()
     faster = decided(change_estimate=lambda e: {"speed": e.speed + 0.5})
     assert faster[0] < pedal_ref - 0.02  # believed too fast: less pedal
@@ -332,7 +332,7 @@ def test_control_loops_respond_to_estimate_and_sensors():
 
 
 @pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
-def test_only_compiled_laws_get_a_reference_to_the_estimate():
+def test_only_compiled_laws_receive_the_estimate_by_reference():
     for law in ("lqr", "kinematic"):
         sim = Simulation("figure_eight", {"guidance.kind": law, "plant.kind": "bicycle", "duration_s": 1.0})
         sim.step()

@@ -17,7 +17,7 @@ EXACT = {"sensors.gnss.sigma_m": 0.0, "sensors.gnss.velocity_sigma_m_s": 0.0, "s
 
 
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_antenna_away_from_the_axle_moves_with_the_tilted_body(plant):
+def test_antenna_off_the_axle_moves_with_roll_and_pitch_of_the_body(plant):
     slope = {} if plant == "bicycle" else {"terrain.kind": "slope", "terrain.grade_deg": 8.0}
     sim = Simulation("straight_line", {**OFF_AXLE, **slope, "plant.kind": plant, "physics": "fast"})
     truths = []
@@ -71,7 +71,7 @@ def above_axle():
     return run(load_scenario("straight_line", {**BEND, **EXACT}))
 
 
-def test_correctly_configured_antenna_off_the_axle_adds_no_error(above_axle):
+def test_correctly_configured_antenna_offset_causes_no_error(above_axle):
     result = run(load_scenario("straight_line", {**BEND, **EXACT, **OFF_AXLE}))
     assert result.outcome == "completed"
     assert estimate_error(result) == pytest.approx(estimate_error(above_axle), abs=0.02)
@@ -81,7 +81,7 @@ def test_correctly_configured_antenna_off_the_axle_adds_no_error(above_axle):
     assert np.nanmax(np.abs(fixes - np.hypot(AHEAD, LEFT))) < 1e-6
 
 
-def test_wrong_configured_offset_shifts_the_estimate_and_is_the_cause(above_axle):
+def test_wrong_antenna_offset_shifts_the_estimate_and_is_named_as_cause(above_axle):
     wrong = {"sensors.gnss.configured_left_m": LEFT - 0.3, "sensors.gnss.configured_ahead_m": AHEAD}
     result = run(load_scenario("straight_line", {**BEND, **EXACT, **OFF_AXLE, **wrong}))
     assert estimate_error(result)[0] - estimate_error(above_axle)[0] == pytest.approx(0.3, abs=0.02)
@@ -89,7 +89,7 @@ def test_wrong_configured_offset_shifts_the_estimate_and_is_the_cause(above_axle
     assert result.metrics["xte_remedy"].startswith("measure the antenna position")
 
 
-def test_configured_offset_with_the_antenna_on_an_implement_is_rejected():
+def test_antenna_offset_key_is_rejected_with_an_antenna_on_an_implement():
     keys = {"implement.kind": "mounted", "implement.receiver": True, "sensors.gnss.configured_left_m": 0.1}
     with pytest.raises(ScenarioError, match=r"sensors.gnss.configured_left_m: the antenna is on the implement"):
         load_scenario("straight_line", keys)

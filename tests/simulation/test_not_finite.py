@@ -108,7 +108,7 @@ def test_error_names_the_stage_that_returns_a_non_finite_value(monkeypatch, tmp_
 
 
 @pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
-def test_error_names_a_law_with_a_non_finite_command(monkeypatch, guidance):
+def test_error_names_the_guidance_law_that_returns_a_non_finite_command(monkeypatch, guidance):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=nan))
@@ -117,7 +117,7 @@ def test_error_names_a_law_with_a_non_finite_command(monkeypatch, guidance):
 
 @pytest.mark.parametrize("angle", [1e9, -10.0, 1.58])
 @pytest.mark.parametrize("guidance", ["kinematic", "lqr"])
-def test_error_names_a_law_with_an_impossible_steering_angle(monkeypatch, guidance, angle):
+def test_error_names_the_law_that_commands_an_impossible_steering_angle(monkeypatch, guidance, angle):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": guidance})
     law = type(scenario.guidance.using(scenario.controller))
     spoiled(monkeypatch, law, "update", second(steer=angle))
@@ -141,7 +141,7 @@ def test_steering_angle_above_the_limit_is_clipped(monkeypatch, angle):
     assert logs[0].signals.equals(logs[1].signals)
 
 
-def test_impossible_steering_angle_from_outside_is_rejected():
+def test_impossible_steering_angle_of_an_external_command_is_rejected():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     with pytest.raises(CommandError, match="steer: must be between -pi/2 and pi/2 rad, got 30"):
@@ -150,7 +150,7 @@ def test_impossible_steering_angle_from_outside_is_rejected():
     assert sim.log().column("steer_ref")[-1] == sim.scenario.tractor.steer_limit
 
 
-def test_law_cannot_modify_the_covariance_of_the_estimator(monkeypatch):
+def test_guidance_law_cannot_modify_the_covariance_of_the_estimate(monkeypatch):
     scenario = load_scenario("figure_eight", {**SHORT, "guidance.kind": "lqr"})
     sim = Simulation(scenario)
     sim.reset()
@@ -159,7 +159,7 @@ def test_law_cannot_modify_the_covariance_of_the_estimator(monkeypatch):
             situation.estimate.covariance[:] = 0.0
 
 
-def test_error_names_an_external_controller_with_non_finite_command(tmp_path):
+def test_error_names_the_plugin_controller_with_a_non_finite_command(tmp_path):
     """In a process of its own, since a registration lasts as long as the process."""
     (tmp_path / "nan_steer.py").write_text(PLUGIN, encoding="utf-8")
     sets = [*(f"{key}={value}".lower() for key, value in SHORT.items()), "controller.kind=nan_steer"]
@@ -174,7 +174,7 @@ def test_error_names_an_external_controller_with_non_finite_command(tmp_path):
     assert pq.read_metadata(tmp_path / "out" / "signals.parquet").num_rows == 10
 
 
-def test_error_names_a_non_finite_voltage(monkeypatch):
+def test_error_names_the_control_loop_with_a_non_finite_voltage(monkeypatch):
     scenario = load_scenario("figure_eight", SHORT)
     spoiled(monkeypatch, LowLevelLoops, "drive", lambda found: found._replace(steer_voltage=nan))
     assert (
@@ -234,7 +234,7 @@ def test_non_finite_optional_measurements_are_ignored_and_counted(monkeypatch):
     assert np.isfinite(log.column("yaw_rate_hat")).all()
 
 
-def test_run_that_diverges_while_settling_has_one_empty_row(monkeypatch, tmp_path):
+def test_run_that_diverges_while_settling_has_one_row_without_values(monkeypatch, tmp_path):
     scenario = load_scenario("figure_eight", SHORT)
     monkeypatch.setattr(BicyclePlant, "trouble", lambda plant: "diverged")
     sim = Simulation(scenario)
@@ -302,19 +302,19 @@ SOUND = Sample(1.0, "nan", np.ones(3), (1.0, 2.0))
         ({"x": 1e308, "place": (1e308, 1e308)}, "sample, returned by a test, overflows"),
     ],
 )
-def test_error_names_the_field_that_is_not_finite(changes, named):
+def test_error_names_the_non_finite_field_of_a_return_value(changes, named):
     Numbers(Sample).check(SOUND, "a test")
     with pytest.raises(NotFiniteError, match=f"^{named}$"):
         Numbers(Sample).check(SOUND._replace(**changes), "a test")
 
 
-def test_field_may_be_nan_if_its_default_is_nan():
+def test_field_of_a_return_value_may_be_nan_if_its_default_is_nan():
     untold = SOUND._replace(heading=nan, rates=(nan, 1.0), wanted=None)
     Numbers(Sample).check(untold, "a test")
     Numbers(Sample, but=("samples",)).check(untold._replace(samples=np.array([nan])), "a test")
 
 
-def test_message_with_non_numeric_fields_is_rejected():
+def test_return_value_with_non_numeric_fields_is_rejected():
     for changes in ({"x": "east"}, {"place": None}, {"samples": 1.0}):
         with pytest.raises(ScenarioError, match=r"^a test returned a non-numeric sample: Sample\("):
             Numbers(Sample).check(SOUND._replace(**changes), "a test")

@@ -148,7 +148,7 @@ STANDING = [pytest.param(speed, seconds) for seconds in (4.5, 8.0, 11.0, 40.0) f
 
 
 @pytest.mark.parametrize(("source", "speed", "seconds"), by_turns(COURSES, STANDING))
-def test_stationary_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, seconds):
+def test_run_of_a_stationary_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, seconds):
     monkeypatch.setattr(Loop, "decide", lambda loop, measured, situation: Command(0.0, speed))
     log = ends(seconds, source, **BRIEF)
     assert log.outcome == log.metrics["outcome"] == ("stuck" if seconds > STUCK_S + 0.5 else "unfinished")
@@ -157,7 +157,7 @@ def test_stationary_tractor_is_stuck_or_unfinished(monkeypatch, source, speed, s
 
 
 @pytest.mark.parametrize(("factor", "outcome"), [(0.5, "unfinished"), (0.85, "unfinished"), (1.0, "completed")])
-def test_tractor_that_is_too_slow_does_not_finish(monkeypatch, factor, outcome):
+def test_run_of_a_tractor_that_is_too_slow_is_unfinished(monkeypatch, factor, outcome):
     slowed(monkeypatch, factor)
     log = ends(60.0, "straight_line", guidance__saturation_m_s=1e-6, **BRIEF)
     assert log.outcome == outcome
@@ -166,7 +166,7 @@ def test_tractor_that_is_too_slow_does_not_finish(monkeypatch, factor, outcome):
     assert said == "" if outcome == "completed" else said.startswith("drove ")
 
 
-def test_tractor_that_leaves_the_path_does_not_finish():
+def test_run_of_a_tractor_that_leaves_the_path_is_unfinished():
     sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 30.0})
     sim.reset()
     while not sim.done:
@@ -175,7 +175,7 @@ def test_tractor_that_leaves_the_path_does_not_finish():
     assert sim.log().metrics["progress"] < 0.5
 
 
-def test_tractor_stationary_by_external_command_is_not_stuck():
+def test_tractor_kept_at_rest_by_external_commands_is_not_stuck():
     sim = Simulation("straight_line", {"plant.kind": "bicycle", "duration_s": 20.0})
     sim.reset()
     while not sim.done:
@@ -183,14 +183,14 @@ def test_tractor_stationary_by_external_command_is_not_stuck():
     assert sim.outcome == "unfinished"
 
 
-def test_run_ends_when_the_tractor_reaches_the_end_of_the_line():
+def test_run_ends_when_the_tractor_reaches_the_end_of_a_line_path():
     log = ends(60.0, path__length_m=23.0, path__speed_m_s=1.4)
     assert log.outcome == "completed"
     assert 23.0 <= log.column("x")[-1] < 23.0 + 2 * 1.4 * TICK_S
     assert log.column("t")[-1] < log.scenario.path.duration_s + 2.0
 
 
-def test_late_tractor_may_finish_until_the_end_of_the_run():
+def test_late_tractor_may_finish_its_path_until_the_end_of_the_run():
     slow = {"path__length_m": 20.0, "path__speed_m_s": 1.5, "driveline__power_limit_kw": 0.45, "guidance__kind": "lqr"}
     log = ends(60.0, **slow)
     assert log.outcome == "completed"
@@ -204,7 +204,7 @@ def test_run_on_a_circle_continues_until_the_end_of_its_duration():
     assert run(scenario.changed({"duration_s": seconds})).signals.num_rows == round(seconds / TICK_S)
 
 
-def test_externally_commanded_run_does_not_end_at_the_end_of_the_line():
+def test_run_with_external_commands_continues_beyond_the_end_of_the_line():
     overrides = {"path.length_m": 3.0, "duration_s": 8.0, "plant": {"kind": "bicycle"}}
     sim = Simulation("straight_line", overrides)
     sim.reset()
@@ -235,7 +235,7 @@ def test_tractor_at_rest_for_long_at_a_cusp_is_not_stuck():
     assert log.outcome == "completed"
 
 
-def test_stop_reason_is_compared_with_the_expected_reason():
+def test_stop_reason_of_a_run_is_compared_with_the_expected_reason():
     scenario = load_scenario("gnss_gone")
     assert scenario.expects("stopped", "no GNSS fix for 8.1 s")
     assert not scenario.expects("stopped", "wheels 232 deg off the steering command")
@@ -262,7 +262,7 @@ def test_abort_after_the_end_of_a_run_has_no_effect():
 
 
 @pytest.mark.parametrize("settle_s", [0.0, 3.0])
-def test_tractor_rolls_over_on_a_slope_of_37_degrees(settle_s):
+def test_tractor_on_a_side_slope_of_37_degrees_rolls_over(settle_s):
     """Also while it is put there: then the run has one row."""
     log = ends(20.0, terrain={"kind": "slope", "grade_deg": 37.0, "direction_deg": 90.0}, plant={"settle_s": settle_s})
     assert log.outcome == "rolled_over"
@@ -288,7 +288,7 @@ def test_bump_below_upper_wheels_causes_rollover_on_a_safe_slope(height, outcome
     assert plant.warnings() == 0
 
 
-def test_run_is_diverged_above_a_distance_from_the_reference():
+def test_run_ends_as_diverged_above_a_distance_from_the_reference():
     plant, truth = SimpleNamespace(trouble=lambda: None), still(0.0)
     watch = Watch(plant)
     assert watch.trouble(truth, LOST_M - 1e-6) is None

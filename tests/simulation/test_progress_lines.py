@@ -31,7 +31,7 @@ def test_each_run_prints_a_progress_line_with_the_remaining_time(clock, capsys):
     ]
 
 
-def test_reused_results_do_not_change_the_remaining_time_estimate(clock, capsys):
+def test_reused_results_do_not_change_the_predicted_remaining_time(clock, capsys):
     with tally("8 runs", 8, done=2) as advance:
         for _ in range(4):
             advance(there=True)
@@ -51,14 +51,14 @@ def test_thousand_short_runs_print_one_progress_line_per_second(clock, capsys):
 
 
 @pytest.mark.parametrize(("quiet", "seconds"), [(True, 60.0), (False, 0.9)])
-def test_no_progress_is_printed_if_quiet_or_finished_at_once(clock, capsys, quiet, seconds):
+def test_no_progress_is_printed_if_quiet_or_if_a_run_takes_below_1_s(clock, capsys, quiet, seconds):
     with tally("run", 1, quiet=quiet) as advance:
         clock[0] += seconds
         advance()
     assert capsys.readouterr().err == ""
 
 
-def test_progress_counts_the_evaluations_of_each_generation(clock, capsys):
+def test_tuning_progress_counts_the_evaluations_of_each_generation(clock, capsys):
     with tally("lqr: 16 evaluations", 16) as advance:
         for _ in range(2):
             clock[0] += 40.0
@@ -67,7 +67,7 @@ def test_progress_counts_the_evaluations_of_each_generation(clock, capsys):
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(4.4, "4 s"), (99.0, "99 s"), (300.0, "5 min"), (7200.0, "2.0 h")])
-def test_durations_are_printed_in_a_suitable_unit(seconds, text):
+def test_durations_are_printed_in_seconds_minutes_or_hours(seconds, text):
     assert span(seconds) == text
 
 
@@ -87,7 +87,7 @@ def test_no_elapsed_time_is_printed_with_the_quiet_option(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_elapsed_time_is_printed_until_the_block_ends(monkeypatch, capsys):
+def test_elapsed_time_is_printed_until_the_operation_ends(monkeypatch, capsys):
     monkeypatch.setattr(progress, "SILENCE_S", 0.05)
     with progress.elapsed("circle: starting", quiet=False):
         time.sleep(0.2)
@@ -96,7 +96,7 @@ def test_elapsed_time_is_printed_until_the_block_ends(monkeypatch, capsys):
     assert (lines[0], capsys.readouterr().err) == ("circle: starting: 0 s", "")
 
 
-def test_run_prints_the_elapsed_time_only_while_it_starts(call, monkeypatch, tmp_path):
+def test_run_command_prints_the_elapsed_time_only_while_it_starts(call, monkeypatch, tmp_path):
     def slow(scenario, watchers, stopped):
         time.sleep(0.2)
         watchers[0].start(scenario, None, Rows(1, 0, 0))

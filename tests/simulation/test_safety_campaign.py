@@ -51,7 +51,7 @@ def test_supervisor_stops_a_faulty_tractor_near_its_path(fault):
 
 @pytest.mark.parametrize("gap_s", [0.55, 0.9, 2.5])
 @pytest.mark.parametrize("law", ["lqr", "stanley"])
-def test_wrong_position_after_a_gnss_gap_stops_the_tractor(gap_s, law):
+def test_supervisor_stops_the_tractor_if_position_jumps_in_a_gnss_gap(gap_s, law):
     gap = {"kind": "gnss_loss", "start_s": 21.0, "end_s": 21.0 + gap_s}
     wrong = {"kind": "gnss_jump", "start_s": 21.0, "north_m": -0.6, "east_m": 0.7}
     keys = {"guidance.kind": law, "fault": [gap, wrong], "duration_s": 60.0, "path.turns": 1}
@@ -73,7 +73,7 @@ def test_position_drift_is_detected_between_gaps_and_float_solutions():
 
 
 @pytest.mark.parametrize("rate_hz", [10, 5])
-def test_slow_receiver_causes_no_false_stop(rate_hz):
+def test_receiver_with_a_low_rate_causes_no_false_stop(rate_hz):
     ground = {"kind": "slope", "grade_deg": 9.0, "direction_deg": 70.0}
     keys = {"guidance.kind": "stanley", "sensors.gnss.rate_hz": rate_hz, "terrain": ground, "path.turns": 1}
     assert run(FAULTS.base.changed({**keys, "duration_s": 80.0})).outcome == "completed"
@@ -81,7 +81,7 @@ def test_slow_receiver_causes_no_false_stop(rate_hz):
 
 @pytest.mark.parametrize("offset_m", [2.6, -4.5])
 @pytest.mark.parametrize("law", ["lqr", "stanley"])
-def test_tractor_with_start_offset_may_acquire_its_line(offset_m, law):
+def test_supervisor_lets_a_tractor_with_a_start_offset_acquire_its_line(offset_m, law):
     keys = {"path.start_offset_m": offset_m, "guidance.kind": law, "supervisor.enabled": True}
     log = run(load_scenario("straight_line", keys))
     assert log.outcome == "completed"
@@ -90,15 +90,15 @@ def test_tractor_with_start_offset_may_acquire_its_line(offset_m, law):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAILURES, ids=lambda fault: "-".join(map(str, fault.values())))
-def test_every_failure_stays_within_its_safety_limits(fault):
+def test_every_fault_of_the_campaign_stays_within_its_safety_limits(fault):
     judged(fault)
 
 
-def test_the_campaign_covers_every_sensor_and_actuator_failure():
+def test_safety_campaign_covers_every_sensor_and_actuator_failure():
     kinds = {kind for kind, spec in members(Fault).items() if not spec.machine}
     assert {fault["kind"] for fault in (*FAILURES, *RECEIVERS)} == kinds
     assert len(FAILURES) >= 25
 
 
-def test_campaign_includes_a_hundred_runs_without_faults():
+def test_safety_campaign_includes_a_hundred_runs_without_faults():
     assert sum(1 for _ in SweepPlan(read_sweep("sane")).runs()) == 100

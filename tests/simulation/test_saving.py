@@ -92,7 +92,7 @@ def test_a_restored_run_continues_bit_identically(case, by_hand):
 
 
 @pytest.mark.parametrize("terrain", [spec.model_fields["kind"].default for spec in every(Terrain)])
-def test_run_on_every_terrain_can_be_restored(terrain):
+def test_saved_run_on_every_terrain_can_be_restored(terrain):
     if terrain == "heightmap":
         pytest.skip("needs a file; it becomes the same grid as the others")
     sim = Simulation("straight_line", {"terrain.kind": terrain, "plant.settle_s": 0.5})
@@ -120,7 +120,7 @@ def test_restoring_a_state_before_a_payload_removes_its_effects():
             assert record(again) == expected
 
 
-def test_pickled_state_is_restored_also_at_block_borders_of_the_log():
+def test_pickled_state_at_a_block_border_of_the_log_can_be_restored():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     states = {}
@@ -138,7 +138,7 @@ def test_pickled_state_is_restored_also_at_block_borders_of_the_log():
             assert record(again) == expected
 
 
-def test_search_with_restored_states_equals_serial_runs():
+def test_tree_search_with_restored_states_equals_separate_runs():
     def branch(sim, steer):
         for _ in range(5):
             sim.step(steer=steer, speed=1.0)
@@ -191,7 +191,7 @@ def test_restored_run_detects_a_stuck_tractor_in_the_same_tick():
     assert record(other) == expected
 
 
-def test_saved_state_includes_the_warning_count():
+def test_saved_state_includes_the_number_of_physics_warnings():
     sim = Simulation("circle", {"plant.settle_s": 0.0})
     sim.reset()
     sim.loop.plant.data.warning.number[2] = 5
@@ -201,7 +201,7 @@ def test_saved_state_includes_the_warning_count():
     assert other.log().metrics["physics_warnings"] == 5
 
 
-def test_restore_returns_the_measurement_of_the_saved_time():
+def test_restore_returns_the_measurement_at_the_time_of_saving():
     sim = Simulation("circle", {"plant.kind": "bicycle"})
     sim.reset()
     drive(sim, 10)
@@ -211,7 +211,7 @@ def test_restore_returns_the_measurement_of_the_saved_time():
     assert sim.situation.route is sim.path
 
 
-def test_state_of_another_scenario_is_rejected():
+def test_restoring_the_state_of_another_scenario_is_rejected():
     state = Simulation("circle", {"plant.kind": "bicycle"}).save()
     with pytest.raises(CommandError, match=r"a different scenario \(.*seed.* differ\)"):
         Simulation("circle", {"plant.kind": "bicycle", "seed": 9}).restore(state)
@@ -233,7 +233,7 @@ class Scribbler(GuidanceLaw):
         return state, Command(0.01 * float(state["sum"][0]) + 0.001 * len(state["steps"]), 1.0)
 
 
-def test_saved_state_is_unchanged_by_a_law_that_mutates_its_state():
+def test_law_that_mutates_its_state_does_not_change_a_saved_state():
     sim = Simulation(load_scenario("circle", {"plant.kind": "bicycle"}).model_copy(update={"guidance": Scribbler()}))
     sim.reset()
     drive(sim, 10)

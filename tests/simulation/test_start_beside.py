@@ -44,7 +44,7 @@ def test_tractor_starting_off_the_path_reaches_it_and_logs_its_true_error(plant)
     assert log.metrics["lateral_rms"] > 0.1
 
 
-def test_start_outside_the_ground_is_reported():
+def test_start_position_outside_the_terrain_is_reported():
     with pytest.raises(ScenarioError, match=r"path: the start at \(0, 15\) m is outside the terrain"):
         load_scenario("straight_line", {"path.start_offset_m": 15.0, "terrain.half_size_m": 12.0})
     with pytest.raises(ScenarioError, match=r"path\.start_offset_m: .*20"):

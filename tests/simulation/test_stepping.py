@@ -44,7 +44,7 @@ def test_time_advances_one_tick_per_step_until_the_end():
 
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("plant", ["bicycle", "mujoco"])
-def test_steering_angle_command_turns_the_tractor_on_its_circle(plant, sign):
+def test_steering_angle_command_drives_the_tractor_on_its_circle(plant, sign):
     sim = Simulation("circle", {"duration_s": 25.0, "plant.kind": plant, "supervisor.enabled": False})
     sim.reset()
     while not sim.done:
@@ -53,7 +53,7 @@ def test_steering_angle_command_turns_the_tractor_on_its_circle(plant, sign):
     assert sim.truth.yaw_rate / sim.truth.speed == pytest.approx(sign * np.tan(radians(10)) / 1.4, rel=0.08)
 
 
-def test_curvature_and_yaw_rate_commands_give_the_correct_angle():
+def test_curvature_and_yaw_rate_commands_give_correct_steering_angles():
     sim = Simulation("circle", SHORT)
     sim.reset()
     sim.step(curvature=0.1, speed=1.0)
@@ -72,7 +72,7 @@ def test_valve_voltage_command_is_limited_to_the_valve_range():
     assert sim.log().column("valve_voltage") == pytest.approx([7.5, 12.0])
 
 
-def test_reference_speed_is_used_without_a_speed_command():
+def test_reference_speed_is_used_if_a_command_has_no_speed():
     sim = Simulation("circle", SHORT | {"path.ramp_s": 0.0})
     sim.reset()
     for _ in range(3):
@@ -142,7 +142,7 @@ def test_type_error_names_the_invalid_register_argument(arguments, message):
         register(*arguments)
 
 
-def test_error_names_a_missing_column():
+def test_error_for_a_missing_log_column_names_it():
     log = Simulation("circle", SHORT).log()
     with pytest.raises(TypeError, match=r"^name: must be the name of a column, got 3"):
         log.column(3)
@@ -157,21 +157,21 @@ def test_numpy_values_are_accepted_as_overrides():
     assert scenario.changed({"seed": np.int64(8)}).seed == 8
 
 
-def test_run_accepts_a_scenario_name_or_path(tmp_path):
+def test_run_function_accepts_a_scenario_name_or_path(tmp_path):
     (tmp_path / "mine.toml").write_text('duration_s = 0.5\n[plant]\nkind = "bicycle"\n')
     assert run(tmp_path / "mine.toml").signals.equals(run(load_scenario(tmp_path / "mine.toml")).signals)
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'"):
         run("circel")
 
 
-def test_two_steering_commands_at_once_are_rejected():
+def test_action_with_two_steering_commands_is_rejected():
     sim = Simulation("circle", SHORT)
     sim.reset()
     with pytest.raises(CommandError, match="steer and curvature: specify only one of them"):
         sim.step(steer=0.1, curvature=0.1)
 
 
-def test_invalid_scenario_is_rejected_with_the_usual_message():
+def test_simulation_rejects_an_invalid_scenario_with_its_load_error():
     with pytest.raises(ScenarioError, match="unknown scenario 'circel'; did you mean 'circle'"):
         Simulation("circel")
     with pytest.raises(ScenarioError, match=r"terrain\.grade_deg"):

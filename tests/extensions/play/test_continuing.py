@@ -34,7 +34,7 @@ def to_the_end(sim):
     return sim.log().signals
 
 
-def test_added_faults_act_as_in_a_run_from_the_start(sim):
+def test_faults_added_during_a_run_act_as_if_known_from_the_start(sim):
     scenario = with_faults(sim, JUMP, FLOAT)
     assert to_the_end(continued(sim.save(), scenario)).equals(run(scenario).signals)
 
@@ -73,7 +73,7 @@ def test_change_of_faults_before_the_present_tick_is_rejected(sim, keys, message
         continued(sim.save(), sim.scenario.changed(keys))
 
 
-def test_new_fault_before_the_next_tick_is_rejected(sim):
+def test_new_fault_that_starts_before_the_next_tick_is_rejected(sim):
     with pytest.raises(CommandError, match=r"fault\[1\]: must not change the time before"):
         continued(sim.save(), with_faults(sim, {**JUMP, "start_s": 2.0}))
     with pytest.raises(CommandError, match=r"fault\[0\]: must not change the time before"):
