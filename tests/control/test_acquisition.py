@@ -69,7 +69,7 @@ def test_pi_with_feedforward_acquires_line_at_any_speed_and_angle(start):
 
 
 @pytest.mark.parametrize("controller", ["pd", "pd_t2fnn"])
-def test_tractor_ahead_of_slow_reference_waits_without_supervisor_stop(controller):
+def test_tractor_ahead_of_its_reference_waits_without_a_supervisor_stop(controller):
     """The search for the heading moves the tractor 1.5 m ahead of its reference, for which the law then waits."""
     path = {"kind": "figure_eight", "radius_m": 9, "straight_m": 18, "run_in_m": 8, "speed_m_s": 0.4}
     more = {

@@ -69,7 +69,7 @@ def test_speed_setpoint_is_zero_when_tractor_is_ahead_of_reference() -> None:
 
 
 @pytest.mark.parametrize("law", [Kinematic(), Feedforward()])
-def test_steering_correction_changes_sign_in_reverse(law: Kinematic | Feedforward) -> None:
+def test_steering_correction_has_the_opposite_sign_in_reverse(law: Kinematic | Feedforward) -> None:
     cascade = law.using(Pd(kp=0.4))
 
     def angle(speed: float) -> float:

@@ -111,7 +111,7 @@ def test_estimated_steering_bias_causes_no_cross_track_offset(law: Following) ->
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_command_respects_angle_and_lateral_acceleration_limits(law: Following) -> None:
+def test_steering_command_respects_angle_and_acceleration_limits(law: Following) -> None:
     d = drive(law, Bend(3.0, 0.05), 20.0, offset=3.0, heading=-1.0)
     steer = np.array([c.steer for c in d.commands])
     assert abs(steer).max() <= MACHINE.steer_limit + 1e-12
@@ -139,7 +139,9 @@ def test_commanded_speed_has_the_sign_of_the_path_segment(law: Following, speed:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_lagging_tractor_catches_up_only_near_the_path(law: Following, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lagging_tractor_exceeds_the_path_speed_only_near_the_path(
+    law: Following, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """During the approach the speed is that of the path, since a higher speed makes the steering too slow."""
     monkeypatch.setattr(following, "MAX_HEADING_CHANGE", np.inf)  # wheels remain straight
     path, l_r = Bend(1.2), MACHINE.cg_to_rear_axle
@@ -170,7 +172,7 @@ def test_speed_is_low_until_wheels_reach_the_steering_command(law: Following) ->
     assert command(command(0.0).steer).speed > 2.5
 
 
-def test_sideslip_depends_on_path_behind_the_tractor_ahead_and_in_reverse() -> None:
+def test_expected_sideslip_follows_path_curvature_with_a_lag() -> None:
     route = SampledRoute(Bend(1.0, 0.1, 5.0))
     leg, l_r = (0.0, np.inf), 0.5
     assert sideslip(route, 4.9, 1.0, leg, l_r) == 0.0
@@ -222,7 +224,7 @@ def test_lqr_integral_stays_within_its_configured_limit(side: int) -> None:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_travel_direction_follows_the_reference_after_a_cusp(law: Following) -> None:
+def test_law_reverses_when_its_reference_reverses_at_a_cusp(law: Following) -> None:
     """A law that has driven forward reverses as soon as its reference does."""
     path = Bend(-1.2)
     r, m = path.at(5.0), MACHINE
@@ -267,7 +269,7 @@ def test_lqr_closed_loop_is_stable_at_every_grid_speed(speed: float, reverse: bo
     assert abs(np.linalg.eigvals(A - B @ _gains(law, MACHINE, u)[0][None])).max() < 1.0
 
 
-def test_lqr_discrete_model_matches_fine_integration() -> None:
+def test_discrete_lqr_model_matches_integration_with_small_steps() -> None:
     """One tick of the model equals a fine integration of its equations."""
     law, u, n = Lqr(steering_delay_s=0.0), 0.4, 0
     a, wheelbase = rolling(slip_of(law, MACHINE), u)
@@ -334,7 +336,7 @@ class Unsampled:
 
 @pytest.mark.parametrize("speed", [1.2, -1.2])
 @pytest.mark.parametrize("law", [Lqr(), Stanley()], ids=["lqr", "stanley"])
-def test_compiled_tick_equals_its_separate_steps(law: Following, speed: float) -> None:
+def test_compiled_tick_equals_the_sequence_of_its_steps(law: Following, speed: float) -> None:
     path, rng, states = Bend(speed), np.random.default_rng(4), [law.init(), law.init()]
     routes = [SampledRoute(path), Unsampled(SampledRoute(path))]
     for k in range(60):

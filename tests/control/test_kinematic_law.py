@@ -23,7 +23,7 @@ def test_kinematic_law_inverts_the_forward_model(yaw: float, u: float, gamma: fl
     assert Kinematic().references(_estimate(1.0, 2.0, yaw), reference, l_r) == pytest.approx((u, gamma), abs=1e-12)
 
 
-def test_large_correction_saturates_each_axis_separately() -> None:
+def test_large_errors_saturate_each_axis_of_the_correction_separately() -> None:
     law = Kinematic(saturation_m_s=0.6, gain_per_m=0.5)
     reference = Reference(1000.0, -1000.0, 0.0, 0.0, 0.0, 0.0)
     assert law.references(_estimate(0.0, 0.0, 0.0), reference, L_R) == pytest.approx((0.6, -0.6 / L_R))

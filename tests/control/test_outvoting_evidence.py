@@ -44,7 +44,7 @@ def test_missing_angle_is_a_fault_only_after_the_first_measurement():
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_angle_that_drifts_from_accelerometer_data_is_detected(axis):
+def test_drift_of_imu_angle_relative_to_the_accelerometer_is_detected(axis):
     creep = [[0.4 * k * TICK * (a == axis) for a in (0, 1)] for k in range(600)]
     level = [[0.0, 0.0]] * 600
     assert np.degrees(tilt_error(attitude(creep, level))) > 9.0
@@ -52,7 +52,7 @@ def test_angle_that_drifts_from_accelerometer_data_is_detected(axis):
     assert tilt_error(attitude(creep)) == 0.0
 
 
-def test_vertical_vibration_causes_no_tilt():
+def test_vertical_vibration_is_not_interpreted_as_tilt():
     """Forward and vertical forces are in phase: the mean of their tilts is 12 deg, the tilt of their mean is 0."""
     t = TICK * np.arange(400)
     evidence, tilts = AttitudeEvidence(), []
@@ -101,7 +101,7 @@ def test_agreeing_wheel_speed_and_gnss_overrule_the_estimated_speed(estimate, wh
     assert (word in state.reason) if word else state.mode is Mode.TRACKING
 
 
-def test_tractor_that_stops_approaching_the_path_is_stopped():
+def test_supervisor_stops_a_tractor_that_stops_approaching_its_path():
     coming = np.linspace(4.0, 0.0, 400).tolist()
     assert supervised([1.0] * 400, coming).mode is Mode.TRACKING
     leaving = [*np.linspace(3.0, 2.5, 100).tolist(), *np.linspace(2.5, 4.1, 100).tolist()]

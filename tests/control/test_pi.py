@@ -21,7 +21,7 @@ def test_command_is_proportional_plus_integral_term() -> None:
     assert command.steer == pytest.approx(0.05 + 0.2 * 0.1 * 20 * TICK_S)
 
 
-def test_zero_integral_gain_gives_the_p_controller() -> None:
+def test_pi_controller_with_zero_integral_gain_equals_a_p_controller() -> None:
     errors, pi, pd = np.sin(np.arange(50.0)), Pi(kp=0.4, ki=0.0), Pd(kp=0.4)
     a, b = pi.init(), pd.init()
     for e in errors.tolist():
@@ -45,7 +45,7 @@ def integral_after(kappa: float, yaw_rate: float, seconds: float = 60.0) -> floa
     return float(state.controller.integral)
 
 
-def test_integral_limit_accounts_for_the_feedforward_command() -> None:
+def test_integral_is_limited_to_the_angle_left_by_the_feedforward() -> None:
     """On an arc that needs most of the steering angle, the integral stops at the remaining angle."""
     kappa = 0.6
     ahead = np.arctan(MACHINE.wheelbase_m * kappa)

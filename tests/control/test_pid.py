@@ -36,25 +36,25 @@ def test_pid_output_is_the_sum_of_its_terms_on_a_ramp() -> None:
     assert outputs[1:] == pytest.approx(expected[1:])
 
 
-def test_first_error_causes_no_derivative_response() -> None:
+def test_derivative_term_is_zero_for_the_first_error() -> None:
     assert _run(Pid(kp=0.0, kd=5.0), [3.0]) == [0.0]
 
 
-def test_derivative_filter_has_its_time_constant() -> None:
+def test_derivative_filter_has_the_configured_time_constant() -> None:
     slope = FilteredRate().after(0.0, 0.001, 0.2)
     for k in range(200):
         slope = slope.after(0.001 * (k + 1), 0.001, 0.2)
     assert slope.rate == pytest.approx(1 - np.exp(-1), rel=0.01)
 
 
-def test_integral_stops_at_output_limit_and_recovers_without_windup() -> None:
+def test_integral_is_held_at_the_output_limit_and_does_not_wind_up() -> None:
     pid = Pid(kp=1.0, ki=1.0)
     outputs = _run(pid, [5.0] * 400 + [-0.5], low=-1.0, high=1.0)
     assert outputs[399] == 1.0
     assert outputs[400] < 0
 
 
-def test_output_stays_within_its_limits() -> None:
+def test_pid_output_stays_within_its_limits() -> None:
     outputs = _run(Pid(kp=3.0, ki=5.0, kd=1.0), [4.0, -4.0] * 50, low=-0.2, high=0.7)
     assert min(outputs) == -0.2
     assert max(outputs) == 0.7
@@ -90,7 +90,7 @@ def _steer_step(loop: SteeringLoop, target: float, seconds: float = 8.0) -> np.n
 
 
 @pytest.mark.parametrize("step_deg", [-30.0, -10.0, 2.0, 10.0, 30.0])
-def test_steering_step_is_fast_and_damped(step_deg: float) -> None:
+def test_steering_step_response_is_fast_and_well_damped(step_deg: float) -> None:
     response = _steer_step(SteeringLoop(), radians(step_deg)) / radians(step_deg)
     assert response.max() < 1.15
     assert response[round(1.6 / TICK) :] == pytest.approx(1.0, abs=0.03 + 0.15 / abs(step_deg))
@@ -121,7 +121,7 @@ def _drive(loop: SpeedLoop, target: float, seconds: float = 15.0) -> tuple[np.nd
 
 
 @pytest.mark.parametrize("target", [-1.0, 0.5, 1.2, 3.0])
-def test_speed_step_settles_with_limited_overshoot(target: float) -> None:
+def test_speed_step_response_settles_with_limited_overshoot(target: float) -> None:
     speeds, _ = _drive(SpeedLoop(), target, seconds=25.0)
     assert (speeds / target).max() < 1.25, "overshoot of a step"
     assert abs(speeds[round(2 / TICK)] / target - 1) < 0.2, "feed-forward responds immediately"
@@ -171,7 +171,7 @@ def test_integral_does_not_wind_up_at_either_limit(side: int, saturated: bool) -
     assert state.integral == pytest.approx(before - side * 2.0 * TICK), "the integral moves away from the limit"
 
 
-def test_outer_loop_state_is_unchanged_while_only_the_inner_loop_runs() -> None:
+def test_outer_loop_state_is_unchanged_by_steps_of_the_inner_loop() -> None:
     loop = SpeedLoop()
     law = loop.parameters()
     state, _ = speed_step(law, loop.init(), 1.2, 0.7, 0.2, TICK)

@@ -139,7 +139,7 @@ def test_dual_antenna_detects_slow_drift_long_after_gyro_loss():
 
 
 @pytest.mark.parametrize("loose", [Quality.FLOAT, Quality.DGPS])
-def test_float_and_dgps_fixes_use_their_own_deviation(loose):
+def test_float_and_dgps_fixes_have_their_own_permitted_deviation(loose):
     """A wandering float error is accepted; a sliding one and a jump by metres are detected."""
 
     def quality(t):
@@ -160,7 +160,7 @@ def test_float_and_dgps_fixes_use_their_own_deviation(loose):
     assert detection_time(52.0, fault=jump, quality=quality, roll=0.0) < 1.0
 
 
-def test_dead_reckoning_has_no_result_without_gyro_or_first_rtk_fix():
+def test_dead_reckoning_requires_a_gyro_and_a_first_rtk_fix():
     state = Reckoning()
     for k in range(200):
         measured = Measurement(k * TICK_S, Fix(k * 0.06, 0.0, 1.2, 0.0), Quality.FIX, 0.0, 0.3, nan, wheel_speed=1.2)
@@ -172,7 +172,7 @@ def test_dead_reckoning_has_no_result_without_gyro_or_first_rtk_fix():
     assert state.references is None
 
 
-def test_side_pull_of_implement_in_turns_causes_no_false_alarm():
+def test_lateral_implement_pull_in_turns_causes_no_false_alarm():
     """In half circles the implement pulls the tractor inwards by 1.6 deg."""
     implement, pulled = (
         TowedImplement(length=2.6, working=True),

@@ -21,7 +21,7 @@ def _with_deficit(deficit: float, seconds: float) -> tuple[list[float], list[flo
     return speeds, commands
 
 
-def test_network_learns_to_compensate_a_speed_deficit() -> None:
+def test_network_learns_to_compensate_for_a_speed_deficit() -> None:
     speeds, _ = _with_deficit(0.1, 120)
     assert speeds[10] < 1.14
     assert speeds[-1] == pytest.approx(1.2, abs=0.01)
@@ -32,7 +32,7 @@ def test_speed_correction_stays_within_its_bound() -> None:
     assert max(commands) == pytest.approx(1.2 + SpeedNetwork().bound_m_s)
 
 
-def test_speed_network_appends_its_columns_to_the_columns_of_the_law() -> None:
+def test_speed_network_columns_are_appended_to_the_guidance_law_columns() -> None:
     assert Kinematic().speed_network is None
     plain, second = (law.using(Pd()).columns for law in (Kinematic(), Kinematic(speed_network=SpeedNetwork())))
     assert second == (*plain, *SPEED_COLUMNS)

@@ -117,7 +117,7 @@ def test_measurement_noise_without_faults_causes_no_stop():
         ({"gyro": [0.0] * 40 + [-0.09]}, 6.0, "course of the fixes 8 deg off the gyro heading"),
     ],
 )
-def test_faulty_measurement_causes_a_stop_in_time(readings, within_s, word):
+def test_faulty_measurement_stops_the_tractor_within_the_permitted_time(readings, within_s, word):
     begin = max((len(value) for value in readings.values() if isinstance(value, list) and len(value) == 41), default=0)
     state = supervised(begin + round(within_s / TICK) + 1, **readings)
     assert state.mode is Mode.STOPPING
@@ -177,7 +177,7 @@ def test_course_check_tolerates_fast_antenna_oscillation():
     assert course_gyro_angle(course, np.radians(3.0), speed=speed, every=4) > 8.0
 
 
-def test_course_check_works_with_slow_rare_poor_or_delayed_fixes():
+def test_course_check_works_with_rare_imprecise_or_delayed_fixes():
     t = TICK * np.arange(800)
     rate = 0.4 * np.sin(0.5 * t)
     bends, wrong = np.cumsum(rate) * TICK, np.radians(4.0)
@@ -218,7 +218,7 @@ def test_valve_power_is_cut_if_the_tractor_does_not_stop():
     assert commands[-1].released, "the estimated speed is not zero two seconds after the stop began"
 
 
-def test_cross_track_error_is_monitored_during_realignment():
+def test_cross_track_limit_applies_while_the_heading_is_realigned():
     state, _ = drive(Supervisor(), [situation_with()] * 5 + [situation_with(y=2.5, aligned=False)] * 2)
     assert "off the path" in state.reason
     state, _ = drive(Supervisor(), [situation_with(y=2.5, aligned=False)] * 2)
@@ -271,7 +271,7 @@ def test_stop_remains_active_after_the_fault_disappears():
     assert state.mode is Mode.STOPPING
 
 
-def test_loss_of_fixes_causes_coasting():
+def test_supervisor_coasts_after_a_loss_of_fixes():
     state, commands = drive(Supervisor(), [situation_with(age=0.05 * k) for k in range(20)], fix=None)
     assert state.mode is Mode.COASTING
     assert commands[0] == Command(0.0, 1.2)
@@ -279,7 +279,7 @@ def test_loss_of_fixes_causes_coasting():
 
 
 @pytest.mark.parametrize("path", [Line(), Circle(radius_m=8.5)], ids=["line", "circle"])
-def test_tractor_with_unknown_heading_creeps_along_the_path_curvature(path):
+def test_tractor_with_unknown_heading_creeps_with_path_curvature(path):
     situation = situation_with(aligned=False)._replace(route=SampledRoute(path))
     state, commands = drive(Supervisor(), [situation] * 5, command=Command(0.4, 1.2))
     assert state.mode is Mode.ALIGNING
@@ -287,7 +287,7 @@ def test_tractor_with_unknown_heading_creeps_along_the_path_curvature(path):
     assert commands[-1].steer == pytest.approx(TractorParameters().steering_for(path.max_curvature), abs=1e-6)
 
 
-def test_tractor_starting_off_the_path_may_move_away_until_aligned():
+def test_tractor_off_the_path_may_move_away_until_its_heading_is_known():
     """The tractor is within the limit until its heading is known, 45 deg off; the limit applies from then on."""
     away = [1.4 + 0.02 * k for k in range(60)]
     supervisor, back = Supervisor(), [2.6 + 0.03 * k for k in range(20)] + [3.2 - 0.05 * k for k in range(60)]
@@ -317,14 +317,14 @@ def test_run_without_fixes_stops_with_missing_fix_as_reason(plant):
     assert np.hypot(np.diff(log.column("x")), np.diff(log.column("y")))[age[1:] > 0].sum() < 1.3 * 8.0 + 3.0
 
 
-def test_tractor_keeps_its_speed_while_coasting_in_a_bend():
+def test_tractor_keeps_its_speed_without_fixes_in_a_bend():
     """The paper's filter interprets the rotation of the velocity as a loss of speed."""
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 18.0}
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 19.0}))
     assert log.column("speed")[-20:] == pytest.approx(1.2, abs=0.1)
 
 
-def test_short_loss_of_fixes_causes_only_coasting():
+def test_short_loss_of_fixes_causes_coasting_but_no_stop():
     lost = {"kind": "gnss_loss", "start_s": 12.0, "end_s": 15.0}
     log = run(load_scenario("circle", {"plant.kind": "bicycle", "fault": [lost], "duration_s": 25.0}))
     assert log.outcome == "completed"

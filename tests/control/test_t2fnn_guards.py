@@ -103,7 +103,9 @@ def test_f_denominator_has_a_minimum_value() -> None:
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
 @pytest.mark.parametrize("x_minus_c", [1e-9, -1e-4, 0.003, 0.2, 0.49])
 @pytest.mark.parametrize("alpha", [0.05, 5.0, 500.0])
-def test_large_steps_keep_widths_ordered_and_within_limits(alpha: float, x_minus_c: float, tau_c: float) -> None:
+def test_large_learning_steps_keep_widths_ordered_and_within_limits(
+    alpha: float, x_minus_c: float, tau_c: float
+) -> None:
     network, state = T2Fnn(alpha=alpha), _single(x_minus_c)
     for _ in range(300):
         state, _ = network.update(state, 0.0, 0.0, tau_c, TICK)
@@ -114,7 +116,7 @@ def test_large_steps_keep_widths_ordered_and_within_limits(alpha: float, x_minus
 
 @pytest.mark.parametrize("d_min", [0.001, 0.55])
 @pytest.mark.parametrize("tau_c", [-1.0, 1.0])
-def test_widths_at_their_limit_stay_and_preserve_firing_strengths(tau_c: float, d_min: float) -> None:
+def test_widths_at_their_limit_and_firing_strengths_stay_constant(tau_c: float, d_min: float) -> None:
     network = T2Fnn(d_min=d_min, d_max=2.0, alpha=0.5)
     state = start = network.init(0.0, 0.0)
     for _ in range(2000):
@@ -133,7 +135,7 @@ def test_widths_outside_the_limits_are_clipped() -> None:
     assert state.d1_lower[0] == state.d1_upper[0] == 100.0
 
 
-def test_input_inside_only_the_upper_set_stays_inside_while_learning() -> None:
+def test_input_inside_only_the_upper_fuzzy_set_stays_inside_it() -> None:
     state = _single(0.6, lower=0.3)
     for _ in range(300):
         state, _ = T2Fnn(alpha=50.0).update(state, 0.0, 0.0, 1.0, TICK)
@@ -146,7 +148,7 @@ def test_input_inside_only_the_upper_set_stays_inside_while_learning() -> None:
 @pytest.mark.parametrize(
     ("q", "direction", "moves"), [(1.0, 1, False), (1.0, -1, True), (0.0, -1, False), (0.0, 1, True)]
 )
-def test_q_at_its_limit_changes_only_by_an_inward_update(q: float, direction: int, moves: bool) -> None:
+def test_q_at_its_limit_accepts_only_updates_towards_the_valid_range(q: float, direction: int, moves: bool) -> None:
     rng = np.random.default_rng(3)
     state = random_state(rng, (2, 2))._replace(q=q)
     while abs(derivatives(T2Fnn(), state, 0.0, 0.0, 1.0).q) > 2:
@@ -163,7 +165,7 @@ def test_update_of_q_beyond_its_limits_is_discarded_not_clipped() -> None:
         assert T2Fnn(alpha=5.0).update(state, 0.0, 0.0, tau_c, TICK)[0].q == 0.9
 
 
-def test_initial_consequents_give_q_update_a_nonzero_denominator() -> None:
+def test_denominator_of_q_update_is_nonzero_for_initial_consequents() -> None:
     state = T2Fnn(f_init=0.02).init(0.0, 0.0)
     W_lower, W_upper = plain_firing(state, 0.0, 0.0)
     assert np.abs(state.f) == pytest.approx(0.02)
@@ -174,7 +176,7 @@ def test_initial_consequents_give_q_update_a_nonzero_denominator() -> None:
 # Guard 5
 
 
-def test_output_is_zero_and_rates_finite_if_no_rule_fires() -> None:
+def test_network_output_is_zero_and_rates_are_finite_if_no_rule_fires() -> None:
     state = _single(3.0)
     rates = derivatives(T2Fnn(), state, 0.0, 0.0, 1.0)
     assert T2Fnn().infer(state, 0.0, 0.0) == 0
@@ -186,7 +188,7 @@ def test_output_is_zero_and_rates_finite_if_no_rule_fires() -> None:
 # Guard 6
 
 
-def test_set_centres_follow_inputs_while_learning_is_disabled() -> None:
+def test_fuzzy_set_centres_follow_inputs_while_learning_is_disabled() -> None:
     network = T2Fnn()
     state = network.init(0.1, 0.2)
     held, tau_held = network.update(state, 0.4, 0.1, 0.3, TICK, learn=False)

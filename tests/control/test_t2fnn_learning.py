@@ -22,7 +22,7 @@ def _assert_equal(a: Rates, b: Rates) -> None:
         assert left == pytest.approx(right, rel=1e-6, abs=1e-6), name
 
 
-def test_small_step_equals_the_published_adaptation_laws() -> None:
+def test_small_learning_step_equals_the_published_adaptation_laws() -> None:
     rng, compared = np.random.default_rng(4), 0
     while compared < 300:
         state, (x1, x2), tau_c = random_state(rng), rng.uniform(-0.8, 0.8, 2), rng.normal()
@@ -58,7 +58,7 @@ def test_width_rates_equal_the_published_law_in_each_branch(
     assert got == pytest.approx(expected, abs=1e-6)
 
 
-def test_set_centres_follow_the_inputs() -> None:
+def test_fuzzy_set_centres_follow_the_inputs() -> None:
     state = NETWORK.init(0.3, -0.2)
     moved, _ = NETWORK.update(state, 0.5, -0.7, 0.1, STEP)
     assert moved.c1 - state.c1 == pytest.approx([0.2] * 3)
@@ -69,7 +69,7 @@ def test_set_centres_follow_the_inputs() -> None:
     assert again.c1 - state.c1 == pytest.approx([0.1] * 3)
 
 
-def test_set_centres_configured_as_fixed_do_not_move() -> None:
+def test_fixed_fuzzy_set_centres_do_not_follow_the_inputs() -> None:
     network = T2Fnn(centres="fixed")
     state, _ = network.update(network.init(0.3, -0.2), 0.5, -0.7, 0.1, 0.05)
     assert np.array_equal(state.c1, network.init(0.3, -0.2).c1)
@@ -177,7 +177,7 @@ def test_tau_c_reaches_zero_in_time_after_long_random_runs(seed: int) -> None:
 
 @pytest.mark.parametrize("kind", [T2Fnn, T1Fnn])
 @pytest.mark.parametrize("changes", [{}, {"centres": "fixed"}, {"adapt_widths": False}, {"adapt_q": False}])
-def test_compiled_tick_equals_its_separate_steps(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
+def test_compiled_tick_equals_the_sequence_of_its_steps(kind: type[T2Fnn], changes: dict[str, Any]) -> None:
     """The results are bit-identical over a hundred ticks with and without learning."""
     network, rng = kind(alpha=0.3, **changes), np.random.default_rng(5)
     state = network.init(0.1, -0.2)

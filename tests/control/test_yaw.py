@@ -68,7 +68,7 @@ def test_pd_command_is_proportional_plus_derivative_term() -> None:
     assert commands[-1].tau_n == 0
 
 
-def test_pd_isgn_integrates_the_smoothed_sign() -> None:
+def test_pd_isgn_adds_an_integral_of_the_smoothed_error_sign() -> None:
     _, commands = _run(PdIsgn(kp=0.5, alpha=0.2, delta_s=0.05), [0.1] * 11)
     assert commands[0].tau_n == 0
     assert commands[10].tau_n == pytest.approx(-0.2 * 0.05 / (0.05 + 0.05) * 10 * TICK)
@@ -83,14 +83,14 @@ def test_type_1_network_with_constant_widths_equals_pd_isgn() -> None:
     assert max(abs(c.tau_n) for c in integral) > 0.05
 
 
-def test_t2fnn_output_reinforces_the_pd_command() -> None:
+def test_t2fnn_output_increases_the_steering_command_of_the_pd_term() -> None:
     _, commands = _run(PdT2fnn(), [0.1] * 200)
     assert commands[-1].steer > commands[0].steer > 0
     assert commands[-1].tau_n < 0
     assert commands[0].q == PdT2fnn().network.q_init
 
 
-def test_network_centres_start_at_the_first_error_and_follow_it() -> None:
+def test_fuzzy_set_centres_start_at_the_first_error_and_follow_the_error() -> None:
     controller = PdT2fnn(kd=0.1)
     fixed = PdT2fnn(network=T2Fnn(centres="fixed"))
     started, _ = fixed.update(fixed.init(), 0.0, 0.7, TICK, LIMIT)
@@ -105,7 +105,7 @@ def test_network_centres_start_at_the_first_error_and_follow_it() -> None:
     assert after.c1 - network.c1 == pytest.approx([0.1] * 3)
 
 
-def test_command_contains_network_output_and_q_before_the_update() -> None:
+def test_command_uses_network_output_and_q_from_before_the_update() -> None:
     controller, weights = PdT2fnn(network=T2Fnn(alpha=0.01)), set()
     state, _ = controller.update(controller.init(), 0.0, 0.1, TICK, LIMIT)
     for k, e in enumerate(_errors()):
