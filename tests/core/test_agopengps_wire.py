@@ -41,7 +41,7 @@ def bare(text: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", GOLDEN)
-def test_reference_messages_encode_and_decode(name):
+def test_documented_example_messages_are_encoded_and_decoded(name):
     message, text = GOLDEN[name]
     assert encode(message) == bare(text)
     assert encode(decode(bare(text))) == bare(text)
@@ -78,7 +78,7 @@ def test_frames_recorded_from_a_real_host_are_decoded(text, status, degrees_left
     assert encode(message) == bare(text)
 
 
-def test_more_frames_recorded_from_a_real_host_and_board_are_decoded():
+def test_messages_equal_frames_recorded_from_a_host_and_a_board():
     assert decode(bare("80 81 7f ef 08 00 36 00 00 00 00 00 00 ac")) == Unknown(127, 239)
     assert decode(bare("80 81 7f fb 08 00 03 05 00 00 00 00 00 8a")) == SteerConfig(0, 3, 5)
     assert encode(HelloReply(126, switches=2)) == bare("80 81 7e 7e 05 00 00 00 00 02 03")
@@ -95,7 +95,7 @@ def test_reply_of_a_module_without_imu_has_neither_heading_nor_roll():
     assert isnan(state.roll)
 
 
-def test_imu_reply_is_the_same_after_encoding_and_decoding():
+def test_imu_reply_is_unchanged_by_encoding_and_decoding():
     assert decode(encode(HelloReply(121))) == HelloReply(121, -0.0)
 
 
@@ -139,7 +139,7 @@ def test_invalid_frames_are_rejected_with_a_reason(datagram, reason):
     assert decode(datagram) == Rejected(reason)
 
 
-def test_frame_for_other_modules_is_not_an_error():
+def test_frame_for_another_module_is_ignored_without_an_error():
     assert decode(frame(127, 238, bytes(8))) == Unknown(127, 238)
 
 

@@ -71,7 +71,7 @@ def faults(data):
         ({"box": {"height_m": 1e-3}}, "box.height_m: too flat; raise it"),
     ],
 )
-def test_error_message_names_the_key_and_the_fix(data, line):
+def test_error_message_names_the_key_and_a_remedy(data, line):
     assert [text.replace("0.0", "0").replace("45.0", "45") for text in faults(data)] == [f"shelf.toml: {line}"]
 
 

@@ -34,7 +34,7 @@ def _no_plugins(monkeypatch):
     monkeypatch.setattr(sys, "path", list(sys.path))
 
 
-def test_identity_difference_is_attributed_to_scenario_or_files(tmp_path):
+def test_changed_run_identity_is_attributed_to_scenario_or_files(tmp_path):
     for place, y in (("a", 0), ("b", 0), ("c", 1.5)):
         (tmp_path / place).mkdir()
         (tmp_path / place / "way.csv").write_text(f"x_m,y_m\n0,0\n20,0\n40,{y}\n")

@@ -91,13 +91,13 @@ def test_default_and_ignored_signal_actions_remain_unchanged(received):
             signal.signal(number, old)
 
 
-def test_signal_handler_set_inside_a_block_remains_after_it(received):
+def test_signal_handler_set_inside_a_block_remains_set_afterwards(received):
     with held_back():
         signal.signal(signal.SIGINT, raising)
     assert signal.getsignal(signal.SIGINT) is raising
 
 
-def test_signal_handler_saved_inside_a_block_works_after_it(received):
+def test_signal_handler_saved_inside_a_block_works_afterwards(received):
     with held_back():
         saved = signal.signal(signal.SIGINT, raising)
     signal.signal(signal.SIGINT, saved)
@@ -105,7 +105,7 @@ def test_signal_handler_saved_inside_a_block_works_after_it(received):
     assert received == [signal.SIGINT]
 
 
-def test_signal_interrupts_a_block_that_hangs(received, monkeypatch):
+def test_signal_interrupts_a_block_that_exceeds_its_time_limit(received, monkeypatch):
     monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)
     signal.signal(signal.SIGINT, raising)
     with held_back(), pytest.raises(StoppedError):

@@ -51,7 +51,7 @@ def test_kernel_with_damaged_cache_file_is_recompiled(folder, capsys, ending, da
     assert capsys.readouterr().err == ""
 
 
-def test_cache_file_of_another_kernel_is_treated_as_damaged(folder, capsys):
+def test_cache_file_of_another_kernel_is_reported_as_damaged(folder, capsys):
     for value in (0.31, 1):
         fresh()(value, 0.02)
     one, two = sorted(folder.rglob("*.nbc"))
@@ -88,7 +88,7 @@ def test_user_without_home_folder_gets_a_private_temporary_cache(tmp_path, monke
 
 
 @pytest.mark.parametrize(("patience", "hits"), [(60.0, 1), (0.2, 0)])
-def test_kernel_waits_for_code_from_another_process(folder, monkeypatch, patience, hits):
+def test_kernel_waits_until_another_process_has_compiled_it(folder, monkeypatch, patience, hits):
     monkeypatch.setattr(kernel_cache, "PATIENCE_S", patience)
     one, other = fresh(), fresh()
 

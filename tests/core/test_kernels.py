@@ -131,7 +131,7 @@ def halves(half: Half, more: Vector) -> tuple[Half, float]:
     return Half(0.5 * half.value, half.parts), half.value + more[0]
 
 
-def test_stage_is_compiled_for_its_annotations_and_not_for_its_first_call():
+def test_argument_types_of_a_stage_come_from_its_annotations():
     halved, more = stage(halves), np.array([0.25])
     assert halved(Half(1, (2, True)), more) == (Half(0.5, (2, True)), 1.25)
     found, total = halved(Half(1.5, (3, False)), more)
@@ -213,7 +213,7 @@ def scaled(pair: Held[Pair], by: float) -> tuple[Held[Pair], float]:
     return held(Pair(by * pair.number, by * pair.numbers)), by + pair.number
 
 
-def test_held_state_is_immutable_and_can_be_pickled():
+def test_state_held_by_reference_is_immutable_and_can_be_pickled():
     first = held(Pair(2.0, np.array([1.0, 4.0])))
     second, total = scaled(first, 3.0)
     assert total == 5.0
@@ -224,13 +224,13 @@ def test_held_state_is_immutable_and_can_be_pickled():
 
 
 @compiled
-def test_a_stage_rejects_a_state_that_is_not_held():
+def test_stage_rejects_a_state_that_is_not_held_by_reference():
     with pytest.raises(TypeError, match="scaled: argument 1 must be a held state, got Pair"):
         scaled(Pair(2.0, np.zeros(3)), 3.0)
 
 
 @compiled
-def test_a_stage_returns_a_reference_and_frees_unused_states():
+def test_stage_returns_a_state_reference_and_frees_unused_states():
     state = held(Pair(2.0, np.zeros(3)))
     assert type(scaled(state, 3.0)[0]) is Reference
     _nrt_python.memsys_enable_stats()
@@ -254,7 +254,7 @@ def scaled_in(scaling: Scaling) -> float:
     return scaling.by * fetched(scaling.pair).numbers[1]
 
 
-def test_a_stage_frees_the_held_state_of_a_named_tuple():
+def test_stage_frees_the_state_referenced_by_a_named_tuple():
     assert scaled_in(Scaling(held(Pair(2.0, np.array([1.0, 4.0]))), 3.0)) == 12.0
 
     def work():

@@ -38,12 +38,12 @@ def test_delayed_signal_line_repeats_its_last_value_during_the_delay():
     assert arrived([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [SOUND, late, late, late, late, SOUND]) == [1, 1, 1, 2, 3, 6]
 
 
-def test_lost_measurement_is_nan_and_absent_sensor_stays_none():
+def test_lost_measurements_and_values_of_absent_sensors_are_nan():
     assert all(isnan(value) for value in arrived([1.0, 2.0], [Distortion(lost=True)] * 2))
     assert all(isnan(value) for value in arrived([nan, nan], [Distortion(stuck="zero"), Distortion(offset=1.0)]))
 
 
-def test_line_fault_does_not_restore_power_to_a_cut_valve():
+def test_signal_line_fault_does_not_restore_cut_valve_power():
     """The power cut is independent of line faults."""
     for distortion in (Distortion(stuck="last"), Distortion(scale=-1.0), Distortion(delay_s=0.5)):
         ill = NOMINAL._replace(pedal_valve=distortion)

@@ -14,7 +14,7 @@ LEUVEN = Solution(0.1, 50.877, 4.699, 35.0, 1.2, 0.0)
 NORTHWARD = BoardAttitude(0.0, radians(-2.5), 0.0, radians(-5))
 
 
-def test_reference_sentences_are_encoded():
+def test_encoded_sentences_equal_the_documented_examples():
     assert panda(LEUVEN, NORTHWARD) == (
         b"$PANDA,120000.10,5052.6200000,N,00441.9400000,E,4,14,0.7,35.000,1.0,2.333,900,-25,0,5*7D\r\n"
     )
@@ -25,7 +25,7 @@ def test_reference_sentences_are_encoded():
     assert read(short).attitude == pytest.approx((0.0, radians(-2.5), 0.0, radians(-0.5)))
 
 
-def test_sentences_without_imu_have_no_empty_or_fractional_fields():
+def test_imu_fields_of_sentences_are_integers_even_without_an_imu():
     fields = fields_of(panda(LEUVEN, BoardAttitude()))
     assert fields is not None
     assert fields[12:] == ["65535", "0", "0", "0"]
@@ -36,7 +36,7 @@ def test_sentences_without_imu_have_no_empty_or_fractional_fields():
     assert all(fields_of(paogi(LEUVEN, BoardAttitude(0.3))))
 
 
-def test_attitude_in_sentences_has_the_correct_signs():
+def test_roll_pitch_and_heading_in_sentences_have_the_correct_signs():
     left_up_nose_down = BoardAttitude(pi / 2, radians(3), radians(2), radians(4))
     fields = fields_of(panda(LEUVEN, left_up_nose_down))
     assert fields[12:] == ["0", "30", "-20", "-4"]
@@ -68,7 +68,7 @@ def test_standard_sentences_equal_the_expected_text():
     assert all(fields_of(write(LEUVEN)) for write in (gga, rmc, vtg))
 
 
-def test_sentences_without_gnss_solution_have_empty_fields_and_a_flag():
+def test_sentences_without_gnss_solution_are_flagged_and_empty():
     lost = LEUVEN._replace(quality=0)
     assert fields_of(gga(lost))[2:7] == ["", "", "", "", "0"]
     assert fields_of(rmc(lost))[2:8] == ["V", "", "", "", "", ""]
@@ -88,11 +88,11 @@ def test_sentences_without_gnss_solution_have_empty_fields_and_a_flag():
         panda(LEUVEN, NORTHWARD)[:-6],
     ],
 )
-def test_invalid_datagram_gives_none(datagram):
+def test_invalid_datagram_is_decoded_as_none(datagram):
     assert read(datagram) is None
 
 
-def test_sentence_with_invalid_fields_gives_none():
+def test_sentence_with_invalid_fields_is_decoded_as_none():
     good = panda(LEUVEN, NORTHWARD).decode().strip().split("*")[0][1:]
     for field in range(1, 16):
         for nonsense in ("", "x", "nan", "1e999"):
@@ -115,7 +115,7 @@ def test_error_for_a_non_numeric_origin_names_the_argument(place, name):
         Origin(*place)
 
 
-def test_local_plane_matches_the_ellipsoid():
+def test_local_plane_coordinates_match_the_ellipsoid():
     origin = Origin(50.877, 4.699)
     latitude, longitude = to_geodetic(origin, 500.0, 500.0)
     east, north = _tangent_plane(origin, latitude, longitude)
@@ -141,12 +141,12 @@ def _tangent_plane(origin, latitude, longitude):
     return float(east @ d), float(north @ d)
 
 
-def test_degrees_of_all_hemispheres_are_read():
+def test_latitudes_and_longitudes_of_all_hemispheres_are_read():
     assert degrees_of("5052.6200000", "S") == pytest.approx(-50.877)
     assert degrees_of("00441.9400000", "E") == pytest.approx(4.699)
 
 
-def test_point_to_the_east_has_the_latitude_of_the_origin():
+def test_point_due_east_of_the_origin_has_the_latitude_of_the_origin():
     """The tangent plane's north falls behind by x^2 tan(latitude) / 2R."""
     origin = Origin(50.877, 4.699)
     _, north = _tangent_plane(origin, *to_geodetic(origin, 500.0, 0.0))

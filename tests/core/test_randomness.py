@@ -7,11 +7,11 @@ from agrobot_mj.core.randomness import address, gauss_markov, normal, stream
 NAMES = ["gnss", "steering_pot", "pedal_pot", "gyro", "terrain"]
 
 
-def test_the_same_seed_and_name_give_the_same_numbers():
+def test_equal_seeds_and_names_give_equal_random_numbers():
     assert np.array_equal(stream(3, "gnss").standard_normal(10), stream(3, "gnss").standard_normal(10))
 
 
-def test_random_stream_of_a_name_is_the_same_in_all_processes():
+def test_random_stream_with_a_given_name_is_equal_in_all_processes():
     """PCG64's raw output is guaranteed by numpy; a salted hash or another derivation would change it."""
     assert stream(1, "gnss").bit_generator.random_raw(2).tolist() == [
         17226359634499376580,
@@ -19,14 +19,14 @@ def test_random_stream_of_a_name_is_the_same_in_all_processes():
     ]
 
 
-def test_a_stream_does_not_depend_on_other_streams():
+def test_random_stream_does_not_depend_on_other_streams():
     alone = stream(7, "gyro").standard_normal(10)
     for name in NAMES[:3]:
         stream(7, name).standard_normal(1000)
     assert np.array_equal(stream(7, "gyro").standard_normal(10), alone)
 
 
-def test_streams_of_different_names_and_seeds_are_uncorrelated():
+def test_random_streams_of_different_names_and_seeds_are_uncorrelated():
     n = 20_000
     draws = np.array([stream(seed, name).standard_normal(n) for seed in (0, 1) for name in NAMES])
     correlation = np.corrcoef(draws) - np.eye(len(draws))
@@ -39,7 +39,7 @@ def drawn(generator, found):
         found[k] = normal(generator)
 
 
-def test_compiled_functions_draw_the_numbers_of_the_generator():
+def test_compiled_functions_draw_the_same_numbers_as_the_generator():
     ours, theirs, found = stream(5, "gyro"), stream(5, "gyro"), np.empty(5000)
     drawn(address(ours), found)
     assert np.array_equal(found, theirs.standard_normal(5000))
