@@ -9,7 +9,7 @@ TEXT = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text(encodi
 STEPPING, SAVING = re.findall(r"```python\n(.*?)```", TEXT, re.S)
 
 
-def test_external_law_of_the_page_keeps_the_tractor_on_its_line(capsys):
+def test_external_law_shown_on_the_page_keeps_the_tractor_on_its_line(capsys):
     exec(STEPPING, {})
     outcome, error = capsys.readouterr().out.split()
     assert outcome == "completed"

@@ -128,7 +128,7 @@ IN_OURS = [c for c in ALL if c.program == OURS and (c.verb in CLI.commands or no
 
 
 @needs_all
-def test_commands_are_found_on_all_expected_pages():
+def test_every_command_is_documented_and_every_page_has_commands():
     assert len(IN_OURS) > 40
     assert {command.verb for command in IN_OURS} >= {name for name, each in CLI.commands.items() if not each.hidden} - {
         "schema"
@@ -149,7 +149,7 @@ PLUGINS = ("guidance.", "plant.tyre.kind", "sensors.accelerometer.")
 
 
 @pytest.mark.parametrize("command", [c for c in IN_OURS if "--set" in c.words or "--variant" in c.words], ids=str)
-def test_keys_in_documented_command_exist_with_allowed_values(command):
+def test_keys_and_values_in_a_documented_command_are_valid(command):
     words, sets = command.words, overrides([b for a, b in pairwise(command.words) if a == "--set"])
     for text in [b for a, b in pairwise(words) if a == "--variant"]:
         sets |= overrides([part for part in text.partition(":")[2].split(",") if part.strip()])
@@ -191,7 +191,7 @@ def call(monkeypatch, folder, words):
     return leaving.value.code
 
 
-def test_short_documented_commands_run(tmp_path, monkeypatch, capsys):
+def test_documented_commands_run_for_half_a_second(tmp_path, monkeypatch, capsys):
     """Half a second of each, one after another in the order of the page, so that files lead to files."""
     done = 0
     for command in IN_OURS:

@@ -26,7 +26,7 @@ def tracked_folders():
     return {file.partition("/")[0] for file in files if "/" in file and not file.startswith(".")}
 
 
-def test_named_makefile_targets_exist():
+def test_makefile_targets_named_on_the_page_exist():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     verbs = re.findall(r"^([a-z-]+):.*##", makefile, re.MULTILINE)
     (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.MULTILINE)
@@ -36,11 +36,11 @@ def test_named_makefile_targets_exist():
     assert named <= set(verbs)
 
 
-def test_repository_folders_are_listed():
+def test_repository_folders_are_listed_on_the_page():
     assert sorted(first_cells(r"([a-z_]+)/")) == sorted(tracked_folders())
 
 
-def test_package_folders_are_listed_in_import_order():
+def test_package_folders_are_listed_on_the_page_in_import_order():
     package = ROOT / "agrobot_mj"
     listed = first_cells(r"agrobot_mj/([a-z_]+)/")
     assert sorted(listed) == sorted(file.parent.name for file in package.glob("*/__init__.py"))
@@ -50,7 +50,7 @@ def test_package_folders_are_listed_in_import_order():
             assert used <= set(listed[: position + 1]), file
 
 
-def test_named_files_and_links_exist():
+def test_files_and_link_targets_named_on_the_page_exist():
     links = re.findall(r"\]\(([^)#:]+)\)", TEXT)
     paths = re.findall(r"`((?:agrobot_mj|docs|models|scripts|tests|\.ci)/[\w./]*)`", TEXT)
     assert links

@@ -59,13 +59,13 @@ def metrics(folder):
     return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
 
 
-def test_every_cookbook_question_has_its_command():
+def test_every_cookbook_question_is_answered_by_a_command():
     assert [words[0] for words in COMMANDS] == [
         *("run", "run", "field", "report", "link", "compare", "twin", "limit", "risk")
     ]
 
 
-def test_tractor_from_mass_and_wheelbase_drives_a_surveyed_field(walk):
+def test_tractor_defined_by_mass_and_wheelbase_drives_a_surveyed_field(walk):
     folder, _ = walk
     path = load_scenario(folder / "field.toml").path
     length = np.subtract(path.at(path.duration_s)[:2], path.at(0.0)[:2])
@@ -76,7 +76,7 @@ def test_tractor_from_mass_and_wheelbase_drives_a_surveyed_field(walk):
     assert np.median(loads) == pytest.approx(4200 * 9.81, rel=0.05)
 
 
-def test_work_on_a_field_gives_its_coverage_and_a_report(walk):
+def test_field_command_writes_coverage_and_a_report(walk):
     folder, said = walk
     found = json.loads((folder / "runs" / "work" / "coverage.json").read_text(encoding="utf-8"))
     assert found["areas"]["field"]["area_m2"] == pytest.approx(4700, rel=0.02)
@@ -84,7 +84,7 @@ def test_work_on_a_field_gives_its_coverage_and_a_report(walk):
     assert (folder / "runs" / "work" / "report.html").is_file()
 
 
-def test_commands_on_laws_limits_and_risks_write_their_results(walk):
+def test_compare_limit_and_risk_commands_write_their_results(walk):
     folder, said = walk
     rows = json.loads((folder / "runs" / "which" / "comparison.json").read_text(encoding="utf-8"))
     assert [(row["guidance"], row["outcome"]) for row in rows] == [

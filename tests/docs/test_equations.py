@@ -67,7 +67,7 @@ def test_every_equation_tag_occurs_exactly_once_in_the_code():
     assert sorted(tag for tag, _ in in_code()) == sorted(IN_CODE)
 
 
-def test_equations_without_code_are_listed_below_the_table():
+def test_paper_equations_without_code_are_listed_below_the_table():
     assert sorted(beside_the_table()) == sorted(BESIDE)
 
 
@@ -79,17 +79,17 @@ def test_every_equation_tag_is_a_comment_on_a_line_of_code():
                 assert line.split("#")[0].strip(), f"{file.name}: {line.strip()}"
 
 
-def test_table_lists_the_code_location_of_every_equation_tag():
+def test_equation_table_lists_the_code_location_of_every_tag():
     assert {tag: place for tag, _, place, _ in in_table()} == dict(in_code())
 
 
-def test_table_has_each_equation_tag_once_with_a_description():
+def test_equation_table_lists_each_tag_once_with_a_description():
     rows = in_table()
     assert len({row[0] for row in rows}) == len(rows)
     assert all(len(what.split()) >= 3 for _, what, _, _ in rows)
 
 
-def test_table_states_the_deviation_of_each_code_line_from_the_paper():
+def test_equation_table_states_each_deviation_of_the_code_from_the_paper():
     deviations = {tag: deviation for tag, _, _, deviation in in_table()}
     assert all(deviation == "none" or len(deviation.split()) >= 2 for deviation in deviations.values())
     assert {tag for tag in GUARDED if deviations[tag] == "none"} == set()

@@ -28,7 +28,7 @@ LISTS = (
     *("tests/docs/test_columns_doc.py", "tests/docs/test_models_doc.py", "tests/docs/test_scenarios_doc.py"),
 )
 """Tests of all members together."""
-ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_table_row"}
+ANNOUNCED = {"test_models_doc.py::test_every_assumed_value_has_a_row_in_a_parameter_table"}
 """Tests that fail until the new kinds are described, as the page says."""
 TESTED = """
 import runpy, sys, pytest
@@ -87,7 +87,7 @@ def results(checkout):
     return checkout / "out"
 
 
-def test_new_component_needs_one_file_and_at_most_two_other_lines():
+def test_new_component_needs_one_file_and_few_lines_in_other_files():
     files = [path for path in PYTHON if not (ROOT / path).exists()]
     assert {path.split("/")[1] for path in files} == FAMILIES
     assert len(files) == len(FAMILIES), "pick kinds that are not there yet"
@@ -140,7 +140,7 @@ def of_lists(tests):
     return {test for test in tests if test.partition("::")[0] in names}
 
 
-def test_contract_tests_without_plugin_fail_only_where_documented(contracts):
+def test_contract_tests_without_the_plugin_fail_only_as_documented(contracts):
     failed, passed = contracts
     assert of_lists(failed) == ANNOUNCED
     assert {test.partition("::")[0] for test in of_lists(passed)} == {Path(name).name for name in LISTS}
@@ -153,15 +153,15 @@ def test_contract_tests_of_the_new_components_pass(contracts):
 
 
 @pytest.mark.slow
-def test_contract_tests_of_the_law_pass(checkout):
-    """It drives every path by default: `test_example_law_follows_every_path`."""
+def test_contract_tests_of_the_example_law_pass(checkout):
+    """It drives every path by default: `test_example_law_follows_every_kind_of_path`."""
     failed, passed = outcomes(checkout, "tests/control", "-k", "carrot", compiled=True)
     assert failed == set()
     assert len(passed) >= 1
 
 
 @pytest.mark.slow
-def test_tests_of_the_tyre_columns_and_plots_pass(checkout):
+def test_documented_tests_of_tyre_columns_and_plots_pass(checkout):
     folders = ("extensions/bench", "core", "plants", "scenario", "simulation", "tyres")
     failed, passed = outcomes(checkout, *(f"tests/{name}" for name in folders), "-k", "brush", compiled=True)
     assert failed == set()
@@ -227,7 +227,7 @@ print(json.dumps(found))
 
 
 @pytest.mark.parametrize(("length", "runs"), [("short", 6), pytest.param("whole", 12, marks=pytest.mark.slow)])
-def test_example_law_follows_every_path(tmp_path, length, runs):
+def test_example_law_follows_every_kind_of_path(tmp_path, length, runs):
     """As it stands on the page, from rest, with no fault that would push it off the start; whole, on both plants."""
     (tmp_path / "carrot.py").write_text(PYTHON["agrobot_mj/control/carrot.py"], encoding="utf-8")
     done = program(tmp_path, DRIVE, length)
@@ -240,7 +240,7 @@ def test_example_law_follows_every_path(tmp_path, length, runs):
         assert error < 1.0, name
 
 
-def test_example_law_starts_to_move_without_the_fault(checkout):
+def test_tractor_with_example_law_moves_off_if_faults_are_removed(checkout):
     changes = ("fault=[]", "duration_s=2.5", "plant.settle_s=0.5")
     arguments = (word for change in changes for word in ("--set", change))
     done = call(checkout, "run", "hill.toml", *arguments, "--no-rrd", "--out", "still")

@@ -88,7 +88,7 @@ def test_every_page_is_within_two_clicks_of_the_first_page(start):
     assert set(DOCS.rglob("*.md")) <= first | second | {ROOT / start}
 
 
-def test_every_image_of_the_docs_is_used():
+def test_every_image_file_of_the_docs_is_shown_on_a_page():
     shown = {normpath((page.parent / target).as_posix()) for page in PAGES for target in LINK.findall(prose(page))}
     pictures = [file for file in DOCS.rglob("*.*") if file.suffix in (".gif", ".jpg", ".png", ".svg")]
     assert pictures

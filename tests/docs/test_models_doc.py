@@ -39,14 +39,14 @@ def assumed(model: type[Spec]) -> set[str]:
 
 
 @needs_all
-def test_tables_contain_the_numbers_in_the_code():
+def test_parameter_tables_contain_the_values_of_the_code():
     assert with_numbers(TEXT) == TEXT, "run `make reference`"
 
 
-def test_every_assumed_value_has_a_table_row():
+def test_every_assumed_value_has_a_row_in_a_parameter_table():
     missing = assumed(Scenario) - {number.owner for number in numbers()}
     assert not missing, "mark a table on the page, as `<!-- numbers of [table] kind -->`, and run `make reference`"
 
 
-def test_every_table_row_gives_a_range_or_a_source():
+def test_every_parameter_table_row_gives_a_range_or_a_source():
     assert [number.row[0] for number in numbers() if not number.row[3].strip(" .")] == []

@@ -43,7 +43,7 @@ def python(folder, *arguments, path=(), separate=False):
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_commands_of_the_page_work_and_the_run_is_repeatable(folder):
+def test_commands_of_the_page_run_and_give_repeatable_results(folder):
     for line in COMMANDS.splitlines():
         short = ["--set", "duration_s=2", "--no-rrd"] if line.split()[1] == "run" else []
         done = command(folder, *line.split()[1:], *short)
@@ -55,7 +55,7 @@ def test_commands_of_the_page_work_and_the_run_is_repeatable(folder):
 
 
 @needs_all
-def test_tyre_sensor_and_metric_plugins_on_the_page_work(folder):
+def test_tyre_sensor_and_metric_plugins_shown_on_the_page_run(folder):
     """The run on the page's tyre without compiled kernels, which are made anew for it and would take longer."""
     for line in OTHERS.splitlines():
         driven = line.split()[1] == "run"
@@ -110,7 +110,7 @@ def test_integral_law_has_smaller_offset_than_law_without_integral(folder):
     assert found["my_integral"] < 0.5 * found["my_law"]
 
 
-def test_python_script_of_the_page_works(folder):
+def test_python_script_shown_on_the_page_runs(folder):
     done = program(folder, SCRIPT)
     assert (done.returncode, done.stderr, done.stdout) == (0, "", "completed\n")
 

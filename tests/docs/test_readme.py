@@ -8,7 +8,7 @@ import pytest
 TEXT = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
 
 
-def test_python_example_has_the_errors_of_the_readme(capsys):
+def test_python_example_prints_the_errors_stated_in_the_readme(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", TEXT, re.S)
     exec(code, {})
     words = [line.split() for line in capsys.readouterr().out.splitlines()]

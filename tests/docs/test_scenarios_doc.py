@@ -29,14 +29,14 @@ def test_example_of_the_page_is_a_valid_scenario():
     assert [fault.kind for fault in resolve(tomllib.loads(faults), "example").fault] == ["gnss_loss", "valve_wear"]
 
 
-def test_gallery_contains_every_scenario():
+def test_scenario_gallery_contains_every_shipped_scenario():
     text = (DOCS / "reference" / "library.md").read_text(encoding="utf-8")
     named = (r"^\| \[`(\w+)`\]\(#\1\) \|", r"^## `(\w+)`$", r"^!\[.*\]\(\.\./images/scenarios/(\w+)\.png\)$")
     for pattern in named:
         assert re.findall(pattern, text, re.M) == sorted(scenario_files()), pattern
 
 
-def test_every_fault_kind_is_listed_with_its_keys():
+def test_every_fault_kind_is_listed_on_the_page_with_its_keys():
     page = (DOCS / "reference" / "faults.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| .+ \| (.*)\|$", page, re.M)
     written = {kind: set(re.findall(r"`(\w+)`", keys)) for kind, keys in rows}
@@ -44,12 +44,12 @@ def test_every_fault_kind_is_listed_with_its_keys():
     assert written == {kind: set(fault.model_fields) - common for kind, fault in members(Fault).items()}
 
 
-def test_every_run_outcome_is_listed():
+def test_every_run_outcome_is_listed_on_the_page():
     assert set(re.findall(r"^\| `(\w+)` \|", section("How a run ends"), re.M)) == set(get_args(Outcome))
 
 
 @needs_all
-def test_every_kind_is_listed():
+def test_every_kind_of_the_package_is_listed_on_the_page():
     """Those of the package: other tests register kinds of their own in the same process."""
     rows = re.findall(r"^\| `\[\[?([a-z.]+)\]\]?` \| (.+) \|$", TEXT, re.M)
     assert {"plant", "terrain", "estimator"} <= {table for table, _ in rows}
@@ -64,6 +64,6 @@ def test_every_kind_is_listed():
         assert set(re.findall(r"`(\w+)`", cell)) == set(known), table
 
 
-def test_every_table_named_on_the_page_exists():
+def test_every_scenario_table_named_on_the_page_exists():
     for table in re.findall(r"`\[\[?([a-z_.]+)\]\]?`", TEXT):
         reduce(getattr, table.split("."), Scenario())

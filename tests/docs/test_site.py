@@ -105,7 +105,7 @@ def test_lists_and_tables_are_rendered_on_the_site(site):
             assert not re.search(r"\n(?:- |\d\. |\|[ -])", paragraph), (page.name, paragraph[:100])
 
 
-def test_long_code_in_a_table_wraps_and_short_code_does_not(site):
+def test_only_long_code_in_a_table_cell_is_wrapped(site):
     text = (site / "equations.html").read_text(encoding="utf-8")
     assert '<td><code class="long">control.<wbr>t2fnn_<wbr>laws.<wbr>normalised</code></td>' in text
     assert "<td><code>tri1i_alt</code></td>" in text

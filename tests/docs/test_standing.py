@@ -24,7 +24,7 @@ def test_result_pages_state_the_version_of_their_numbers():
 
 
 @pytest.mark.parametrize("page", sorted({page for page, _ in STATEMENTS}))
-def test_results_of_older_code_are_marked(page):
+def test_result_pages_of_older_code_have_an_outdated_notice(page):
     assert checked(PAGES[page]) == PAGES[page], "run `make reference`"
 
 
@@ -40,19 +40,19 @@ def test_code_digest_on_a_page_matches_the_stated_commit(page, name):
         pytest.skip(f"this checkout has no commit {found['commit']}")
 
 
-def test_outdated_notice_is_added_after_code_changes_and_then_removed():
+def test_outdated_notice_is_on_a_page_only_if_its_code_digest_is_old():
     old, new = "0" * 12, present_code()
     assert checked(PAGE.format(old, "")) == PAGE.format(old, f" {LATER}")
     assert checked(PAGE.format(old, f" {LATER}")) == PAGE.format(old, f" {LATER}")
     assert checked(PAGE.format(new, f" {LATER}")) == PAGE.format(new, "")
 
 
-def test_block_without_a_digest_is_rejected():
+def test_result_block_without_a_code_digest_is_rejected():
     with pytest.raises(SystemExit, match="standing x"):
         checked("<!-- standing x -->\nMeasured with version 0.3.0.\n<!-- end of standing x -->\n")
 
 
-def test_docstrings_and_comments_do_not_change_the_digest():
+def test_docstrings_and_comments_do_not_change_the_code_digest():
     bare = b"def f():\n    return 1\n"
     noted = b'"""Head."""\n# Note.\ndef f():\n    """Doc.\n\n    More.\n    """\n    return 1  # Note.\n'
     assert digest_of([("a.py", noted)]) == digest_of([("a.py", bare)])

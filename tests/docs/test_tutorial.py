@@ -122,7 +122,7 @@ def test_tractor_with_softer_front_axle_understeers(walk, monkeypatch, capsys):
     assert 0.10 < before < after < 0.25
 
 
-def test_slope_example_runs_and_writes_a_recording(walk):
+def test_slope_example_of_the_tutorial_writes_a_recording(walk):
     folder, said, _ = walk
     signals = pq.read_table(folder / "runs" / "meadow" / "signals.parquet").to_pydict()
     assert min(signals["roll"]) < -0.1 or max(signals["roll"]) > 0.1, "an 8 degree slope rolls the tractor"
@@ -131,7 +131,7 @@ def test_slope_example_runs_and_writes_a_recording(walk):
     assert int(re.findall(r"(\d+) bytes", said)[0]) > 10_000
 
 
-def test_full_estimator_removes_drift_from_comparison_of_guidance_laws(walk):
+def test_law_comparison_with_full_estimator_has_no_slope_error(walk):
     folder, _, full = walk
     laws, levelled = rows(folder / "runs" / "laws"), rows(folder / "runs" / "levelled")
     assert [(row["guidance"], row["seed"]) for row in laws] == [(g, s) for g in ("stanley", "lqr") for s in (1, 2)]
@@ -172,7 +172,7 @@ def test_user_defined_law_can_be_swept(walk, monkeypatch):
     assert set(table["outcome"].to_pylist()) == {"completed"}
 
 
-def test_test_host_of_the_tutorial_steers_the_tractor(walk):
+def test_host_program_of_the_tutorial_steers_the_tractor(walk):
     folder, _, _ = walk
     metrics = json.loads((folder / "runs" / "linked" / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["outcome"] == "completed"

@@ -40,7 +40,7 @@ def to_read() -> dict[str, int]:
     return {name: words(text) for name, text in texts.items() if not WRITTEN.search(text)}
 
 
-def test_words_are_counted_outside_generated_blocks():
+def test_words_in_generated_blocks_are_not_counted():
     text = "Two words\n<!-- a b -->\n| not | these |\n<!-- end of a b -->\n| --- | and `three` more |\n<!-- open -->"
     assert words(text) == 6
     assert all_words(text) == 14
