@@ -19,7 +19,7 @@ DT = 0.05
 
 
 @pytest.mark.parametrize("body", [False, True])
-def test_full_turn_on_a_slope_changes_heading_by_360_deg(body):
+def test_full_rotation_on_a_slope_changes_the_heading_by_360_deg(body):
     """A body turns about the normal of a 20 deg plane; its heading is the horizontal direction of its forward axis."""
     slope, rate, ticks = radians(20.0), 2 * np.pi / 20.0, 400
     frame = np.array([[1, 0, 0], [0, cos(slope), -sin(slope)], [0, sin(slope), cos(slope)]])
@@ -36,7 +36,7 @@ def test_full_turn_on_a_slope_changes_heading_by_360_deg(body):
     assert degrees(2 * np.pi * (1 - cos(slope))) > 20.0  # error of a gyro about the vertical axis
 
 
-def test_slip_random_walk_grows_only_when_the_wheel_slip_changes():
+def test_slip_random_walk_variance_grows_only_if_wheel_slip_changes():
     rng, slip = np.random.default_rng(3), WheelSlip()
     variance = 0.03**2
     for _ in range(1200):
@@ -54,7 +54,7 @@ def test_slip_random_walk_grows_only_when_the_wheel_slip_changes():
     assert lost.unseen() == lost
 
 
-def test_slip_random_walk_in_a_gnss_loss_decays_with_constant_slip():
+def test_slip_random_walk_variance_decays_if_slip_is_constant_in_a_loss():
     new, slip = WheelSlip(memory=0.008**2), WheelSlip(memory=0.008**2)
     for _ in range(12000):
         slip = slip.after(0.0, 0.03**2, 0.0025**2, DT)
@@ -68,13 +68,13 @@ def slope():
     return record("figure_eight", {**LQR, **SLOPE, "estimator": {**FULL, **TILT}, "seed": 71}, 60.0)
 
 
-def test_heading_error_on_a_slope_is_consistent_with_its_sigma(slope):
+def test_heading_error_on_a_slope_is_consistent_with_reported_sigma(slope):
     traces = [follow(slope, {**FULL, **TILT}, seed) for seed in (721, 722, 723)]
     squares = [np.mean(trace.heading_nees[400:]) for trace in traces]
     assert 0.3 < np.mean(squares) < 2.5
 
 
-def test_error_after_gnss_loss_on_a_slope_is_consistent_with_sigma(slope):
+def test_position_error_after_gnss_loss_on_a_slope_matches_its_sigma(slope):
     ends = [follow(slope, {**FULL, **TILT}, seed, loss(42.0, 11.0)) for seed in (721, 722, 723)]
     last = round(53.0 / DT) - 2
     assert np.mean([trace.nees[last] for trace in ends]) < 6.0
@@ -145,7 +145,7 @@ def test_only_implements_in_the_soil_increase_the_slip_random_walk(load, walk):
 
 
 @pytest.mark.parametrize("seed", [741, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (742, 743))])
-def test_wheel_scale_is_not_updated_during_a_gnss_loss(seed):
+def test_wheel_speed_scale_is_not_updated_during_a_gnss_loss(seed):
     """Noise of the wheel speed and the steering angle do not change the scale; its standard deviation grows."""
     level = record("figure_eight", {**LQR, "seed": 74}, 60.0)
     at_work = {**FULL, "unseen_slip_walk_rt_s": 0.008}
@@ -158,7 +158,7 @@ def test_wheel_scale_is_not_updated_during_a_gnss_loss(seed):
 # --- consistency of the stated errors
 
 
-def test_error_after_gnss_loss_on_tilled_soil_is_within_sigma(tmp_path):
+def test_position_error_after_gnss_loss_on_tilled_soil_matches_sigma(tmp_path):
     case = next(case for case in CASES if case.name == "tilled soil, pull")
     found = judged([drive(case, 21, tmp_path)], case.estimator, (721,))
     assert all(0.3 < whole.nees < 5.0 for whole in found.wholes)
@@ -192,7 +192,7 @@ def twenty_seeds(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_errors_without_gnss_loss_match_the_reported_sigma(case, twenty_seeds):
+def test_estimation_errors_without_gnss_loss_match_the_reported_sigma(case, twenty_seeds):
     wholes = twenty_seeds(case.name).wholes
     assert 1.3 < np.mean([whole.nees for whole in wholes]) < 2.9
     assert 0.5 < np.mean([whole.heading_nees for whole in wholes]) < 2.0
@@ -200,7 +200,7 @@ def test_errors_without_gnss_loss_match_the_reported_sigma(case, twenty_seeds):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", AFTER_A_LOSS, ids=lambda case: case.name)
-def test_errors_after_gnss_loss_do_not_exceed_the_reported_sigma(case, twenty_seeds):
+def test_position_errors_after_gnss_loss_are_within_reported_sigma(case, twenty_seeds):
     """Only an upper limit applies: on unchanging ground the stated position error is too large, as documented."""
     for ends in twenty_seeds(case.name).losses.values():
         assert np.mean([end.nees for some in ends for end in some]) < 2.9

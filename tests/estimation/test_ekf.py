@@ -83,7 +83,7 @@ def test_wrong_initial_yaw_is_corrected_within_ten_seconds(yaw_error_deg, seed):
     assert degrees(yaw_errors[200:].max()) < 1.0
 
 
-def test_initial_covariance_equals_the_initial_sigma_keys():
+def test_initial_covariance_follows_from_the_initial_sigma_keys():
     keys = {"initial_position_sigma_m": 0.4, "initial_yaw_sigma_deg": 3.0}
     (first,) = drive(Ekf(**keys), DT, speed=0.0, quality=lambda t: Quality.NONE)
     expected = [0.4, 0.4, radians(3.0)]
@@ -124,7 +124,7 @@ def test_uncertainty_grows_without_fixes_and_decreases_with_them():
     assert spread[620] < 2 * spread[399]
 
 
-def test_dead_reckoning_bridges_a_missing_fix():
+def test_dead_reckoning_continues_the_estimate_during_a_fix_gap():
     """During ten seconds (12 m) the speed and yaw errors at the start of the gap accumulate."""
     steps = drive(Ekf(), 30, quality=lambda t: Quality.NONE if 20 < t <= 30 else Quality.FIX)
     last = steps[-1]
@@ -132,7 +132,7 @@ def test_dead_reckoning_bridges_a_missing_fix():
     assert np.linalg.norm(last.error[:2]) < 0.5
 
 
-def test_fixes_of_float_quality_have_less_weight():
+def test_fixes_of_float_quality_are_weighted_less_than_rtk_fixes():
     """With fix errors of 0.3 m, an estimator with the true quality is better than one that assumes RTK fixes."""
 
     def rms(quality):
@@ -150,7 +150,7 @@ def test_estimated_position_is_the_centre_of_gravity():
         assert e.y - e.rear_y == pytest.approx(l_r * sin(e.yaw), abs=1e-12)
 
 
-def test_wrapped_yaw_does_not_disturb_the_yaw_rate():
+def test_yaw_wrapping_does_not_disturb_the_yaw_rate_estimate():
     steps = drive(Ekf(), 90, steer=lambda t: 0.15)
     yaws = np.array([step.estimate.yaw for step in steps])
     assert (np.abs(yaws) <= pi).all()
@@ -159,7 +159,7 @@ def test_wrapped_yaw_does_not_disturb_the_yaw_rate():
 
 
 @pytest.mark.parametrize("speed", [0.0, 1.2, -0.8])
-def test_estimated_speed_is_unbiased_and_signed(speed):
+def test_estimated_speed_is_unbiased_and_negative_in_reverse(speed):
     speeds = np.array([step.estimate.speed for step in drive(Ekf(), 120, speed=speed)[100:]])
     n_independent = len(speeds) / 10
     assert speeds.mean() == pytest.approx(speed, abs=5 * 0.02 / sqrt(n_independent))
@@ -212,7 +212,7 @@ def test_repeated_update_with_equal_arguments_gives_equal_results():
 
 
 @pytest.mark.parametrize("key", ["gnss_sigma_m", "yaw_walk_deg_rt_s", "initial_yaw_sigma_deg"])
-def test_zero_sigma_is_rejected(key):
+def test_zero_noise_sigma_is_rejected(key):
     with pytest.raises(ValidationError, match=key):
         Ekf(**{key: 0.0})
 

@@ -105,7 +105,7 @@ def test_course_on_a_side_slope_is_kept_during_a_gnss_loss():
     assert bias == pytest.approx(steer, abs=radians(0.15))
 
 
-def test_errors_on_level_ground_are_consistent_with_the_covariance():
+def test_position_errors_on_level_ground_match_the_covariance():
     """The normalised squared error of a consistent filter is 2. The paper's EKF treats correlated error as motion."""
 
     def nees(kind):
@@ -119,7 +119,7 @@ def test_errors_on_level_ground_are_consistent_with_the_covariance():
 
 @pytest.mark.parametrize("bias_deg", [2.0, -2.0])
 @pytest.mark.parametrize("side", [1, -1])
-def test_yaw_rate_in_a_bend_uses_the_bias_corrected_angle(side, bias_deg):
+def test_yaw_rate_in_a_bend_uses_the_bias_corrected_steering_angle(side, bias_deg):
     """The yaw rate follows the wheels, not the biased sensor; bends in both directions check the signs."""
     estimator, radius = EkfBias(yaw_rate_source="kinematic"), 10.0
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
@@ -131,7 +131,7 @@ def test_yaw_rate_in_a_bend_uses_the_bias_corrected_angle(side, bias_deg):
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_velocity_without_fixes_rotates_with_the_corrected_angle(side):
+def test_velocity_without_fixes_rotates_with_corrected_steering_angle(side):
     estimator, radius, bias = EkfBias(), 10.0, radians(4.0)
     state = estimator.init(0.0, 0.0, 0.0, TRACTOR)
     pose, P = np.array([0.0, 0.0, 0.0, bias, 0.0, 0.0]), np.diag([1e-6, 1e-6, 1e-6, 1e-9, 1e-6, 1e-6])

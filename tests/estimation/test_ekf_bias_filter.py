@@ -61,7 +61,7 @@ def observable_states(steer, sideslip):
 
 
 @pytest.mark.parametrize("steer", [lambda k: 0.0, steering], ids=["straight", "figure eight"])
-def test_bias_is_observable_but_sideslip_and_yaw_are_not_separable(steer):
+def test_steering_bias_and_the_sum_of_yaw_and_sideslip_are_observable(steer):
     """On any path only the sum of yaw and sideslip moves R."""
     assert observable_states(steer, sideslip=False) == 4
     assert observable_states(steer, sideslip=True) == 4

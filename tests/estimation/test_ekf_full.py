@@ -98,7 +98,7 @@ def test_keys_in_degrees_set_the_initial_uncertainty_in_radians():
     assert levels.walks == pytest.approx(walks)
 
 
-def test_fix_noise_has_white_correlated_and_tilt_error_parts():
+def test_fix_noise_is_the_sum_of_white_correlated_and_tilt_errors():
     noises = EkfFull(terrain_compensation=True, imu_wander_sigma_deg=0.5)._fix_noises(2.0)
     lean = radians(0.5) * 2.0
     for quality, sigma, fraction, time in ((Quality.FIX, 0.02, 0.3, 30.0), (Quality.FLOAT, 0.3, 0.9, 60.0)):
@@ -120,7 +120,7 @@ def test_change_of_fix_quality_resets_the_correlated_error():
     assert core.mean[G_E] == 0.8
 
 
-def test_cg_offset_from_the_rear_axle_includes_roll_and_pitch():
+def test_estimated_cg_position_accounts_for_roll_and_pitch():
     roll, pitch, yaw = 0.15, -0.25, 0.6
     spec = EkfFull(terrain_compensation=True)
     fix = Fix(1.0, 2.0, 0.0, 0.0, t=DT)
@@ -214,7 +214,7 @@ def test_position_error_stays_small_in_a_gnss_loss_on_an_arc(drive):
     assert end(follow(drive, BIAS, 0, loss(25.0, 20.0)), 45.0).position > 30.0
 
 
-def test_fix_age_and_sigma_grow_without_fixes():
+def test_time_since_last_fix_and_sigma_grow_without_fixes():
     def lost(t, m):
         return m._replace(fix=None, quality=Quality.NONE) if t > 10.0 else m
 
@@ -237,7 +237,7 @@ def test_any_initial_heading_is_corrected_within_five_metres(drive, error_deg):
     assert heading < 1.0
 
 
-def test_estimate_is_unaligned_until_the_heading_is_found():
+def test_estimate_is_flagged_as_unaligned_until_the_heading_is_known():
     steps = simulated(EkfFull(), 6.0, speed=lambda t: 1.2 if t > 2 else 0.0, initial_yaw=2.5)
     aligned = [e.aligned for _, e, _ in steps]
     first = aligned.index(True)
@@ -309,7 +309,7 @@ def test_wrong_heading_estimate_restarts_the_alignment():
     assert estimate.nis_mean < 4.0
 
 
-def test_antenna_oscillation_is_not_rejected():
+def test_fixes_of_an_oscillating_antenna_are_not_rejected():
     trace = follow(record("figure_eight", {"terrain": {"kind": "rough", "iso_class": "D"}}, 40.0), FULL, 1)
     assert trace.position[400:].max() < 0.2
 
@@ -353,7 +353,7 @@ def test_fixes_that_contradict_the_velocity_stay_rejected_on_restart():
     assert steps[-1][1].fix_age > 10.0
 
 
-def test_fixes_are_accepted_some_time_after_a_restart():
+def test_fixes_are_accepted_within_a_limited_time_after_a_restart():
     ages = [e.fix_age for _, e, _ in simulated(EkfFull(), 16.0, changed=shifted(10.0))]
     patience = EkfFull().gate_patience_s
     assert max(ages) == pytest.approx(2 * patience, abs=0.11)
@@ -385,7 +385,7 @@ def test_scenario_without_gyro_wheel_speed_or_imu_is_rejected():
 
 
 @pytest.mark.parametrize("lost", [False, True])
-def test_reported_values_match_the_columns(lost):
+def test_estimator_reports_one_value_per_column(lost):
     estimator = EkfFull()
     steps = simulated(estimator, 8.0, changed=lambda t, m: m._replace(fix=None) if lost else m)
     for state, _, _ in steps[::20]:

@@ -71,7 +71,7 @@ def derivative(function, state, h=1e-6):
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("side", [SideLoad(), SideLoad(-1.7, 0.1)])
-def test_transition_equals_finite_differences(state, side):
+def test_transition_jacobian_equals_finite_differences(state, side):
     fixed = (side, DT, 0.99)
     assert np.allclose(
         transition(state, *fixed), derivative(lambda x: propagate_mean(x, *fixed), state), rtol=0, atol=1e-8
@@ -116,7 +116,7 @@ ROWS = {
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("name", ROWS)
-def test_measurement_rows_equal_finite_differences(state, name):
+def test_measurement_jacobian_rows_equal_finite_differences(state, name):
     """An innovation is the measured minus the expected value, so that its derivative is the negative Jacobian."""
     innovations = derivative(lambda x: ROWS[name](x)[0], state)
     if name == "steer":
@@ -270,7 +270,7 @@ def test_estimation_errors_match_the_reported_covariance():
     assert low < nis < high
 
 
-def test_turn_offset_is_a_random_walk_with_distance():
+def test_sideslip_offset_in_turns_is_a_random_walk_over_distance():
     """The random walk is zero at standstill and 4 mm times the root of the distance in metres, in both directions."""
     filter_, grown = filter_of(LEVELS), []
     for v in (0.0, 0.9, -2.7):
@@ -282,7 +282,7 @@ def test_turn_offset_is_a_random_walk_with_distance():
     assert grown == pytest.approx([0.0, 0.004**2 * 0.9 * DT, 0.004**2 * 2.7 * DT], abs=1e-15)
 
 
-def test_only_changes_of_sideslip_add_course_uncertainty():
+def test_only_a_changing_sideslip_adds_course_uncertainty():
     """Along a contour line the sideslip becomes steady within a minute and no longer widens the lateral position."""
     filter_, side, v = filter_of(LEVELS), 0.25, 1.7
     mean = np.zeros(N)

@@ -34,7 +34,7 @@ def test_reported_uncertainty_is_consistent_or_slightly_conservative(drive, kind
     assert 1.0 < nees(drive, kind) < 3.0
 
 
-def test_ekf_uncertainty_is_too_small_for_correlated_errors(drive):
+def test_ekf_underestimates_its_uncertainty_for_correlated_errors(drive):
     assert nees(drive, PAPER) > 4.0
 
 
@@ -57,7 +57,7 @@ def test_estimator_reports_fix_age_sigma_and_innovation_statistic(drive, spec):
     assert estimates[-1].aligned
 
 
-def test_smoothed_innovation_statistic_converges_and_limits_outliers():
+def test_smoothed_innovation_statistic_converges_and_clips_outliers():
     health = Health()
     for _ in range(1000):
         health = health.after(5.0, 1.0, DT)

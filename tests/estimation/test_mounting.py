@@ -70,7 +70,7 @@ def test_small_or_brief_crab_angle_is_not_a_mounting_error(crab_deg, bend, secon
     [(7.0, 20.0), (2.0, 12.0), (-1.0, 20.0)],
     ids=["arc", "wide arc", "gentle bend to the right"],
 )
-def test_repeated_heading_in_a_bend_is_not_a_mounting_error(rate_deg_s, seconds):
+def test_frozen_heading_in_a_bend_is_not_a_mounting_error(rate_deg_s, seconds):
     """The course turns while the receiver repeats one heading."""
     mean = np.zeros(N + 2)
     mean[V] = 1.5

@@ -39,7 +39,7 @@ def stepped(filter_, core, wheel, speed, ticks):
     return core
 
 
-def test_speed_of_wheels_turning_against_the_motion_is_ignored():
+def test_wheel_speed_with_the_wrong_sign_is_ignored():
     """The magnitudes 0.7 and 0.6 m/s agree, but the signed speeds along the course do not."""
     filter_, core = aligned(0.7)
     after = stepped(filter_, core, wheel=-0.6, speed=0.7, ticks=200)
@@ -68,7 +68,7 @@ def test_agreeing_wheel_speed_and_fixes_overrule_the_speed_estimate():
     assert abs(after.mean[K]) < SCALE_LIMIT
 
 
-def test_course_variation_of_pure_white_noise_is_zero():
+def test_white_position_noise_is_not_attributed_to_course_variation():
     rng, sigma, dt = np.random.default_rng(5), 0.02, 0.05
     white = SidewaysNoise()
     for e in sigma * rng.standard_normal(4000):

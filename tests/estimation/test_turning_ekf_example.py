@@ -25,7 +25,7 @@ def test_derivatives_equal_finite_differences(mean):
     assert np.allclose(ESTIMATOR._slopes(mean), derivative(ESTIMATOR._expected, mean), atol=1e-8)
 
 
-def test_example_drives_a_circle_as_a_plugin(tmp_path):
+def test_example_estimator_drives_a_circle_as_a_plugin(tmp_path):
     keys = ("estimator.kind=turning_ekf", "guidance.kind=lqr", "plant.kind=bicycle", "duration_s=20")
     plugin = ("--plugin", ROOT / "examples" / "turning_ekf.py", "--no-rrd", "--out", tmp_path / "run")
     done = command(tmp_path, "run", "circle", *plugin, *(x for key in keys for x in ("--set", key)))

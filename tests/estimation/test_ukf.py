@@ -13,7 +13,7 @@ EKF, UKF = PoseEkf(1.7, 0.02, 0.004), PoseUkf(1.7, 0.02, 0.004, 0.5)
 
 
 @pytest.mark.parametrize("sigma_yaw", [0.2, 0.5])
-def test_predicted_distance_decreases_with_yaw_uncertainty(sigma_yaw):
+def test_ukf_predicted_distance_decreases_with_yaw_uncertainty(sigma_yaw):
     """The mean of u T cos(psi) for a normal yaw is u T exp(-sigma^2 / 2); the EKF predicts u T."""
     belief = np.zeros(3), np.diag((1e-6, 1e-6, sigma_yaw**2))
     ekf, ukf = (kf.step(*belief, (4.0, 0.0, 1.0), None, 0.02)[0] for kf in (EKF, UKF))
@@ -32,7 +32,7 @@ def test_ukf_equals_ekf_for_small_uncertainty():
         assert ours[2] == pytest.approx(theirs[2], rel=0.02, abs=1e-4, nan_ok=True)
 
 
-def test_closed_loop_error_with_ukf_equals_that_with_ekf():
+def test_closed_loop_errors_with_ukf_and_ekf_are_nearly_equal():
     errors = []
     for kind in ("ekf", "ukf"):
         log = run(load_scenario("circle", {"estimator.kind": kind, "duration_s": 20, "seed": 6}))
