@@ -24,7 +24,7 @@ def found(machine):
     return {parameter.key: parameter.basis for parameter in bases(str(machine), scenario)}
 
 
-def test_basis_of_a_key_is_read_from_its_comment_or_docstring(tmp_path):
+def test_source_of_a_value_is_read_from_its_comment_or_docstring(tmp_path):
     (tmp_path / "one.toml").write_text(FILE)
     basis = found(tmp_path / "one.toml")
     assert basis["tractor.mass_kg"] == "measured"
@@ -36,7 +36,7 @@ def test_basis_of_a_key_is_read_from_its_comment_or_docstring(tmp_path):
     assert basis["tractor.roll_inertia_kg_m2"] == basis["driveline.pump_time_constant_s"] == "assumed"
 
 
-def test_published_and_assumed_keys_of_the_row_crop_tractor_are_separated():
+def test_published_and_assumed_values_of_a_machine_are_distinguished():
     basis = found("row_crop")
     assert {key for key, value in basis.items() if value == "printed" and key.startswith("tractor.")} >= {
         "tractor.mass_kg",
@@ -47,7 +47,7 @@ def test_published_and_assumed_keys_of_the_row_crop_tractor_are_separated():
 
 
 @pytest.mark.parametrize("machine", machine_files())
-def test_every_number_of_a_shipped_machine_has_a_stated_basis(machine):
+def test_every_number_of_a_shipped_machine_has_a_stated_source(machine):
     assert set(found(machine).values()) <= set(SAYS)
 
 
@@ -60,7 +60,7 @@ def test_every_number_of_a_shipped_machine_has_a_stated_basis(machine):
         ("", "not stated"),
     ],
 )
-def test_basis_of_a_comment_is_determined_by_its_first_words(comment, basis):
+def test_first_words_of_a_comment_determine_the_kind_of_source(comment, basis):
     assert basis_of(comment) == basis
 
 

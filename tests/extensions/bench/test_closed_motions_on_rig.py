@@ -70,7 +70,7 @@ def test_closed_tool_motion_gains_no_energy():
     assert (found[:, 0] <= ROUNDING * found[:, 1] + 1e-12).all()
 
 
-def test_tool_moving_forward_shallow_and_back_deep_gains_no_energy():
+def test_tool_moved_forward_shallow_and_backward_deep_gains_no_energy():
     law, memory, work = Tool(depth_m=0.12, suction_share=0.0).law(), np.zeros(MEMORIES), []
     for _ in range(4):
         work.append(0.0)

@@ -130,7 +130,7 @@ class ClosedForms:
 
 
 @pytest.mark.parametrize("machine", sorted(machine_files()))
-def test_side_slope_theory_agrees_with_statics(machine):
+def test_theoretical_slip_angle_on_a_side_slope_agrees_with_statics(machine):
     """The validation compares the machines with that theory."""
     closed = ClosedForms(machine)
     theory = Tractor(closed.s.tractor, closed.s.plant.tyre).side_slope(10.0).rear_slip

@@ -16,7 +16,7 @@ def test_kingpin_angles_do_not_change_masses_and_wheel_positions():
     assert np.array_equal(upright.jnt_type, laid.jnt_type)
 
 
-def test_shipped_backlash_scenario_has_the_validated_steering():
+def test_shipped_backlash_scenario_uses_the_validated_steering_linkage():
     steering = load_scenario("steering_backlash").steering
     assert steering.cylinder == kingpins.CYLINDER
     assert steering.valve == kingpins.VALVE

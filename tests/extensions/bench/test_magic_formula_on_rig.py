@@ -77,7 +77,7 @@ def test_published_tyre_coefficients_are_read_from_a_file(published):
     assert published.rear == DEFAULT.rear
 
 
-def test_tyre_file_changes_only_the_keys_it_contains(tmp_path):
+def test_tyre_file_overrides_only_the_keys_that_it_contains(tmp_path):
     (tmp_path / "t.toml").write_text('[tyre]\nkind = "magic_formula"\n[tyre.rear.longitudinal]\nmu = 0.5\n')
     tyre = load_specimen(str(tmp_path / "t.toml")).tyre
     assert tyre.rear.longitudinal == DEFAULT.rear.longitudinal.model_copy(update={"mu": 0.5})
@@ -116,7 +116,7 @@ def test_cornering_stiffness_at_static_load_equals_the_bicycle_model():
         assert -force(1e-6, 0.0, axle_load / 2, wheel=wheel)[1] / 1e-6 == pytest.approx(stiffness, rel=0.02)
 
 
-def test_force_is_bounded_odd_and_dissipative_at_a_thousand_points():
+def test_tyre_force_is_bounded_odd_and_dissipative_at_1000_points():
     """Through the kernel that the tractor drives on: friction ellipse, oddness, dissipation."""
     rig, axle, v = Rig(DEFAULT, TRACTOR), DEFAULT.front, 1.0
     for alpha, kappa, load in product(ANGLES, RATIOS, LOADS):
@@ -188,7 +188,7 @@ def test_dragged_wheel_without_rotation_slides_at_its_friction_limit(direction_d
 
 @pytest.mark.parametrize("mass", [400.0, 3600.0, 12_000.0])
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
-def test_default_grip_and_stiffness_apply_at_static_load_of_any_mass(mass, wheel):
+def test_default_grip_and_stiffness_refer_to_the_static_wheel_load(mass, wheel):
     tractor = TractorParameters(mass_kg=mass, front_load_fraction=0.41)
     load = mass * 9.81 * (0.41 if wheel == FRONT else 0.59) / 2
     law = DEFAULT.coefficients(tractor)[wheel // 2]

@@ -61,7 +61,7 @@ def test_aligning_moment_turns_a_wheel_towards_its_velocity(slip):
 
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize("slip", [-0.2, 0.03])
-def test_wheel_rolling_straight_has_only_the_aligning_moment(way, slip):
+def test_only_the_aligning_moment_acts_on_a_wheel_rolling_straight(way, slip):
     """Its side force times the trail, behind the patch as it travels."""
     wheel, trail = Turning(MagicFormula(trail_m=0.03)), 0.03
     motion = WheelMotion((0, 0, 0.28 - SUNK), (0.0, 1.0, 0.0), (way, slip, 0.0), (0.0, way / (0.28 - SUNK / 3), 0.0))
@@ -98,7 +98,7 @@ def test_drive_force_at_the_displaced_patch_turns_the_wheel():
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
 @pytest.mark.parametrize("turn", [-1.0, -0.2, 0.2, 1.0])
-def test_scrubbing_moment_opposes_turning_on_the_spot_and_is_limited(tyre, turn):
+def test_scrubbing_moment_opposes_rotation_at_rest_and_is_limited(tyre, turn):
     wheel = Turning(tyre)
     moments = wheel.moments([turn] * 1000)
     assert (moments * turn < 0).all()
@@ -108,7 +108,7 @@ def test_scrubbing_moment_opposes_turning_on_the_spot_and_is_limited(tyre, turn)
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_half_the_friction_halves_the_scrubbing_moment(tyre):
+def test_scrubbing_moment_is_proportional_to_friction(tyre):
     dry, wet = Turning(tyre), Turning(tyre)
     wet.tyres.grip[:] = 0.5
     assert wet.moments([1.0] * 1000)[-1] == pytest.approx(0.5 * dry.moments([1.0] * 1000)[-1])
@@ -129,7 +129,7 @@ def test_stationary_wheel_keeps_its_torsional_deflection(tyre):
 
 
 @pytest.mark.parametrize("tyre", SCRUBBING, ids=lambda tyre: tyre.kind)
-def test_rolling_reduces_tyre_torsion_over_a_part_of_the_patch(tyre):
+def test_tyre_torsion_decays_while_rolling_part_of_a_patch_length(tyre):
     wheel, v = Turning(tyre), 1.0
     twisted = wheel.moments([0.5] * 50)[-1]
     length = HALF_M * 0.16**2 / (4 * HALF_M**2 + 0.16**2)

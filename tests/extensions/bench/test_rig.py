@@ -64,13 +64,13 @@ def test_tyre_force_is_independent_of_speed(tyre):
 
 
 @each_law
-def test_steady_rig_measurements_are_independent_of_the_time_step(tyre):
+def test_steady_state_rig_measurements_do_not_depend_on_the_time_step(tyre):
     setting = Setting(1.0, radians(-4), -0.1, STATIC[FRONT])
     fine, coarse = (Rig(tyre, TRACTOR, dt=dt).steady(setting) for dt in (0.001, 0.005))
     assert tuple(fine) == pytest.approx(tuple(coarse), rel=1e-8)
 
 
-def test_rig_applies_the_requested_load():
+def test_rig_applies_the_configured_wheel_load():
     for load in (300.0, 1400.0, 4000.0):
         assert Rig(Linear(), TRACTOR).steady(Setting(1.0, 0.0, 0.0, load)).load == pytest.approx(load)
 
@@ -78,7 +78,7 @@ def test_rig_applies_the_requested_load():
 # --- MuJoCo's own contact -----------------------------------------------------------------------------------------
 
 
-def test_contact_stiffness_is_proportional_to_speed_and_impratio(towed):
+def test_native_contact_slip_stiffness_scales_with_speed_and_impratio(towed):
     alpha, load = radians(0.02), STATIC[FRONT]
     slopes = np.array([-towed.steady(Setting(v, alpha, 0.0, load)).fy / load / alpha for v in SPEEDS])
     assert slopes / slopes[0] == pytest.approx(np.array(SPEEDS) / SPEEDS[0], rel=0.01)
@@ -87,7 +87,7 @@ def test_contact_stiffness_is_proportional_to_speed_and_impratio(towed):
     assert stiffer / towed.steady(Setting(0.5, radians(0.005), 0.0, load)).fy == pytest.approx(10.0, rel=0.05)
 
 
-def test_contact_force_depends_on_speed_but_tyre_force_does_not(towed):
+def test_native_contact_force_but_not_tyre_force_depends_on_speed(towed):
     """The same slip angle at eight times the speed: eight times the force, against none the more."""
     slow, fast = (Setting(v, radians(0.05), 0.0, STATIC[FRONT]) for v in (0.5, 4.0))
     assert towed.steady(fast).fy / towed.steady(slow).fy == pytest.approx(8.0, rel=0.01)
@@ -97,7 +97,7 @@ def test_contact_force_depends_on_speed_but_tyre_force_does_not(towed):
 
 @pytest.mark.parametrize("angle_deg", [-15, -1, 1, 5, 15])
 @pytest.mark.parametrize("speed", [0.5, 4.0])
-def test_force_of_a_sliding_hopping_contact_is_within_the_friction_limit(towed, angle_deg, speed):
+def test_contact_force_of_a_hopping_wheel_is_within_the_friction_limit(towed, angle_deg, speed):
     reading = towed.steady(Setting(speed, radians(angle_deg), 0.0, STATIC[FRONT]))
     assert reading.load == pytest.approx(STATIC[FRONT], rel=0.05)
     assert 0.7 * 0.8 < -np.sign(angle_deg) * reading.fy / reading.load <= 0.8 + 1e-6
@@ -200,7 +200,7 @@ def test_error_for_an_unknown_tyre_lists_the_available_tyres(tmp_path):
         rig_command("nowhere.toml", tmp_path)
 
 
-def test_tractor_of_the_tyre_file_replaces_the_default_tractor(tmp_path):
+def test_tractor_table_of_a_tyre_file_replaces_the_default_tractor(tmp_path):
     (tmp_path / "t.toml").write_text('kind = "soil"\n[tractor]\nmass_kg = 780\n')
     assert load_specimen(str(tmp_path / "t.toml")).tractor.mass_kg == 780
     assert load_specimen("soil").tractor == TRACTOR

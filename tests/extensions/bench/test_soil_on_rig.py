@@ -75,7 +75,7 @@ def test_steady_pure_slip_force_equals_the_published_formula(ply, cone_index_kpa
 @pytest.mark.parametrize("ply", ["bias", "radial"])
 @pytest.mark.parametrize("wheel", [FRONT, REAR])
 @pytest.mark.parametrize("load", [800.0, 3000.0])
-def test_soil_law_without_rig_equals_the_published_formula(ply, wheel, load):
+def test_soil_force_law_evaluated_alone_equals_the_published_formula(ply, wheel, load):
     soil = Soil(cone_index_kpa=700.0, ply=ply)
     law, (*_, k) = soil.coefficients(TRACTOR)[wheel == REAR], SIZES[wheel]
     for kappa in (-0.9, -0.2, 0.03, 0.9):

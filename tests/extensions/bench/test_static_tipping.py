@@ -40,7 +40,7 @@ def test_tipping_angle_with_a_deflecting_carcass_agrees_with_statics(machine):
 
 
 @pytest.mark.parametrize("machine", ["compact", "row_crop"])
-def test_tipping_angle_agrees_with_statics_for_load_in_the_wheel_plane(machine):
+def test_tipping_angle_with_load_in_the_wheel_plane_agrees_with_statics(machine):
     scenario = scenario_of(machine, plant__tyre__load_follows_carcass=False)
     assert tipping(scenario) == pytest.approx(
         tipping_deg(scenario.tractor, False, share=scenario.plant.tyre.carcass_lateral), abs=0.3
@@ -63,7 +63,7 @@ def test_axle_pivot_height_is_the_configured_fraction_of_the_wheel_radius():
         assert above == pytest.approx(0.3 * wheel.radius, abs=1e-3)
 
 
-def test_tipping_angle_on_stiff_tyres_approaches_the_rigid_angle():
+def test_tipping_angle_on_stiff_tyres_approaches_that_of_a_rigid_body():
     stiff = scenario_of("compact").tractor.model_copy(update={"rear_tyre_stiffness_n_m": 1e9})
     b, L = parts(stiff), stiff.wheelbase_m
     rigid = atan(stiff.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))

@@ -59,7 +59,7 @@ rear_wheel_mass_kg = 600
 
 
 @pytest.mark.parametrize("keys", [VINEYARD, CARRIER, HEAVY], ids=["vineyard", "carrier", "heavy"])
-def test_machine_keeps_all_wheels_loaded_up_to_the_data_sheet_slope(keys, tmp_path, capsys):
+def test_wheels_stay_loaded_up_to_the_tipping_slope_of_the_data_sheet(keys, tmp_path, capsys):
     file = tmp_path / "own.toml"
     file.write_text(keys)
     tips = tilt(across(str(file), 0.0), False, 60.0).lifted_deg
@@ -72,7 +72,7 @@ def test_machine_keeps_all_wheels_loaded_up_to_the_data_sheet_slope(keys, tmp_pa
     assert f"{tips + 0.25:.1f} deg" in capsys.readouterr().err
 
 
-def test_wheel_loads_across_a_steep_slope_agree_with_statics():
+def test_wheel_loads_on_a_steep_side_slope_agree_with_statics():
     plant = across("utility", 25.0)
     loads, p = plant.wheels().reshape(-1, 4)[LOAD], plant.tractor
     assert loads.sum() == pytest.approx(p.mass_kg * GRAVITY * np.cos(np.radians(25.0)), rel=2e-3)

@@ -89,7 +89,7 @@ def test_parking_check_detects_contact_creep():
         parking.drift(plant, 5.0)
 
 
-def test_parking_check_fails_for_a_creeping_plant(monkeypatch):
+def test_parking_check_detects_a_plant_that_creeps(monkeypatch):
     swap(monkeypatch, lambda tyre, terrain, *rest: (Contact(), terrain, *rest))
     assert len(failures(parking)) == 6
 
@@ -117,7 +117,7 @@ def test_side_slope_check_detects_a_softer_tyre(monkeypatch):
     assert {"crab of the heading, 5 deg", "mean crab, 5 deg"} <= failures(side_slope)
 
 
-def test_size_check_detects_tyres_and_steering_of_another_machine(monkeypatch):
+def test_size_check_detects_tyres_and_cylinder_of_another_machine_size(monkeypatch):
     """A tyre with the reference loads of a compact tractor, and a cylinder with its relief pressure, under 2 t."""
     small = MagicFormula(
         front=AxleTyre(reference_load_n=1400.0, lateral=Curve(stiffness_per_load=5.3)),
@@ -160,7 +160,7 @@ def test_steering_check_detects_a_different_valve(monkeypatch):
     assert "gain, right" not in missed
 
 
-def test_kingpin_check_detects_wrong_kingpins_and_relief_pressure(monkeypatch):
+def test_kingpin_check_detects_wrong_kingpin_angles_and_relief_pressure(monkeypatch):
     def other(tyre, machine):
         upright = machine.linkage.model_copy(update={"kingpin_inclination_deg": 5.0})
         strong = machine.cylinder.model_copy(update={"relief_pressure_bar": 100.0})
@@ -171,7 +171,7 @@ def test_kingpin_check_detects_wrong_kingpins_and_relief_pressure(monkeypatch):
     assert missed == {"torque of the lifted weight at 20 deg", "steering rate under weak relief, parked"}
 
 
-def test_energy_check_detects_an_unaccounted_torque(monkeypatch):
+def test_energy_check_detects_a_torque_missing_from_the_balance(monkeypatch):
     def pushed(*args, **kwargs):
         plant, truth = mujoco_plant(*args, **kwargs)
         plant.data.qfrc_applied[plant.model.joint("spin_rl").dofadr[0]] = 10.0
@@ -195,7 +195,7 @@ def test_energy_check_detects_a_wrong_rolling_radius(monkeypatch):
     assert failures(energy)
 
 
-def test_convergence_check_detects_a_change_of_three_percent(monkeypatch):
+def test_convergence_check_detects_a_change_of_results_by_3_percent(monkeypatch):
     monkeypatch.setattr(convergence, "lateral_rms", lambda tyre, dt, duration_s: 1.03 if dt == 0.002 else 1.0)
     assert failures(convergence) == {"change of lateral rms, 2 ms to 1 ms"}
 
@@ -214,7 +214,7 @@ def test_antenna_tilt_check_detects_a_mast_ten_percent_too_short(monkeypatch):
     assert "pd, paper's sensors, 10 deg, held" in failures(antenna_lean)
 
 
-def test_rut_check_detects_a_different_soil_and_missing_soil_memory(monkeypatch):
+def test_rut_check_detects_different_soil_and_missing_rut_memory(monkeypatch):
     monkeypatch.setattr(ruts, "SOILS", {"sandy loam": Ruts(multipass=1.0)})
     assert failures(ruts) == {"second pass adds, of the first pass's sinkage, sandy loam"}
     harder = ruts.load_cell

@@ -13,7 +13,7 @@ def checks():
     return Trial("outside references").drive(references.run).checks
 
 
-def test_results_agree_with_all_published_references():
+def test_simulation_results_agree_with_all_published_references():
     found = checks()
     assert [check.line for check in found if not check.passed] == []
     assert sum(check.band != "reported" for check in found) == 11
@@ -21,7 +21,7 @@ def test_results_agree_with_all_published_references():
 
 
 @pytest.mark.parametrize("factor", [0.7, 2.5])
-def test_too_soft_or_too_stiff_tyres_disagree_with_the_references(factor, monkeypatch):
+def test_check_against_published_results_detects_wrong_tyre_stiffness(factor, monkeypatch):
     stiffness = TyreSize.stiffness
     monkeypatch.setattr(TyreSize, "stiffness", lambda size, bar: factor * stiffness(size, bar))
     failed = [check.quantity for check in checks() if not check.passed]

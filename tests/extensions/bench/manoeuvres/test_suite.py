@@ -33,7 +33,7 @@ ABOUT = About("parking", "drift", "linear", "mm")
         (ABOUT.above(inf, 1.0), False),
     ],
 )
-def test_check_passes_within_its_acceptance_limits(check, passed):
+def test_check_passes_if_its_result_is_within_the_acceptance_limits(check, passed):
     assert check.passed is passed
 
 
@@ -64,7 +64,7 @@ def written(tmp_path_factory):
     return out, checks, told
 
 
-def test_validation_writes_all_its_files(written):
+def test_validate_command_writes_all_its_files(written):
     out, checks, told = written
     assert sorted(str(path.relative_to(out)) for path in out.rglob("*.*")) == [
         MARK,
@@ -79,7 +79,7 @@ def test_validation_writes_all_its_files(written):
     assert sum(count for _, count in told) == len(checks) - 1
 
 
-def test_failed_checks_are_listed(written):
+def test_failed_checks_are_listed_in_the_validation_files(written):
     out, checks, _ = written
     failed = [(check.manoeuvre, check.measured) for check in checks if not check.passed]
     assert failed == [("parking", 5.0), ("MuJoCo", 2.0)]
@@ -120,12 +120,12 @@ def test_validation_page_counts_only_results_with_acceptance_limits():
     assert "1 of 2 numbers" in page(checks, {"parking": "Parking\n\nWords."})
 
 
-def test_numbers_and_first_paragraphs_are_formatted():
+def test_numbers_and_docstring_summaries_are_formatted_for_the_page():
     assert [number(v) for v in (0.0, 80581.4, 3.75675, -0.42, 4e-9)] == ["0", "80581", "3.757", "-0.42", "< 0.001"]
     assert opening("Words\nwrap\n\n    a = b\n\nend.\n\nMore.") == "Words\nwrap\n\n```\na = b\n```\n\nend."
 
 
-def test_fit_of_antenna_offset_against_tilt_passes_the_measurements():
+def test_antenna_offset_figure_has_a_fit_through_the_measurements():
     """20.8 cm on 10 degrees with linear tyres, at the gains of the drives."""
     line, mark = figures.antenna_lean({"pd, paper's sensors": {"linear": [(10.0, 0.208)]}}).axes[0].lines[:2]
     assert np.interp(10.0, *line.get_data()) == pytest.approx(mark.get_ydata()[0], abs=0.5)

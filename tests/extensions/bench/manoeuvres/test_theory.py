@@ -33,7 +33,7 @@ def test_wheel_loads_balance_the_weight_and_its_moment(grade):
     assert moment == pytest.approx(weight * sin(radians(grade)) * T.cg_height_m, rel=1e-3)
 
 
-def test_tractor_on_rigid_tyres_tips_about_line_from_tyre_to_axle_pivot():
+def test_tipping_axis_on_rigid_tyres_joins_tyre_and_axle_pivot():
     b, L = parts(STIFF), STIFF.wheelbase_m
     rigid = atan(STIFF.track_m / 2 * (L - b.body_x) / (L * b.body_z - b.pivot_z * b.body_x))
     tips = Tractor(STIFF).tipping_deg
@@ -46,7 +46,7 @@ def test_tractor_on_rigid_tyres_tips_about_line_from_tyre_to_axle_pivot():
     assert tips < degrees(atan(T.track_m / 2 / T.cg_height_m)) - 5
 
 
-def test_linear_tyre_without_rolling_resistance_has_paper_understeer():
+def test_linear_tyres_give_the_understeer_gradient_of_the_paper():
     tyre = Linear()
     paper = understeer_gradient(T, 2 * tyre.front_cornering_stiffness_n_rad, 2 * tyre.rear_cornering_stiffness_n_rad)
     speeds, small_angles = np.array([3.0, 6.0, 12.0]), 300.0
