@@ -34,20 +34,20 @@ def test_connection_ends_at_its_goal_within_the_curvature_limit(bends, x, y, yaw
 
 @given(ahead=PLACES, left=PLACES, yaw=st.floats(-3.1, 3.1))
 @settings(max_examples=30, deadline=None)
-def test_connection_with_clothoids_is_at_least_as_long_as_with_arcs(ahead, left, yaw):
+def test_clothoid_connection_is_at_least_as_long_as_arc_connection(ahead, left, yaw):
     goal = Pose(ahead, left, yaw)
     arcs, clothoids = (length_of(connections(ORIGIN, goal, bends)[0]) for bends in (ARCS, CLOTHOIDS))
     assert clothoids >= arcs - 1e-3
 
 
-def test_straight_and_half_turn_have_their_analytic_lengths():
+def test_straight_and_semicircular_connections_have_analytic_lengths():
     straight = connections(ORIGIN, Pose(20.0, 0.0, 0.0), ARCS)[0]
     half_turn = connections(ORIGIN, Pose(0.0, 8.0, pi), ARCS)[0]
     assert length_of(straight) == pytest.approx(20.0)
     assert length_of(half_turn) == pytest.approx(4.0 * pi)
 
 
-def test_three_point_turn_has_the_length_of_a_half_turn():
+def test_three_point_turn_is_as_long_as_a_semicircle_of_its_radius():
     found = connections(ORIGIN, Pose(0.0, 2.0, pi), ARCS, REVERSING)
     assert length_of(found[0]) == pytest.approx(4.0 * pi)
     assert [piece.direction for piece in found[0]] == [1.0, -1.0, 1.0]
@@ -61,5 +61,5 @@ def test_bulb_turn_of_arcs_has_its_analytic_length():
     assert min(map(length_of, found)) == pytest.approx(radius * (pi + 4 * flare))
 
 
-def test_connections_of_arcs_have_at_most_three_segments():
+def test_connections_without_clothoids_have_at_most_three_segments():
     assert all(len(p) <= 3 for p in connections(ORIGIN, Pose(3.0, 9.0, 1.0), Bends(4.0, inf), FORWARD))

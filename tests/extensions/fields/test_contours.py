@@ -32,12 +32,12 @@ def test_swaths_on_a_round_hill_are_arcs_around_its_top(place, sign):
     assert 1 / abs(frame.curvature) == pytest.approx(hypot(place[0] - 30, place[1] - 20), rel=1e-3)
 
 
-def test_swaths_are_straight_if_the_top_is_inside_the_field():
+def test_swaths_are_straight_if_the_hilltop_is_inside_the_field():
     assert contour_frame(L_SHAPE.boundary, hill(10.0, 10.0)).curvature == 0.0
 
 
 @pytest.mark.parametrize("curvature", [0.0, 0.004, -0.004])
-def test_poses_of_a_frame_agree_with_its_stations_and_offsets(curvature):
+def test_swath_frame_converts_station_and_offset_to_a_pose_and_back(curvature):
     frame = SwathFrame(0.7, curvature, 10.0, -5.0)
     for station, across in ((0.0, 0.0), (40.0, 30.0), (-60.0, -20.0)):
         pose, ahead = frame.pose(station, across), frame.pose(station + 1e-3, across)
@@ -48,7 +48,7 @@ def test_poses_of_a_frame_agree_with_its_stations_and_offsets(curvature):
 
 
 @pytest.mark.parametrize("curvature", [0.004, -0.004])
-def test_curved_swaths_cover_the_area_without_overlap(curvature):
+def test_curved_swaths_cover_the_field_without_overlap(curvature):
     frame, area = SwathFrame(0.1, curvature, 30.0, 20.0), RECTANGLE.boundary
     layout = pattern(area, frame, 3.0, 1)
     strips = [
@@ -63,7 +63,7 @@ def test_curved_swaths_cover_the_area_without_overlap(curvature):
     assert layout.length * 3.0 == pytest.approx(union.area, abs=0.5)
 
 
-def test_plan_along_arcs_covers_the_body_and_keeps_the_radius():
+def test_plan_of_contour_swaths_covers_the_field_along_arcs():
     frame = contour_frame(RECTANGLE.boundary, hill(30.0, -150.0))
     rig = machine()
     plan = make_plan(RECTANGLE, rig, Options(frame=frame))

@@ -35,7 +35,7 @@ def found(offset, angle=None, spacing=0.75):
     return run_over(rows, PLAN, BODY, machine(), followed(offset))
 
 
-def test_rows_fill_the_body_with_the_edges_of_swaths_midway():
+def test_swath_edges_lie_midway_between_two_crop_rows():
     lines = lines_of(CropRows(0.75, PLAN.angle_deg), PLAN, BODY)
     assert shapely.length(lines).sum() == pytest.approx(BODY.area / 0.75, rel=0.03)
     west, south, *_ = BODY.bounds
@@ -45,18 +45,18 @@ def test_rows_fill_the_body_with_the_edges_of_swaths_midway():
     assert first == pytest.approx(0.375, abs=1e-6)
 
 
-def test_wheels_on_a_straight_line_cover_two_strips():
+def test_wheel_tracks_of_a_straight_pass_are_two_strips():
     x = np.linspace(0.0, 100.0, 1001)
     tracks = wheel_tracks(TRACTOR, x, x, 0 * x, 0 * x, 0 * x)
     assert shapely.union_all(tracks).area == pytest.approx(2 * (100.0 * 0.24 + TRACTOR.wheelbase_m * 0.16), rel=1e-6)
 
 
 @pytest.mark.parametrize("angle", [None, 90.0])
-def test_exactly_followed_plan_runs_over_no_rows(angle):
+def test_exactly_followed_plan_runs_over_no_crop_rows(angle):
     assert found(0.0, angle)["run_over_m"] < 1e-3 * found(0.0, angle)["rows_m"]
 
 
-def test_offset_onto_a_row_runs_over_one_row_of_each_swath():
+def test_offset_of_the_wheels_onto_a_row_runs_over_one_row_per_swath():
     """Wheels at 0.5 m, displaced by 0.2 m, reach one of the two rows at 0.375 m."""
     rows = len(lines_of(CropRows(0.75, PLAN.angle_deg), PLAN, BODY))
     for offset in (0.2, -0.2):
@@ -64,12 +64,12 @@ def test_offset_onto_a_row_runs_over_one_row_of_each_swath():
 
 
 @pytest.mark.parametrize(("offset", "wide"), [(0.1, 0.1), (0.2, 0.2), (0.3, 0.24)])
-def test_crossed_rows_lose_the_width_of_the_displaced_tracks(offset, wide):
+def test_crossed_rows_are_run_over_on_the_width_of_displaced_tracks(offset, wide):
     fraction = SWATHS * 2 * wide / np.ptp(shapely.get_coordinates(BODY), axis=0).min()
     assert found(offset, 90.0)["run_over_percent"] == pytest.approx(100 * fraction, rel=0.002)
 
 
-def test_rows_without_a_known_direction_or_spacing_are_rejected():
+def test_crop_rows_without_a_known_direction_or_spacing_are_rejected():
     unknown = SimpleNamespace(angle_deg=None)
     assert crop_rows(PLAN, None, None) is None
     assert crop_rows(unknown, 0.5, 30.0) == CropRows(0.5, 30.0)

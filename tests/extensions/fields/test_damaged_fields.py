@@ -79,7 +79,7 @@ REPAIRED = {
 
 
 @pytest.mark.parametrize("name", REPAIRED)
-def test_damaged_boundary_is_repaired_and_reported(tmp_path, name):
+def test_damaged_field_boundary_is_repaired_and_reported(tmp_path, name):
     text, area, note = REPAIRED[name]
     field = field_of(tmp_path, "field.txt", text)
     assert field.boundary.area == pytest.approx(area, rel=1e-3)
@@ -88,7 +88,7 @@ def test_damaged_boundary_is_repaired_and_reported(tmp_path, name):
 
 
 @pytest.mark.parametrize("extra", [[(200, 1200)], [(-150, 2000)]])
-def test_omitted_points_do_not_displace_the_origin(tmp_path, extra):
+def test_omitted_boundary_points_do_not_displace_the_field_origin(tmp_path, extra):
     for file, text in (
         ("far.json", geojson(feature(degrees([*RING, *extra])))),
         ("hole.json", geojson(feature(degrees(RING), degrees(HOLE + extra[0])))),
@@ -101,13 +101,13 @@ def test_omitted_points_do_not_displace_the_origin(tmp_path, extra):
         assert len(field.notes) == len(set(field.notes)) > 0
 
 
-def test_pole_smaller_than_a_machine_remains_an_obstacle(tmp_path):
+def test_obstacle_smaller_than_a_machine_is_kept(tmp_path):
     pole = [(0, 0), (1, 0), (1, 1), (0, 1)]
     (obstacle,) = field_of(tmp_path, "pole.json", geojson(feature(degrees(RING)), feature(degrees(pole)))).obstacles
     assert obstacle.area == pytest.approx(1.0, rel=1e-3)
 
 
-def test_open_line_as_a_boundary_is_reported(tmp_path):
+def test_field_boundary_from_an_open_line_is_closed_and_reported(tmp_path):
     text = json.dumps({"type": "LineString", "coordinates": degrees(RING)[:-1]})
     field = field_of(tmp_path, "line.json", text)
     assert field.notes == ("the file has no closed ring; the ends of a line are joined to form the boundary",)
@@ -121,7 +121,7 @@ SCRAPS = (b"nan", b"1e999", b"-1", b"", b"null", b"\xff", b"<", b"{", b",", b"1e
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_mutated_field_file_gives_a_field_or_a_one_line_message(tmp_path, name):
+def test_randomly_changed_field_file_gives_a_field_or_one_line_message(tmp_path, name):
     chance, content, said = np.random.default_rng(3), FILES[name].encode(), list[str]()
     for _ in range(30):
         start = int(chance.integers(len(content)))
@@ -180,7 +180,7 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_malicious_field_file_gives_one_message_with_its_name(tmp_path, name):
+def test_malicious_field_file_gives_one_message_with_the_file_name(tmp_path, name):
     content, text = HOSTILE[name]
     (tmp_path / "field.dat").write_bytes(content)
     with pytest.raises(ScenarioError) as error:

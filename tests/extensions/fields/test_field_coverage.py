@@ -51,7 +51,7 @@ def test_covered_overlapped_and_missed_areas_add_up_to_the_field(places):
         )
 
 
-def test_implement_on_a_circle_covers_the_area_of_a_ring():
+def test_implement_moved_along_a_circle_covers_the_area_of_a_ring():
     angle = np.linspace(0.0, 1.5 * pi, 400)
     radius = 12.0
     motion = ImplementMotion(angle, radius * np.cos(angle), radius * np.sin(angle), angle + pi / 2, radius * angle)
@@ -59,14 +59,14 @@ def test_implement_on_a_circle_covers_the_area_of_a_ring():
     assert ring.area == pytest.approx(0.75 * pi * (15.0**2 - 9.0**2), rel=1e-3)
 
 
-def test_more_than_one_lap_of_a_circle_covers_the_ring_once():
+def test_area_covered_in_two_laps_of_a_circle_counts_once():
     angle = np.linspace(0.0, 2.5 * pi, 800)
     motion = ImplementMotion(angle, 12 * np.cos(angle), 12 * np.sin(angle), angle + pi / 2, 12 * angle)
     ring = swept(motion.between(0.0, 2.5 * pi), 3.0, -3.0)
     assert ring.area == pytest.approx(pi * (15.0**2 - 9.0**2), rel=1e-3)
 
 
-def test_implement_end_moving_backwards_in_a_turn_covers_its_area():
+def test_area_swept_backwards_by_an_implement_end_in_a_turn_is_covered():
     angle = np.linspace(0.0, pi, 400)
     motion = ImplementMotion(angle, np.cos(angle), np.sin(angle), angle + pi / 2, angle)
     half = swept(motion.between(0.0, pi), 3.0, -3.0)
@@ -77,14 +77,14 @@ def test_implement_end_moving_backwards_in_a_turn_covers_its_area():
     ("on_delay", "off_delay", "on_ahead", "off_ahead", "length"),
     [(0, 0, 0, 0, 50.0), (0.4, 0, 0, 0, 49.2), (0, 0.4, 0, 0, 50.8), (0.4, 0.4, 0.4, 0.4, 50.0), (0, 0, 0.5, 0, 51.0)],
 )
-def test_switching_delays_shift_the_ends_of_the_worked_area(on_delay, off_delay, on_ahead, off_ahead, length):
+def test_section_switching_delays_shift_the_ends_of_the_covered_area(on_delay, off_delay, on_ahead, off_ahead, length):
     boom = Boom(WIDTH, 1, on_delay, off_delay, on_ahead, off_ahead)
     motion = straight(0.0)
     times = switched(motion, (20.0, 70.0), slice(0, None), boom)
     assert worked(motion, [times], boom).area == pytest.approx(length * WIDTH, rel=1e-3)
 
 
-def test_each_section_works_on_its_own_part_of_the_swath():
+def test_each_implement_section_covers_its_own_part_of_the_swath():
     boom, motion = Boom(WIDTH, 3, 0.25, 0.1), straight(0.0)
     spans = [(10.0, 60.0), (20.0, 60.0), (20.0, 80.0)]
     times = [switched(motion, span, slice(0, None), boom) for span in spans]
@@ -93,7 +93,7 @@ def test_each_section_works_on_its_own_part_of_the_swath():
     assert shapely.box(10.5, 1.0, 60.0, 3.0).within(ground.buffer(1e-6))
 
 
-def test_section_with_an_empty_working_range_does_not_work():
+def test_section_without_a_working_interval_covers_no_area():
     assert switched(straight(0.0), (30.0, 30.0), slice(0, None), Boom(WIDTH)) is None
 
 
@@ -104,14 +104,14 @@ def test_track_noise_does_not_change_the_covered_area():
     assert swept(noisy.between(0.0, 50.0), 3.0, -3.0).area == pytest.approx(LENGTH * WIDTH, rel=1e-3)
 
 
-def test_missed_areas_are_reported_with_their_part_of_the_field():
+def test_missed_areas_are_reported_with_their_location_in_the_field():
     field, body = shapely.box(0, 0, 100, 50), shapely.box(10, 10, 90, 40)
     worked_ground = field.difference(shapely.box(0, 20, 5, 30)).difference(shapely.box(50, 20, 52, 22))
     found = gaps(coverage(field, body, [worked_ground]))
     assert [(gap["place"], round(gap["area_m2"])) for gap in found] == [("west headland", 50), ("body", 4)]
 
 
-def test_side_of_a_field_is_the_compass_direction_of_the_point():
+def test_compass_direction_of_the_nearest_field_side_is_named():
     field = shapely.box(0, 0, 100, 20)
     assert [side_of(*at, field) for at in ((49, 1), (-45, 2), (3, 9), (-2, -8))] == ["east", "west", "north", "south"]
 

@@ -28,7 +28,7 @@ def test_obstacles_are_read_from_areas_and_from_boundary_holes(tmp_path):
         assert obstacle.area == pytest.approx(300, rel=1e-3)
 
 
-def test_file_with_projected_coordinates_gives_the_same_field(tmp_path):
+def test_field_file_with_projected_coordinates_gives_the_same_field(tmp_path):
     pyproj, shapefile = pytest.importorskip("pyproj"), pytest.importorskip("shapefile")
     grid = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:3301", always_xy=True).transform
     rings = [[grid(*point) for point in degrees(ring)] for ring in (RING, HOLE)]
@@ -85,7 +85,7 @@ def test_agopengps_folder_gives_boundary_and_headland(tmp_path, comma):
     assert read_field(tmp_path / "Hill" / "Boundary.txt").plane == ORIGIN
 
 
-def test_zip_and_folder_of_task_data_are_read_with_external_files(tmp_path):
+def test_isoxml_zip_and_folder_are_read_with_external_files(tmp_path):
     whole = task_data(lsg(2, HOLE))
     start, end = whole.index("<PFD"), whole.index("</ISO")
     place = tmp_path / "TASKDATA"
@@ -100,7 +100,7 @@ def test_zip_and_folder_of_task_data_are_read_with_external_files(tmp_path):
 
 
 @pytest.mark.parametrize("version", ["v3", "v4"])
-def test_task_data_written_by_another_library_is_read(tmp_path, version):
+def test_isoxml_task_data_written_by_another_library_is_read(tmp_path, version):
     pytest.importorskip("isoxml")
     from importlib import import_module
 
@@ -120,7 +120,7 @@ def test_task_data_written_by_another_library_is_read(tmp_path, version):
     assert field_of(tmp_path, "TASKDATA.XML", isoxml_to_text(data)).boundary.area == pytest.approx(45_400, rel=2e-4)
 
 
-def test_largest_field_is_used_unless_a_name_is_specified(tmp_path):
+def test_largest_field_of_a_file_is_used_unless_a_name_is_specified(tmp_path):
     far = RING * 0.5 + [1000, 0]
     text = geojson(feature(degrees(far), name="South"), feature(degrees(RING), name="North"))
     field = field_of(tmp_path, "farm.geojson", text)

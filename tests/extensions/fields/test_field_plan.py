@@ -48,7 +48,7 @@ def test_plan_respects_the_curvature_limit_of_the_machine(turn):
         assert bends.max() <= 1.001 * max(rig.bends.sharpness, rig.path.sharpness(0.3))
 
 
-def test_turn_shapes_differ_if_the_headland_is_deep_enough():
+def test_each_turn_kind_has_its_own_shape_if_the_headland_is_deep_enough():
     lengths, cusps = {}, {}
     for turn in ("omega", "bulb", "clothoid", "k"):
         rig = machine(turn=turn)
@@ -64,7 +64,7 @@ def test_turn_shapes_differ_if_the_headland_is_deep_enough():
 
 
 @pytest.mark.parametrize("turn", ["omega", "bulb", "clothoid", "k"])
-def test_turn_stays_inside_a_headland_of_the_required_depth(turn):
+def test_turn_just_fits_into_a_headland_of_its_required_depth(turn):
     rig = machine(turn=turn)
     depth = depth_of_turn(rig, turn)
     field = Field("strip", Polygon([(0, 0), (80, 0), (80, 60), (0, 60)]))
@@ -76,7 +76,7 @@ def test_turn_stays_inside_a_headland_of_the_required_depth(turn):
     assert (outside, beyond) == pytest.approx((0.0, 0.2), abs=1e-6)
 
 
-def test_connection_to_a_distant_swath_goes_along_a_lap():
+def test_connection_to_a_distant_swath_follows_a_headland_lap():
     area = area_of(RECTANGLE, 3, machine())
     start, goal = Pose(50.0, 12.0, 0.0), Pose(10.0, 28.0, 0.0)
     found = join(area, start, goal, "clothoid")
@@ -84,7 +84,7 @@ def test_connection_to_a_distant_swath_goes_along_a_lap():
     assert sum(piece.length for piece in found.pieces) > 60.0
 
 
-def test_passes_are_counted_in_driving_order():
+def test_planned_passes_are_numbered_in_driving_order():
     plan = make_plan(RECTANGLE, machine(), Options(headlands=3))
     assert [one.part for one in plan.passes] == ["headland"] * 3 + ["body"] * 8
     ends = np.array([(one.start, one.end) for one in plan.passes]).ravel()
@@ -92,18 +92,18 @@ def test_passes_are_counted_in_driving_order():
     assert plan.angle_deg == 0.0
 
 
-def test_skip_order_of_passes_needs_no_additional_reversals():
+def test_skipping_passes_needs_no_more_reversals_than_driving_in_order():
     rig = machine()
     near, far = (make_plan(RECTANGLE, rig, Options(headlands=3, order=order)) for order in ("boustrophedon", "skip"))
     assert len(near.passes) == len(far.passes)
     assert sum(p.direction < 0 for p in far.pieces) <= sum(p.direction < 0 for p in near.pieces)
 
 
-def test_specified_swath_angle_is_used():
+def test_plan_uses_the_specified_swath_angle():
     assert make_plan(SLANTED, machine(), Options(frame=SwathFrame(np.pi / 2))).angle_deg == 90.0
 
 
-def test_section_control_reduces_overlap_at_oblique_field_ends():
+def test_section_control_reduces_overlap_at_oblique_field_edges():
     rig = machine()
     one, six = (
         planned(make_plan(SLANTED, rig, Options(frame=SwathFrame(0.0), sections=n)), SLANTED, n) for n in (1, 6)
@@ -113,7 +113,7 @@ def test_section_control_reduces_overlap_at_oblique_field_ends():
 
 
 @pytest.mark.parametrize(("field", "width"), [*((field, 3.0) for field in FIELDS), (SLANTED, 1.8), (L_SHAPE, 6.0)])
-def test_machine_stays_inside_on_default_headlands(field, width):
+def test_machine_stays_inside_the_field_with_default_headlands(field, width):
     rig, plan = machine(width), default_plan(field, width)
     x, y, yaw = plan.course.divided().joints()
     tractor, implement = area_of(field, 0, rig).outside(x, y, yaw).max(axis=1)
@@ -134,7 +134,7 @@ def test_permitted_excursion_beyond_the_boundary_gives_a_warning():
     assert any("leaves the field by up to 3" in warning for warning in plan.warnings)
 
 
-def test_laps_with_a_long_implement_keep_a_margin_to_the_boundary():
+def test_headland_laps_of_a_long_implement_keep_a_boundary_margin():
     rig = replace(machine(4.0), behind=2.5)
     plan = make_plan(RECTANGLE, rig, Options())
     x, y, yaw = plan.course.divided().joints()
@@ -143,12 +143,12 @@ def test_laps_with_a_long_implement_keep_a_margin_to_the_boundary():
     assert area_of(RECTANGLE, 0, rig).excess(area_of(RECTANGLE, 0, rig).outside(x, y, yaw)).max() == 0.0
 
 
-def test_plan_with_headlands_around_a_hole_stays_inside():
+def test_plan_with_headlands_around_a_hole_stays_inside_the_field():
     plan = make_plan(HOLE, machine(width=4.0), Options(headlands=3))
     assert not any("leaves the field by up to 1" in warning for warning in plan.warnings)
 
 
-def test_lap_too_narrow_for_the_turn_radius_is_rejected():
+def test_headland_lap_too_narrow_for_the_turn_radius_is_rejected():
     with pytest.raises(ScenarioError, match="--headlands 3: lap 3"):
         make_plan(RECTANGLE, machine(width=7.4), Options(headlands=3))
 
@@ -189,7 +189,7 @@ def test_planned_overlap_reduces_the_spacing_of_the_passes():
     assert found["field"]["missed_percent"] < exact["field"]["missed_percent"] + 0.05
 
 
-def test_warning_lists_each_location_once():
+def test_boundary_warning_lists_each_location_once():
     zigzag = np.tile([0.0, 0.2], 8)
     x = np.repeat(10.0 * np.arange(8), 2)
     x[2:4] = 0.3  # the second peak is at the location of the first

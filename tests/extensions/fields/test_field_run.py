@@ -59,7 +59,7 @@ def test_fields_page_documents_the_three_field_commands():
     assert [" ".join(words[:2]) for words in COMMANDS] == ["field plan", "field run", "report runs/field"]
 
 
-def test_simulated_run_covers_the_field(driven):
+def test_simulated_field_run_covers_the_field(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     whole = found["areas"]["field"]
     assert found["outcome"] == "completed"
@@ -76,7 +76,7 @@ def test_simulated_run_covers_the_field(driven):
     assert 0.2 < found["capacity"]["field_efficiency"] < 0.9
 
 
-def test_field_run_reports_effort_and_plan(driven):
+def test_field_run_reports_energy_slip_and_planned_coverage(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     effort, plan = found["effort"], found["planned"]["field"]
     assert 0.0 < effort["energy_ground_mj"] < effort["energy_wheels_mj"]
@@ -97,7 +97,7 @@ def test_crop_rows_that_the_wheels_run_over_are_reported(driven):
     assert "crop rows run over outside the tramlines" in (driven / "runs" / "field" / "report.html").read_text()
 
 
-def test_metrics_of_the_run_agree_with_its_coverage(driven):
+def test_metrics_of_a_field_run_agree_with_its_coverage_file(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
     metrics = json.loads((driven / "runs" / "field" / "metrics.json").read_text())
     whole, out = found["areas"]["field"], found["excursions"]
@@ -107,13 +107,13 @@ def test_metrics_of_the_run_agree_with_its_coverage(driven):
     assert metrics["field_turns_s"] == pytest.approx(found["turns"]["total_s"], abs=0.1)
 
 
-def test_scenario_file_written_with_a_plan_follows_the_plan(driven):
+def test_scenario_file_written_with_a_plan_contains_plan_and_law(driven):
     scenario = load_scenario(str(next(driven.glob("runs/plan-*/scenario.toml"))))
     assert scenario.path.plan.width == 3.0
     assert scenario.guidance.kind == "lqr"
 
 
-def test_covered_area_of_the_raster_equals_the_coverage(driven):
+def test_covered_area_in_the_raster_equals_the_reported_area(driven):
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())["areas"]["field"]
     image = Image.open(driven / "runs" / "field" / "coverage.tif")
     cells, (east, north, _) = np.asarray(image), image.tag_v2[33550]
@@ -137,12 +137,12 @@ def test_raster_of_a_field_without_geographic_position_is_in_metres(tmp_path):
     assert set(cells[12:].ravel()) == {2}
 
 
-def test_cost_is_proportional_to_areas_and_time():
+def test_cost_of_a_field_run_is_proportional_to_areas_and_time():
     found = cost(Prices(200.0, 1000.0, 60.0), {"overlapped_m2": 500.0, "missed_m2": 100.0}, 1800.0)
     assert found == pytest.approx({"overlap": 10.0, "missed": 10.0, "time": 30.0, "total": 50.0})
 
 
-def test_distance_of_a_field_run_agrees_with_its_plan(driven):
+def test_driven_distance_of_a_field_run_agrees_with_its_plan(driven):
     planned = json.loads(next(driven.glob("runs/plan-*/field_plan.json")).read_text())
     log = pq.read_table(driven / "runs" / "field" / "signals.parquet")
     found = json.loads((driven / "runs" / "field" / "coverage.json").read_text())
@@ -234,7 +234,7 @@ def test_recording_shows_field_boundary_and_missed_areas(call, tmp_path):
     assert entities >= {"/world/areas/boundary", "/world/areas/missed", "/world/path"}
 
 
-def test_interrupted_drive_resumes_to_the_same_signals(tmp_path, monkeypatch):
+def test_interrupted_field_run_resumes_with_identical_signals(tmp_path, monkeypatch):
     monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path / "cache")
     keys = {"plant.kind": "bicycle", "duration_s": 6.0}
     scenario = load_scenario("straight_line", keys)
@@ -251,7 +251,7 @@ def test_interrupted_drive_resumes_to_the_same_signals(tmp_path, monkeypatch):
     assert not again.file.exists()
 
 
-def test_resume_without_an_interrupted_drive_is_rejected(call, tmp_path, monkeypatch):
+def test_resume_without_an_interrupted_field_run_is_rejected(call, tmp_path, monkeypatch):
     monkeypatch.setattr("agrobot_mj.extensions.fields.resume.user_cache_path", lambda _: tmp_path / "cache")
     status, _, err = call(
         "field", "run", str(boundary(tmp_path)), "--resume", "--quiet", "--out", str(tmp_path / "out")

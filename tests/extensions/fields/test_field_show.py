@@ -17,7 +17,7 @@ def file(tmp_path, monkeypatch):
     return "home.csv"
 
 
-def test_show_prints_area_corners_and_repairs(call, file, tmp_path):
+def test_field_show_prints_area_corners_and_repairs(call, file, tmp_path):
     status, out, err = call("field", "show", file, "--out", "found")
     assert (status, err) == (0, "")
     first, corners, problem, picture = out.splitlines()
@@ -52,7 +52,7 @@ def test_help_of_the_field_command_describes_its_subcommands(call):
     assert "Plan headland laps, swaths and turns" in out
 
 
-def test_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
+def test_field_command_writes_nothing_for_an_invalid_file(call, file, tmp_path):
     (tmp_path / file).write_text("x,y\n0,0\n")
     status, out, err = call("field", "show", file, "--out", "found")
     assert (status, out, err) == (2, "", "home.csv: the boundary has 1 points; at least 3 are required\n")

@@ -19,7 +19,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_command_of_the_page_describes_its_field(folder, call):
+def test_command_shown_on_the_page_prints_the_documented_field(folder, call):
     (line,) = re.search(r"```sh\n(.*?)```", TEXT, re.S)[1].splitlines()
     status, out, err = call(*shlex.split(line)[1:])
     assert (status, err) == (0, "")
@@ -28,7 +28,7 @@ def test_command_of_the_page_describes_its_field(folder, call):
     assert (folder / "runs" / "home" / "map.png").is_file()
 
 
-def test_program_of_the_page_prints_the_area(folder, capsys):
+def test_program_shown_on_the_page_prints_the_field_area(folder, capsys):
     exec(re.search(r"```python\n(.*?)```", TEXT, re.S)[1], {})
     name, area, notes = capsys.readouterr().out.split()
     assert (name, notes) == ("home", "()")

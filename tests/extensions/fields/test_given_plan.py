@@ -18,7 +18,7 @@ ROUND = Leg(np.array([[10.0, 13.0], [3.0, 13.0], [3.0, 22.0]]), 1.0, working=Fal
 BACK = Leg(np.array([[3.0, 22.0], [3.0, 12.0]]), working=False, reverse=True)
 
 
-def test_separate_legs_are_joined_within_the_curvature_limit():
+def test_separate_plan_legs_are_joined_within_the_curvature_limit():
     rig = machine()
     plan = plan_of_legs("field", (EAST, WEST), rig, 2)
     assert [one.end - one.start for one in plan.passes] == pytest.approx([30.0, 30.0])
@@ -28,7 +28,7 @@ def test_separate_legs_are_joined_within_the_curvature_limit():
     assert (x[-1], y[-1]) == pytest.approx((10.0 - rig.behind, 13.0), abs=1e-4)
 
 
-def test_adjoining_legs_are_driven_without_a_connection():
+def test_adjoining_plan_legs_are_joined_without_a_connecting_path():
     plan = plan_of_legs("field", (WEST, ROUND), machine(), 1)
     assert plan.length < 30.0 + 16.0
     assert min(piece.speed for piece in plan.pieces) == 1.0
@@ -43,7 +43,7 @@ def test_points_of_a_reverse_leg_are_unchanged():
     assert plan.passes == ()
 
 
-def test_error_for_a_bend_too_tight_for_the_machine_names_its_leg():
+def test_error_for_a_bend_too_tight_for_the_machine_names_the_plan_leg():
     sharp = Leg(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]))
     with pytest.raises(
         ValueError,

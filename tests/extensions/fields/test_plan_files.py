@@ -139,7 +139,7 @@ REJECTED = {
 
 
 @pytest.mark.parametrize("name", REJECTED)
-def test_error_for_an_unusable_plan_names_the_reason(tmp_path, name):
+def test_error_for_an_unusable_plan_file_names_the_reason(tmp_path, name):
     content, text = REJECTED[name]
     with pytest.raises(ScenarioError) as error:
         plan_of(tmp_path, name, content)
@@ -151,7 +151,7 @@ def test_plan_in_degrees_requires_the_geographic_position_of_the_field(tmp_path)
         plan_of(tmp_path, "p.json", json.dumps(line(degrees(OUT))), Field("Home", FIELD.boundary))
 
 
-def test_plan_of_a_field_without_position_is_read_back_in_metres(tmp_path):
+def test_plan_of_a_field_without_origin_is_written_and_read_in_metres(tmp_path):
     content = geojson(RECTANGLE.boundary, default_plan(RECTANGLE))
     (tmp_path / "plan.geojson").write_text(json.dumps(content), encoding="utf-8")
     assert read_field(tmp_path / "plan.geojson").boundary.area == pytest.approx(2400.0, rel=1e-6)

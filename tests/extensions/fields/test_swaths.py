@@ -45,7 +45,7 @@ def test_field_is_divided_into_cells_at_holes_and_inner_corners():
     assert len(pattern(HOLE.boundary, SwathFrame(0.0), 4.0, 1).cells) == 4
 
 
-def test_each_section_is_switched_at_its_own_part_of_the_boundary():
+def test_each_section_is_switched_where_it_crosses_the_boundary():
     layout = pattern(SLANTED.boundary, SwathFrame(0.0), 5.0, 5)
     swath = layout.cells[0][0]
     starts, ends = np.array(swath.sections).T
@@ -80,7 +80,7 @@ def test_headland_lap_stays_within_the_maximum_machine_curvature(field):
         assert np.hypot(x[-1] - x[0], y[-1] - y[0]) < 1e-6
 
 
-def test_laps_of_a_round_field_are_drivable():
+def test_headland_laps_of_a_round_field_are_drivable():
     rig = machine()
     circle = shapely.Point(0, 0).buffer(30.0, quad_segs=40)
     ring = rings(circle, 1, 3.0)[0]
@@ -90,7 +90,7 @@ def test_laps_of_a_round_field_are_drivable():
 
 
 @pytest.mark.parametrize("uphill", [0.0, 30.0, 90.0, 200.0])
-def test_contour_frame_is_perpendicular_to_the_slope(uphill):
+def test_swaths_of_a_contour_frame_are_perpendicular_to_the_slope(uphill):
     found = contour_frame(L_SHAPE.boundary, Slope(grade_deg=5.0, direction_deg=uphill).ground())
     assert found == pytest.approx((radians(uphill + 90.0) % pi, 0.0, 0.0, 0.0), abs=1e-6)
 
